@@ -1,0 +1,61 @@
+# Every target does its own set-up: a virtual environment in .venv, filled from the lock files.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+RUNTIME := $(VENV)/runtime.stamp
+DEVELOPMENT := $(VENV)/development.stamp
+PIP := $(BIN)/pip --disable-pip-version-check --quiet
+
+.PHONY: help install run test lint bench experiments lock clean
+
+help:
+	@echo "make run          the emulated lab and the real drivers, live, for 20 s"
+	@echo "make test         lint, types and all tests"
+	@echo "make bench        measure latency and CPU time; prints one JSON"
+	@echo "make experiments  the long checks: fuzzing with a million inputs"
+	@echo "make install      only the set-up;  make lint: only lint and types"
+
+install: $(DEVELOPMENT)
+
+$(RUNTIME): requirements.lock pyproject.toml
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@echo "installing what tentacled runs on (once)"
+	@$(PIP) install -r requirements.lock
+	@$(PIP) install --no-deps --no-build-isolation --editable .
+	@touch $@
+
+$(DEVELOPMENT): $(RUNTIME) requirements-test.lock
+	@echo "installing what the tests need (once)"
+	@$(PIP) install -r requirements-test.lock
+	@touch $@
+
+run: $(RUNTIME)
+	@$(BIN)/tentacled demo
+
+test: lint
+	@$(BIN)/pytest -n 2 --dist loadgroup
+
+lint: $(DEVELOPMENT)
+	@$(BIN)/ruff format --check .
+	@$(BIN)/ruff check .
+	@$(BIN)/mypy
+
+bench: $(DEVELOPMENT)
+	@$(BIN)/python -m tests.benchmarks
+
+experiments: $(DEVELOPMENT)
+	@$(BIN)/python -m tests.fuzz --inputs 1000000
+
+# The lock files are what a clean environment resolves to today.
+lock:
+	@rm -rf build/lock && mkdir -p build && $(PYTHON) -m venv build/lock
+	@build/lock/bin/pip --quiet install --upgrade pip "setuptools>=77"
+	@build/lock/bin/pip --quiet install .
+	@build/lock/bin/pip freeze --all --exclude tentacled --exclude pip > requirements.lock
+	@build/lock/bin/pip --quiet install '.[test]'
+	@build/lock/bin/pip freeze --all --exclude tentacled --exclude pip > requirements-test.lock
+	@rm -rf build
+
+clean:
+	@rm -rf $(VENV) build *.egg-info

@@ -1,0 +1,156 @@
+"""Axes: one controlled degree of actuation each, in the order of the actuation vector u."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from config.model import ConfigModel, Name, NodeId, NotNegative, Positive
+
+Range = Annotated[tuple[float, float], Field(strict=False)]
+Permille = Annotated[int, Field(ge=1, le=5000)]
+
+
+class Drive(ConfigModel):
+    """Where an axis is on the bus, and what its drive must be told and must answer."""
+
+    bus: Name
+    node: NodeId
+    axis: Annotated[int, Field(ge=0, le=3)] = 0
+    """Axis within a multi-axis node: its objects stand at +0x800 per axis."""
+
+    eds: str = "builtin:stepper.eds"
+    """The drive's EDS file, relative to this file; `builtin:` for one that is shipped."""
+
+    vendor_id: Annotated[int, Field(ge=0, le=0xFFFFFFFF)] | None = None
+    """Checked against 0x1018:1 where given: a swapped drive is refused."""
+
+    product_code: Annotated[int, Field(ge=0, le=0xFFFFFFFF)] | None = None
+    """Checked against 0x1018:2 where given."""
+
+    heartbeat_period_s: Positive = 0.1
+    """The drive's own heartbeat (0x1017)."""
+
+    heartbeat_timeout_s: Positive = 0.25
+    """The drive counts as lost when not heard for this long."""
+
+    mode: Literal["csp", "csv", "pp", "pv"] = "csp"
+    """Cyclic position unless the drive is too old for it."""
+
+    counts_per_turn: Annotated[int, Field(gt=0)]
+    """Position counts (0x6064) per turn of the motor."""
+
+    velocity_unit_counts_s: Positive = 1.0
+    """Counts/s in one of the drive's own velocity units; accelerations go by it too. Some drives
+    count velocities in rpm or mrpm whatever their position unit is."""
+
+    inverted: bool = False
+    """True where counting up moves the axis down."""
+
+    rated_torque_nmm: Positive
+    """0x6076 in N·mm: what 1000 per mille of torque means."""
+
+    max_torque_permille: Permille = 1000
+    """0x6072."""
+
+
+class SafeReaction(ConfigModel):
+    """What the drive does by itself. A tendon must hold; a stage may coast."""
+
+    connection_lost: Literal["quick_stop", "disable_voltage", "fault"] = "quick_stop"
+    """Master gone (0x6007)."""
+
+    quick_stop: Literal["ramp_then_off", "ramp_then_hold"] = "ramp_then_hold"
+    """End of a quick stop (0x605A = 2 or 6)."""
+
+    fault: Literal["off", "ramp_then_off"] = "ramp_then_off"
+    """Fault reaction (0x605E = 0 or 2)."""
+
+
+class Homing(ConfigModel):
+    """How the drive finds its zero. `method` 37: where it stands now."""
+
+    method: Annotated[int, Field(ge=-128, le=127)] = 37
+    timeout_s: Positive = 30.0
+
+
+class AxisBase(ConfigModel):
+    """What every axis has, whatever it moves."""
+
+    name: Name
+    drive: Drive
+    gear_ratio: Positive = 1.0
+    """Turns of the motor per turn of the output."""
+    safe: SafeReaction = SafeReaction()
+    homing: Homing = Homing()
+    following_error_time_s: Positive = 0.05
+    """0x6066: how long the following error may last."""
+
+
+class LinearAxis(AxisBase):
+    """An axis that is measured in mm."""
+
+    travel_mm: Range
+    """Software limits (0x607D), lowest and highest."""
+    max_velocity_mm_s: Positive
+    max_acceleration_mm_s2: Positive
+    quick_stop_deceleration_mm_s2: Positive
+    """0x6085."""
+    following_error_mm: Positive
+    """0x6065."""
+    homing_speed_mm_s: Positive = 2.0
+
+
+class LinearStepper(LinearAxis):
+    """A lead screw that may drive a cylinder."""
+
+    kind: Literal["linear_stepper"]
+    lead_mm: Positive
+    """Travel per turn of the screw."""
+    bore_mm: Positive | None = None
+    """Bore of the cylinder: gives the axis a volume in mL. Leave out for a bare stage."""
+
+    @property
+    def travel_mm_per_turn(self) -> float:
+        return self.lead_mm
+
+
+class TendonMotor(LinearAxis):
+    """A motor with a spool; positive pulls."""
+
+    kind: Literal["tendon_motor"]
+    spool_radius_mm: Positive
+    min_tension_n: NotNegative
+    """Below this the tendon counts as slack."""
+    max_tension_n: Positive
+
+    @property
+    def travel_mm_per_turn(self) -> float:
+        return 2 * 3.141592653589793 * self.spool_radius_mm
+
+
+class TubeTranslation(LinearAxis):
+    """A lead screw that carries a tube; positive inserts."""
+
+    kind: Literal["tube_translation"]
+    lead_mm: Positive
+
+    @property
+    def travel_mm_per_turn(self) -> float:
+        return self.lead_mm
+
+
+class TubeRotation(AxisBase):
+    """A motor that turns a tube about its axis."""
+
+    kind: Literal["tube_rotation"]
+    travel_rad: Range
+    max_velocity_rad_s: Positive
+    max_acceleration_rad_s2: Positive
+    quick_stop_deceleration_rad_s2: Positive
+    following_error_rad: Positive
+    homing_speed_rad_s: Positive = 0.2
+
+
+Axis = Annotated[
+    LinearStepper | TendonMotor | TubeTranslation | TubeRotation, Field(discriminator="kind")
+]

@@ -1,0 +1,210 @@
+"""What the parts of a robot must be to each other. Each check works on the parts that are sound."""
+
+from collections.abc import Iterator, Mapping
+from copy import deepcopy
+from dataclasses import dataclass
+from itertools import combinations
+from math import pi
+from typing import Any, TypeVar
+
+from pydantic import TypeAdapter, ValidationError
+
+from config.axis import Axis, Drive, LinearAxis, LinearStepper, TendonMotor, TubeRotation
+from config.bus import Bus
+from config.emulation import Emulation
+from config.problems import did_you_mean
+from config.schema_errors import location_in_file
+from config.tracker import Tracker
+from config.yaml_document import Location
+
+T = TypeVar("T")
+Finding = tuple[Location, str]
+
+_AXIS: TypeAdapter[Axis] = TypeAdapter(Axis)
+_NODE_WIDE = ("eds", "vendor_id", "product_code", "heartbeat_period_s", "heartbeat_timeout_s")
+
+
+@dataclass(frozen=True)
+class Parts:
+    """The parts of a robot file that are sound by themselves; None where one is not."""
+
+    buses: Mapping[str, Bus | None]
+    named_buses: list[object]
+    """The bus that each axis names, sound or not."""
+    drives: list[Drive | None]
+    axes: list[Axis | None]
+    tool_roles: list[str] | None
+    """The roles that the tracker's tools have, sound or not; None where there are no tools."""
+    tracker: Tracker | None
+    emulation: Emulation | None
+
+    @classmethod
+    def of(cls, value: object) -> "Parts":
+        data = _mapping(value)
+        axes = [_mapping(axis) for axis in _items(data.get("axes"))]
+        return cls(
+            {name: _sound(Bus, bus) for name, bus in _mapping(data.get("buses")).items()},
+            [_mapping(axis.get("drive")).get("bus") for axis in axes],
+            [_sound(Drive, axis.get("drive")) for axis in axes],
+            [_sound(_AXIS, axis) for axis in axes],
+            _roles(_mapping(data.get("tracker")).get("tools")),
+            _sound(Tracker, data.get("tracker")),
+            _sound(Emulation, data.get("emulation")),
+        )
+
+
+def _roles(tools: object) -> list[str] | None:
+    return [str(role) for role in tools] if isinstance(tools, Mapping) else None
+
+
+def _mapping(value: object) -> Mapping[Any, Any]:
+    return value if isinstance(value, Mapping) else {}
+
+
+def _items(value: object) -> list[object]:
+    return value if isinstance(value, list) else []
+
+
+def _sound(kind: type[T] | TypeAdapter[T], value: object) -> T | None:
+    """The part, without what is wrong in it where it can do without; None where it cannot."""
+    adapter: TypeAdapter[T] = kind if isinstance(kind, TypeAdapter) else TypeAdapter(kind)
+    try:
+        return adapter.validate_python(value)
+    except ValidationError as error:
+        value = deepcopy(value)
+        for details in error.errors():
+            _remove(value, location_in_file(value, details["loc"])[0])
+    try:
+        return adapter.validate_python(value)
+    except ValidationError:
+        return None
+
+
+def _remove(value: Any, location: Location) -> None:
+    for part in location[:-1]:
+        value = value.get(part) if isinstance(value, dict) else None
+    if isinstance(value, dict) and location:
+        value.pop(location[-1], None)
+
+
+def findings(parts: Parts) -> Iterator[Finding]:
+    """Everything wrong between the parts, in the order of the file."""
+    yield from _tracker_findings(parts)
+    for name, bus in parts.buses.items():
+        if bus is not None:
+            yield from _bus_findings(("buses", name), bus)
+    for index, named in enumerate(parts.named_buses):
+        if isinstance(named, str) and named not in parts.buses:
+            hint = did_you_mean(named, parts.buses)
+            yield ("axes", index, "drive", "bus"), f"there is no bus '{named}'{hint}"
+    for index, drive in enumerate(parts.drives):
+        if drive is not None:
+            yield from _drive_findings(("axes", index, "drive"), drive, parts)
+    for index, axis in enumerate(parts.axes):
+        if axis is not None:
+            yield from _axis_findings(("axes", index), axis)
+    yield from _cylinder_findings(parts)
+    yield from _name_findings(parts)
+    yield from _node_findings(parts)
+
+
+def _tracker_findings(parts: Parts) -> Iterator[Finding]:
+    if parts.tool_roles is not None and "tip" not in parts.tool_roles:
+        meant = next((r for r in parts.tool_roles if did_you_mean(r, ["tip"])), None)
+        hint = f" (did you mean 'tip' by '{meant}'?)" if meant else ""
+        yield ("tracker", "tools"), f"there must be a 'tip', the sensor at the robot's tip{hint}"
+    if parts.tracker is None:
+        return
+    tools = parts.tracker.tools
+    for (first, one), (second, other) in combinations(tools.items(), 2):
+        if one == other:
+            yield ("tracker", "tools", second), f"is the same sensor as '{first}'"
+    if parts.emulation is None:
+        return
+    plugged = parts.emulation.tracker.tools
+    for role, tool in tools.items():
+        if not any(
+            tool.serial == there.serial or (tool.port, tool.channel) == (there.port, there.channel)
+            for there in plugged
+        ):
+            yield ("tracker", "tools", role), "no such tool in emulation.tracker.tools"
+    for index, tool_there in enumerate(plugged):
+        place = (tool_there.port, tool_there.channel)
+        if place in [(tool.port, tool.channel) for tool in plugged[:index]]:
+            yield ("emulation", "tracker", "tools", index, "port"), "this port is already taken"
+
+
+def _bus_findings(at: Location, bus: Bus) -> Iterator[Finding]:
+    period_ms = bus.cycle_period_s * 1e3
+    if abs(period_ms - round(period_ms)) > 1e-6:
+        yield (*at, "cycle_period_s"), f"must be whole milliseconds, not {period_ms:g} ms"
+    least = 2 * bus.master_heartbeat_period_s
+    if bus.master_heartbeat_timeout_s < least:
+        yield (
+            (*at, "master_heartbeat_timeout_s"),
+            f"must be at least twice master_heartbeat_period_s: {least:g} s or more",
+        )
+
+
+def _drive_findings(at: Location, drive: Drive, parts: Parts) -> Iterator[Finding]:
+    bus = parts.buses.get(drive.bus)
+    if bus is not None and drive.node == bus.master_node:
+        yield (*at, "node"), f"{drive.node} is the master's own node ID on {drive.bus}"
+    least = 2 * drive.heartbeat_period_s
+    if drive.heartbeat_timeout_s < least:
+        yield (
+            (*at, "heartbeat_timeout_s"),
+            f"must be at least twice heartbeat_period_s: {least:g} s or more",
+        )
+
+
+def _axis_findings(at: Location, axis: Axis) -> Iterator[Finding]:
+    key, travel = _travel(axis)
+    if not travel[0] < travel[1]:
+        yield (*at, key), f"the lowest must come first and be lower, not {list(travel)}"
+    if isinstance(axis, TendonMotor) and not axis.min_tension_n < axis.max_tension_n:
+        yield (*at, "min_tension_n"), f"must be below max_tension_n ({axis.max_tension_n:g} N)"
+
+
+def _travel(axis: Axis) -> tuple[str, tuple[float, float]]:
+    if isinstance(axis, LinearAxis):
+        return "travel_mm", axis.travel_mm
+    assert isinstance(axis, TubeRotation)
+    return "travel_rad", axis.travel_rad
+
+
+def _cylinder_findings(parts: Parts) -> Iterator[Finding]:
+    """A piston cannot push out more gas than there is in front of it."""
+    if parts.emulation is None:
+        return
+    volume_ml = parts.emulation.plant.cylinder_volume_ml
+    for index, axis in enumerate(parts.axes):
+        if not isinstance(axis, LinearStepper) or axis.bore_mm is None:
+            continue
+        pushed_ml = pi / 4 * axis.bore_mm**2 * axis.travel_mm[1] / 1000
+        if pushed_ml >= volume_ml:
+            yield (
+                ("axes", index, "bore_mm"),
+                f"pushes {pushed_ml:.1f} mL out of emulation.plant.cylinder_volume_ml, "
+                f"{volume_ml:g} mL",
+            )
+
+
+def _name_findings(parts: Parts) -> Iterator[Finding]:
+    sound = [(index, axis) for index, axis in enumerate(parts.axes) if axis is not None]
+    for (_, one), (second, other) in combinations(sound, 2):
+        if one.name == other.name:
+            yield ("axes", second, "name"), f"there is already an axis '{one.name}'"
+
+
+def _node_findings(parts: Parts) -> Iterator[Finding]:
+    sound = [(index, drive) for index, drive in enumerate(parts.drives) if drive is not None]
+    for (first, one), (second, other) in combinations(sound, 2):
+        if (one.bus, one.node) != (other.bus, other.node):
+            continue
+        at, node = ("axes", second, "drive"), f"node {one.node} on {one.bus}"
+        if one.axis == other.axis:
+            yield (*at, "node"), f"axis {one.axis} of {node} is already that of axes[{first}]"
+        for key in _NODE_WIDE:
+            if getattr(one, key) != getattr(other, key):
+                yield (*at, key), f"must be the same for all axes of {node}, as in axes[{first}]"

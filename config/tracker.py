@@ -1,0 +1,60 @@
+"""The electromagnetic tracker and the sensors on it."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, StringConstraints, model_validator
+
+from config.model import ConfigModel, Name, NotNegative, Positive
+
+BaudRate = Literal[9600, 38400, 57600, 115200, 230400, 921600]
+
+
+class ToolSelector(ConfigModel):
+    """Which sensor a name means: by its serial number, or by the port it is plugged into."""
+
+    serial: Annotated[str, StringConstraints(pattern=r"^[0-9A-F]{8}$")] | None = None
+    """Eight upper-case hex digits, as `tentacled probe` shows them."""
+
+    port: Annotated[int, Field(ge=1, le=16)] | None = None
+    """Port on the sensor interface, from 1."""
+
+    channel: Literal[0, 1] = 0
+    """Second sensor of a dual 5-DOF plug: 1."""
+
+    @model_validator(mode="after")
+    def _exactly_one_way(self) -> "ToolSelector":
+        if (self.serial is None) == (self.port is None):
+            raise ValueError("say either serial or port")
+        return self
+
+
+class Tracker(ConfigModel):
+    """An NDI Aurora on a serial port."""
+
+    kind: Literal["ndi_aurora"] = "ndi_aurora"
+
+    port: str
+    """`/dev/serial/by-id/...` for real hardware, `lab:aurora` for the emulated tracker."""
+
+    baud_rate: BaudRate = 115200
+    """230400 and 921600 need combined firmware 009 or newer; 921600 needs USB."""
+
+    hardware_handshake: bool = False
+    """RTS/CTS. Recommended by NDI at 921600, harmful on some adapters: prove it on yours."""
+
+    reply_format: Literal["binary", "text"] = "binary"
+    """`text` doubles the bytes on the wire; for looking at it with a terminal."""
+
+    frame_rate: Literal["normal", "fast"] = "normal"
+    """40 Hz, or 66 Hz with twice the noise."""
+
+    acquisition_latency_s: NotNegative = 0.0
+    """From a measurement to its earliest possible reply, where you have measured it on your rig.
+    The device does not tell; samples are dated earlier by this much."""
+
+    silent_after_s: Positive = 0.1
+    """No new frame for this long is reported: a silent or a frozen tracker. On a slow line it takes
+    the time of two replies at least."""
+
+    tools: dict[Name, ToolSelector]
+    """Sensors by role. `tip` must be there; `base` is the frame of all poses, where present."""

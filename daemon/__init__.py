@@ -1,0 +1,1 @@
+"""Composition: the step, the services around it, and the command line. Only here parts meet."""

@@ -1,0 +1,66 @@
+"""`tentacled`: finds the command and runs it. A command is imported only when it is used."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from importlib.metadata import version
+from typing import Final, Protocol, cast
+
+EXIT_OK: Final = 0
+EXIT_FAILED: Final = 1
+EXIT_USAGE: Final = 2
+
+# In the order in which a newcomer needs them.
+_COMMANDS: Final = {
+    "demo": "show the emulated lab through the real drivers, for a short while",
+    "check": "say what is wrong with a robot file, and where",
+    "emulate": "start the emulated lab of a robot",
+    "probe": "connect to tracker and drives and show what they say",
+    "inject": "make an emulated device misbehave",
+    "schema": "write the JSON Schema of robot files, for editors",
+    "doctor": "look for what would stop tentacled from working on this machine",
+}
+
+
+class Command(Protocol):
+    """What each module in `daemon.commands` has."""
+
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+        """Declare the command's arguments."""
+        ...
+
+    def run(self, arguments: argparse.Namespace) -> int:
+        """Do it. Returns the exit code."""
+        ...
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point of the console command. Returns the exit code."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    wanted = next((word for word in words if not word.startswith("-")), None)
+    parser = argparse.ArgumentParser(
+        prog="tentacled", description="The control daemon for continuum robots."
+    )
+    parser.add_argument("--version", action="version", version=version("tentacled"))
+    subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for name, purpose in _COMMANDS.items():
+        subparser = subparsers.add_parser(name, help=purpose, description=purpose)
+        if name == wanted:
+            _command(name).add_arguments(subparser)
+    arguments = parser.parse_args(words)
+    try:
+        return _command(arguments.command).run(arguments)
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:  # the reader of our output has left, as `head` does
+        sys.stderr.close()
+        return EXIT_OK
+
+
+def _command(name: str) -> Command:
+    return cast(Command, import_module(f"daemon.commands.{name}"))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

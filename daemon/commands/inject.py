@@ -1,0 +1,36 @@
+"""`tentacled inject tracker.missing=0.5s`: make an emulated device misbehave."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from daemon.cli import EXIT_FAILED, EXIT_OK
+from daemon.lab_client import LabRefusedError, LabUnreachableError, ask, the_running_lab
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("faults", nargs="*", metavar="DEVICE.FAULT[=VALUE,...]")
+    parser.add_argument("--list", action="store_true", help="show all faults there are")
+    parser.add_argument(
+        "--runtime-dir", type=Path, metavar="DIR", help="the lab's folder, if several are running"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    try:
+        directory = arguments.runtime_dir or the_running_lab()
+        if arguments.list or not arguments.faults:
+            _list(directory)
+        for fault in arguments.faults:
+            ask(directory, {"do": "inject", "fault": fault})
+    except (LabUnreachableError, LabRefusedError) as error:
+        print(error, file=sys.stderr)
+        return EXIT_FAILED
+    return EXIT_OK
+
+
+def _list(directory: Path) -> None:
+    for device, faults in ask(directory, {"do": "faults"})["faults"].items():
+        print(device)
+        for usage, text in faults.items():
+            print(f"  .{usage:<42} {text}")

@@ -1,0 +1,121 @@
+"""`tentacled probe ROBOT.yaml`: tracker and drives through the real drivers, live.
+
+Drives are set up and read, never energised.
+"""
+
+import argparse
+import asyncio
+import json
+import sys
+from collections import deque
+from contextlib import suppress
+from pathlib import Path
+from typing import Final
+
+from rich.console import Console
+from rich.live import Live
+
+from daemon.capture import CanCapture
+from daemon.cli import EXIT_FAILED, EXIT_OK
+from daemon.clock import MonotonicClock, run_in_real_time
+from daemon.probe.session import ProbeSession
+from daemon.probe.snapshot import Json
+from daemon.probe.view import event_line, view
+from daemon.robot_argument import CheckedRobot, add_robot_argument, robot_or_explain
+from daemon.runtime_directory import default_runtime_directory
+from daemon.stop_signals import StopSignals
+from drivers.canopen.object_dictionary import EdsError
+
+_SHOW_EVERY_S: Final = 0.25
+_EVENTS_SHOWN: Final = 6
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_robot_argument(parser)
+    parser.add_argument("--duration", type=float, metavar="S", help="end after S seconds")
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        help="one JSON object a line: events at once, and a snapshot now and then",
+    )
+    parser.add_argument(
+        "--every", type=float, default=1.0, metavar="S", help="with --json: snapshots every S s"
+    )
+    parser.add_argument(
+        "--runtime-dir", type=Path, metavar="DIR", help="where the emulated lab has its ports"
+    )
+    parser.add_argument(
+        "--capture", type=Path, metavar="FILE", help="write the first bus' frames as a pcap file"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    checked = robot_or_explain(arguments.robot)
+    if checked is None:
+        return EXIT_FAILED
+    try:
+        healthy = run_in_real_time(_probe(checked, arguments))
+    except (EdsError, OSError) as error:
+        print(error, file=sys.stderr)
+        return EXIT_FAILED
+    return EXIT_OK if healthy else EXIT_FAILED
+
+
+async def _probe(checked: CheckedRobot, arguments: argparse.Namespace) -> bool:
+    """Probe until told to end. Returns whether everything was there and well at the end."""
+    stop, clock = StopSignals(), MonotonicClock()
+    lab = arguments.runtime_dir or default_runtime_directory(checked.file.robot.robot)
+    capture = CanCapture(arguments.capture, clock) if arguments.capture else None
+    output = _JsonLines(arguments.every) if arguments.json else _LiveTable()
+    session = ProbeSession(checked, lab, clock, output.event, capture)
+    try:
+        async with session.running():
+            showing = asyncio.create_task(output.show(session))
+            await stop.wait(arguments.duration)
+            showing.cancel()
+            with suppress(asyncio.CancelledError):
+                await showing
+            return session.healthy
+    finally:
+        if capture is not None:
+            capture.close()
+
+
+class _JsonLines:
+    """For scripts."""
+
+    def __init__(self, every_s: float) -> None:
+        self._every_s = every_s
+
+    def event(self, told: Json) -> None:
+        self._print("event", told)
+
+    async def show(self, session: ProbeSession) -> None:
+        try:
+            while True:
+                await asyncio.sleep(self._every_s)
+                self._print("snapshot", session.snapshot())
+        finally:
+            self._print("end", session.snapshot())
+
+    def _print(self, kind: str, content: Json) -> None:
+        print(json.dumps({"kind": kind, **content}), flush=True)
+
+
+class _LiveTable:
+    """For people."""
+
+    def __init__(self) -> None:
+        self._events: deque[Json] = deque(maxlen=_EVENTS_SHOWN)
+        self._console = Console()
+
+    def event(self, told: Json) -> None:
+        self._events.append(told)
+        if not self._console.is_terminal:
+            print(event_line(told), flush=True)
+
+    async def show(self, session: ProbeSession) -> None:
+        with Live(console=self._console, auto_refresh=False, transient=False) as live:
+            while True:
+                await asyncio.sleep(_SHOW_EVERY_S)
+                live.update(view(session.snapshot(), self._events), refresh=True)

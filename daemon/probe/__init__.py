@@ -1,0 +1,1 @@
+"""What `tentacled probe` shows: the devices as their drivers see them, nothing energised."""

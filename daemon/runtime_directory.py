@@ -1,0 +1,46 @@
+"""Where an emulated lab leaves its ports, and how a robot file's `lab:` names find them."""
+
+import os
+from pathlib import Path
+from typing import Final
+
+from config.robot import Robot
+
+LAB: Final = "lab:"
+CONTROL_SOCKET: Final = "control.sock"
+LAB_FILE: Final = "lab.json"
+
+
+def default_runtime_directory(robot: str) -> Path:
+    """The folder for `robot`'s ports where the operator names none."""
+    return _root() / robot
+
+
+def lab_directories() -> list[Path]:
+    """The folders where labs have been started by default."""
+    return sorted(path.parent for path in _root().glob(f"*/{LAB_FILE}"))
+
+
+def uses_lab(robot: Robot) -> bool:
+    """Whether the robot file names anything of an emulated lab."""
+    names = [robot.tracker.port, *(bus.channel for bus in robot.buses.values())]
+    return any(name.startswith(LAB) for name in names)
+
+
+def with_lab_ports(robot: Robot, directory: Path) -> Robot:
+    """The robot with its `lab:` names turned into paths in `directory`."""
+
+    def path(name: str) -> str:
+        return str(directory / name.removeprefix(LAB)) if name.startswith(LAB) else name
+
+    tracker = robot.tracker.model_copy(update={"port": path(robot.tracker.port)})
+    buses = {
+        name: bus.model_copy(update={"channel": path(bus.channel)})
+        for name, bus in robot.buses.items()
+    }
+    return robot.model_copy(update={"tracker": tracker, "buses": buses})
+
+
+def _root() -> Path:
+    base = os.environ.get("XDG_RUNTIME_DIR")
+    return Path(base) / "tentacled" if base else Path(f"/tmp/tentacled-{os.getuid()}")

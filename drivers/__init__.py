@@ -1,0 +1,1 @@
+"""Bytes to values and back: the tracker, the bus and the drives. No controller is known here."""

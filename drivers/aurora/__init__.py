@@ -1,0 +1,1 @@
+"""NDI Aurora over a serial line (Combined API)."""

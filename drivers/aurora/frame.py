@@ -1,0 +1,136 @@
+"""What the tracker measured at one moment, as everybody else sees it."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from drivers.aurora.status_bits import HandleState, PortStatus, SystemStatus
+from drivers.aurora.tracking_data import ToolReading, TrackingData
+from drivers.pose import Pose
+
+_OUTSIDE = PortStatus.OUT_OF_VOLUME | PortStatus.PARTIALLY_OUT_OF_VOLUME
+_UNIT_LENGTH_TOLERANCE = 0.02
+_FARTHEST_MM = 10_000.0
+
+
+class Absence(Enum):
+    """Why a sample has no pose."""
+
+    MISSING = "missing"
+    DISABLED = "disabled"
+    IMPLAUSIBLE = "implausible"
+    """Numbers came, but they are not a pose."""
+
+
+@dataclass(frozen=True, slots=True)
+class ToolSample:
+    """One sensor in one frame."""
+
+    handle: int
+    state: HandleState
+    pose: Pose | None
+    """In the field generator's frame. Roll about the sensor's axis (z) means nothing at 5 degrees
+    of freedom."""
+    absence: Absence | None
+    """Why there is no pose."""
+    port_status: PortStatus
+    indicator: float
+    """0 to 9.9, larger is a worse fit; always 0 for a sensor with 5 degrees of freedom."""
+
+    @property
+    def in_volume(self) -> bool:
+        """Whether the accuracy of the pose is specified at all."""
+        return not self.port_status & _OUTSIDE
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerFrame:
+    """One frame."""
+
+    frame_number: int
+    t_ns: int
+    """Host time of the measurement."""
+    received_ns: int
+    """Host time at which the reply was complete."""
+    tools: Mapping[str, ToolSample]
+    """By role. A role whose tool is absent is not here."""
+    system_status: SystemStatus
+    tip: Pose | None
+    """The tip in the frame of the base sensor; where no base is configured, in the field
+    generator's. None where one of the two has no pose."""
+
+
+class FrameAssembler:
+    """Makes frames of replies."""
+
+    def __init__(self, roles: Mapping[int, str], has_base: bool) -> None:
+        self._roles = roles
+        self._has_base = has_base
+
+    def frame_number(self, data: TrackingData) -> int | None:
+        """The number of the frame in a reply; None: no tool is followed that could tell it."""
+        for reading in data.readings:
+            if reading.handle in self._roles and reading.frame_number is not None:
+                return reading.frame_number
+        return None
+
+    def samples(self, data: TrackingData) -> dict[str, ToolSample]:
+        """The sensors in a reply, by role."""
+        return {
+            self._roles[reading.handle]: _sample(reading)
+            for reading in data.readings
+            if reading.handle in self._roles
+        }
+
+    def frame(
+        self, data: TrackingData, frame_number: int, t_ns: int, received_ns: int
+    ) -> TrackerFrame:
+        """The frame in a reply."""
+        tools = self.samples(data)
+        status = SystemStatus(data.system_status)
+        return TrackerFrame(frame_number, t_ns, received_ns, tools, status, self._tip(tools))
+
+    def _tip(self, tools: Mapping[str, ToolSample]) -> Pose | None:
+        tip = tools.get("tip")
+        if tip is None or tip.pose is None or not self._has_base:
+            return None if tip is None else tip.pose
+        base = tools.get("base")
+        if base is None or base.pose is None:
+            return None
+        return base.pose.inverse() @ tip.pose
+
+
+def _sample(reading: ToolReading) -> ToolSample:
+    pose = absence = None
+    if reading.state is HandleState.VALID:
+        pose = _pose(reading)
+        absence = Absence.IMPLAUSIBLE if pose is None else None
+    elif reading.state is HandleState.MISSING:
+        absence = Absence.MISSING
+    else:
+        absence = Absence.DISABLED
+    return ToolSample(
+        reading.handle,
+        reading.state,
+        pose,
+        absence,
+        PortStatus(reading.port_status),
+        reading.indicator,
+    )
+
+
+def _pose(reading: ToolReading) -> Pose | None:
+    """The pose of a valid reading, its quaternion brought to unit length."""
+    quaternion, position_mm = reading.quaternion, reading.position_mm
+    if quaternion is None or position_mm is None:
+        return None
+    length = math.hypot(*quaternion)
+    # Written so that NaN fails both.
+    if not abs(length - 1.0) <= _UNIT_LENGTH_TOLERANCE:
+        return None
+    if not math.hypot(*position_mm) <= _FARTHEST_MM:
+        return None
+    return Pose(np.array(position_mm), np.array(quaternion) / length)

@@ -1,0 +1,98 @@
+"""Between a drive's integer counts and what the axis moves: mm, rad, mL, N."""
+
+from dataclasses import dataclass
+from math import pi
+
+from config.axis import Axis, LinearAxis, LinearStepper, TendonMotor, TubeRotation
+from safety.limits import CountLimits
+
+_MM3_PER_ML = 1000.0
+
+
+@dataclass(frozen=True)
+class AxisScale:
+    """Conversions of one axis. `unit` is mm or rad."""
+
+    unit: str
+    counts_per_unit: float
+    """Signed: negative where counting up moves the axis down."""
+    ml_per_mm: float | None
+    """Cylinder volume per mm, where the axis drives a cylinder."""
+    force_per_permille: float
+    """N (N·mm for a rotation) at the output per 1/1000 of rated torque, without losses. Signed."""
+
+    def counts(self, position: float) -> int:
+        """Nearest count to a position in mm or rad."""
+        return round(position * self.counts_per_unit)
+
+    def position(self, counts: float) -> float:
+        """Position in mm or rad."""
+        return counts / self.counts_per_unit
+
+    def volume_ml(self, counts: float) -> float | None:
+        """Volume pushed out of the cylinder since zero, mL; None where there is no cylinder."""
+        return None if self.ml_per_mm is None else self.position(counts) * self.ml_per_mm
+
+    def counts_of_volume(self, volume_ml: float) -> int:
+        """Nearest count to a cylinder volume. Raises ValueError where there is no cylinder."""
+        if self.ml_per_mm is None:
+            raise ValueError("this axis drives no cylinder")
+        return self.counts(volume_ml / self.ml_per_mm)
+
+    def magnitude(self, length: float) -> int:
+        """Counts of an unsigned length, velocity or acceleration, at least 1."""
+        return max(1, round(length * abs(self.counts_per_unit)))
+
+    def force(self, torque_permille: int) -> float:
+        """Output force in N (torque in N·mm) at an actual torque (0x6077).
+
+        For a tendon: its tension. Friction in screw and gear makes the true force smaller.
+        """
+        return torque_permille * self.force_per_permille
+
+
+def axis_scale(axis: Axis) -> AxisScale:
+    """The conversions that an axis' configuration implies."""
+    sign = -1.0 if axis.drive.inverted else 1.0
+    counts_per_turn = sign * axis.drive.counts_per_turn * axis.gear_ratio
+    torque_nmm = sign * axis.drive.rated_torque_nmm * axis.gear_ratio / 1000.0
+    if isinstance(axis, TubeRotation):
+        return AxisScale("rad", counts_per_turn / (2 * pi), None, torque_nmm)
+    per_turn = axis.travel_mm_per_turn
+    bore = axis.bore_mm if isinstance(axis, LinearStepper) else None
+    ml_per_mm = None if bore is None else pi * bore**2 / 4 / _MM3_PER_ML
+    return AxisScale("mm", counts_per_turn / per_turn, ml_per_mm, torque_nmm * 2 * pi / per_turn)
+
+
+def count_limits(axis: Axis) -> CountLimits:
+    """The limits of an axis in counts."""
+    scale = axis_scale(axis)
+    if isinstance(axis, LinearAxis):
+        travel, velocity, acceleration, lag = (
+            axis.travel_mm,
+            axis.max_velocity_mm_s,
+            axis.max_acceleration_mm_s2,
+            axis.following_error_mm,
+        )
+    else:
+        travel, velocity, acceleration, lag = (
+            axis.travel_rad,
+            axis.max_velocity_rad_s,
+            axis.max_acceleration_rad_s2,
+            axis.following_error_rad,
+        )
+    lowest, highest = sorted(map(scale.counts, travel))
+    return CountLimits(
+        lowest,
+        highest,
+        scale.magnitude(velocity),
+        scale.magnitude(acceleration),
+        scale.magnitude(lag),
+    )
+
+
+def tension_range_n(axis: Axis) -> tuple[float, float] | None:
+    """Slack and over-tension of a tendon in N; None for other axes."""
+    if isinstance(axis, TendonMotor):
+        return axis.min_tension_n, axis.max_tension_n
+    return None

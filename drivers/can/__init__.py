@@ -1,0 +1,1 @@
+"""The bus itself: frames, interfaces, budget, capture files. Nothing here knows CANopen."""

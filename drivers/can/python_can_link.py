@@ -1,0 +1,118 @@
+"""Any interface of python-can, through python-can's own sending and receiving.
+
+For adapters that have no descriptor of plain frames. Receiving costs a message object per frame,
+and where the interface cannot be polled a thread that does nothing but wait.
+"""
+
+import asyncio
+import threading
+from collections.abc import Sequence
+from typing import Final
+
+import can
+
+from drivers.can.conditions import ERRORS, QUEUE_FULL
+from drivers.can.link import FrameReceiver
+from drivers.clock import Clock
+
+_FRAMES_AT_ONCE: Final = 64
+_THREAD_WAKES_S: Final = 0.1
+
+
+class PythonCanLink:
+    """A `can.BusABC` as a link."""
+
+    def __init__(self, bus: can.BusABC, receiver: FrameReceiver, clock: Clock) -> None:
+        self._bus = bus
+        self._receiver = receiver
+        self._clock = clock
+        self._loop = asyncio.get_running_loop()
+        self._open = True
+        self._full = False
+        self._fd = _descriptor(bus)
+        if self._fd >= 0:
+            self._loop.add_reader(self._fd, self._readable)
+        else:
+            threading.Thread(target=self._wait, name="can-receive", daemon=True).start()
+
+    def send(self, can_id: int, data: bytes) -> bool:
+        message = can.Message(arbitration_id=can_id, data=data, is_extended_id=False, check=False)
+        try:
+            self._bus.send(message, timeout=0)
+        except can.CanError as error:  # a lost adapter is known by its receiving
+            self._queue_full(True, str(error))
+            return False
+        self._queue_full(False, "")
+        return True
+
+    def send_all(self, frames: Sequence[tuple[int, bytes]]) -> int:
+        for taken, (can_id, data) in enumerate(frames):
+            if not self.send(can_id, data):
+                return taken
+        return len(frames)
+
+    def read_in_cycle(self, on: bool) -> None:
+        """Nothing to choose: python-can has its own way to read."""
+
+    def drain(self) -> None:
+        """Frames are delivered when they come."""
+
+    def close(self) -> None:
+        if self._open:
+            self._open = False
+            if self._fd >= 0:
+                self._loop.remove_reader(self._fd)
+                self._bus.shutdown()
+
+    def _readable(self) -> None:
+        t_ns = self._clock.now_ns()
+        try:
+            for _ in range(_FRAMES_AT_ONCE):
+                message = self._bus.recv(0)
+                if message is None or not self._open:
+                    return
+                self._deliver(message, t_ns)
+        except (can.CanError, OSError, ValueError) as error:
+            self._lose(OSError(getattr(error, "error_code", None), str(error)))
+
+    def _wait(self) -> None:
+        """The waiting thread's whole life. It alone receives, and it closes the interface."""
+        try:
+            while self._open:
+                message = self._bus.recv(_THREAD_WAKES_S)
+                if message is not None:
+                    t_ns = self._clock.now_ns()
+                    self._loop.call_soon_threadsafe(self._deliver, message, t_ns)
+        except (can.CanError, OSError, ValueError) as error:
+            failure = OSError(getattr(error, "error_code", None), str(error))
+            self._loop.call_soon_threadsafe(self._lose, failure)
+        except RuntimeError:  # the loop has closed before us
+            pass
+        finally:
+            self._bus.shutdown()
+
+    def _deliver(self, message: can.Message, t_ns: int) -> None:
+        if not self._open:
+            return
+        if message.is_error_frame:
+            self._receiver.condition_seen(ERRORS, True, f"error frame {message.data.hex()}")
+            self._receiver.condition_seen(ERRORS, False, "")
+        elif not message.is_remote_frame and not message.is_extended_id:
+            self._receiver.frame_received(message.arbitration_id, bytes(message.data), t_ns)
+
+    def _queue_full(self, full: bool, detail: str) -> None:
+        if full != self._full:
+            self._full = full
+            self._receiver.condition_seen(QUEUE_FULL, full, detail)
+
+    def _lose(self, error: OSError) -> None:
+        if self._open:
+            self.close()
+            self._receiver.link_lost(error)
+
+
+def _descriptor(bus: can.BusABC) -> int:
+    try:
+        return bus.fileno()
+    except NotImplementedError:
+        return -1

@@ -1,0 +1,1 @@
+"""CANopen (CiA 301) as pure bytes and state machines."""

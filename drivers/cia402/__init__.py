@@ -1,0 +1,1 @@
+"""Drives and motion control (CiA 402) on top of CANopen."""

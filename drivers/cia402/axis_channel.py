@@ -1,0 +1,137 @@
+"""One axis on the bus: what it last said, and what it is sent in each cycle."""
+
+from typing import Final
+
+from config.axis import Axis
+from drivers.axis_scale import axis_scale, count_limits
+from drivers.cia402.pdo_plan import RPDO_LAYOUT, TPDO_LAYOUT, axis_pdos
+from drivers.cia402.power_state import (
+    Control,
+    FaultReset,
+    PowerGoal,
+    PowerState,
+    Status,
+    controlword_towards,
+    power_state,
+    reached,
+)
+from drivers.cia402.targets import target_of
+from safety.permit import PermittedStep
+
+_FOLLOWS_WITHIN_NS: Final = 500_000_000
+"""Drives hold a target back while their brake opens, and tell so; old ones tell nothing."""
+
+_DONE_WITHIN_NS: Final = 2_000_000_000
+
+
+class AxisChannel:
+    """The axis at place `index` of the actuation vector."""
+
+    def __init__(self, axis: Axis, index: int) -> None:
+        limits = count_limits(axis)
+        self.axis = axis
+        self.index = index
+        self.scale = axis_scale(axis)
+        self.pdos = axis_pdos(axis.drive)
+        self.rpdo_id = self.pdos.rpdo.can_id
+        self.statusword = 0
+        self.state = PowerState.UNKNOWN
+        self.position_counts = 0
+        self.torque_permille = 0
+        self.received_ns: int | None = None
+        """When the axis last told its state; None while it has not."""
+        self.following = False
+        """Enabled, and moving when its target moves."""
+        self.target_counts: int | None = None
+        """What was last sent: a position, or a velocity in the velocity modes."""
+        self.had_voltage = False
+        """Whether the drive has ever told of motor voltage since it was set up."""
+        self.goal: PowerGoal | None = None
+        """None: leave the drive's power as it is, and send it nothing."""
+        self._goal_since_ns = 0
+        self.waits_for_others = False
+        """Not to be enabled before the other axes can be: a body is not held by one."""
+        self.homing = self.start_homing = False
+        """In homing mode: the drive moves by itself, and targets mean nothing."""
+        self._cyclic = axis.drive.mode in ("csp", "csv")
+        self._enabled_since_ns: int | None = None
+        self._fault_reset = FaultReset()
+        self._target = target_of(
+            axis.drive.mode, index, limits.max_velocity, axis.drive.velocity_unit_counts_s
+        )
+
+    def receive(self, data: bytes, t_ns: int) -> bool:
+        """The axis' state came. False: it is not in the form it was told to have."""
+        if len(data) != TPDO_LAYOUT.size:
+            return False
+        statusword, self.position_counts, self.torque_permille = TPDO_LAYOUT.unpack(data)
+        self.received_ns = t_ns
+        if statusword != self.statusword or not self.following:
+            self.statusword = statusword
+            self.state = power_state(statusword)
+            self.had_voltage |= bool(statusword & Status.VOLTAGE_ENABLED)
+            self._follow(t_ns)
+        return True
+
+    def is_silent(self, t_ns: int, timeout_ns: int) -> bool:
+        """Whether the axis used to tell its state and does so no more."""
+        return self.received_ns is not None and t_ns - self.received_ns > timeout_ns
+
+    def output(self, t_ns: int, step: PermittedStep | None) -> bytes | None:
+        """The next RPDO; None while the drive's power is to be left alone, or is not known."""
+        if self.goal is None or self.received_ns is None:
+            return None
+        if self._fault_reset.running:
+            controlword = self._fault_reset.controlword()
+        else:
+            controlword = controlword_towards(self.goal, self.state)
+            if self.waits_for_others and self.state is PowerState.SWITCHED_ON:
+                controlword = min(controlword, Control.SWITCH_ON)
+        if not self.following:
+            self._target.hold(self.position_counts)
+            step = None
+        mode_bits, target = self._target.output(t_ns, step, self.position_counts, self.statusword)
+        if controlword == Control.ENABLE_OPERATION:
+            if not self.homing:
+                controlword |= mode_bits
+            elif self.start_homing:
+                controlword |= Control.START_HOMING
+        self.target_counts = target
+        return RPDO_LAYOUT.pack(controlword, target)
+
+    def set_goal(self, goal: PowerGoal | None, t_ns: int) -> None:
+        """What the drive shall do from now on."""
+        self.goal, self._goal_since_ns = goal, t_ns
+        self.following = self.following and goal is PowerGoal.ENABLED
+
+    def is_unwilling(self, t_ns: int) -> bool:
+        """Whether the drive has had time enough to do what it is told, and has not."""
+        return not self.goal_reached and t_ns - self._goal_since_ns > _DONE_WITHIN_NS
+
+    def begin_fault_reset(self, t_ns: int) -> None:
+        """Send the edge that resets a fault, with the next cycles, and leave the drive off."""
+        self.set_goal(PowerGoal.OFF, t_ns)
+        self._fault_reset.begin()
+
+    @property
+    def goal_reached(self) -> bool:
+        """Whether the drive has done what `goal` asks."""
+        return self.goal is None or reached(self.goal, self.state)
+
+    def forget(self) -> None:
+        """The drive is gone or was reset: nothing it said before counts."""
+        self.received_ns = self.target_counts = self._enabled_since_ns = self.goal = None
+        self.following = self.had_voltage = False
+        self.statusword, self.state = 0, PowerState.UNKNOWN
+
+    def _follow(self, t_ns: int) -> None:
+        if self.state is not PowerState.OPERATION_ENABLED:
+            if self._enabled_since_ns is not None and self.goal is PowerGoal.ENABLED:
+                self.goal = None  # it has stopped by itself: to go on is somebody's decision
+            self._enabled_since_ns, self.following = None, False
+            return
+        if self._enabled_since_ns is None:
+            self._enabled_since_ns = t_ns
+        told = not self._cyclic or bool(self.statusword & Status.FOLLOWS_TARGET)
+        ready = told or t_ns - self._enabled_since_ns > _FOLLOWS_WITHIN_NS
+        self.following = ready and self.goal is PowerGoal.ENABLED and not self.homing

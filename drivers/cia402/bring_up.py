@@ -1,0 +1,232 @@
+"""Setting up one node: who it is, its safety reactions, its PDOs; everything is read back.
+
+Nothing here energises a drive. A node whose settings are not what was written is not used.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from config.axis import Axis
+from config.bus import Bus
+from drivers.canopen.codec.abort_codes import AbortCode
+from drivers.canopen.codec.error import CodecError
+from drivers.canopen.codec.pdo import (
+    RPDO_COMMUNICATION,
+    RPDO_MAPPING,
+    TPDO_COMMUNICATION,
+    PdoCobId,
+    TransmissionType,
+)
+from drivers.canopen.object_dictionary import EdsError, ObjectDictionary
+from drivers.canopen.sdo_client import SdoAbortedError, SdoClient, SdoError, SdoTimeoutError
+from drivers.cia402 import objects
+from drivers.cia402.conditions import (
+    BAD_EDS,
+    CYCLIC_MODE_NOT_LISTED,
+    SAFETY_MISSING,
+    SDO_SILENT,
+    SETTING_REFUSED,
+    WRONG_DEVICE,
+)
+from drivers.cia402.configuration import Need, Setting, node_settings
+from drivers.cia402.modes import MODES
+from drivers.cia402.pdo_plan import PdoPlan, axis_pdos
+from drivers.conditions import Condition
+
+_PDO_PARAMETERS: Final = RPDO_MAPPING - RPDO_COMMUNICATION
+_NO_OBJECT: Final = (AbortCode.NO_OBJECT, AbortCode.NO_SUBINDEX)
+
+Remark = Callable[[Condition, str], None]
+
+
+class BringUpError(RuntimeError):
+    """The node cannot be used, and why."""
+
+    def __init__(self, condition: Condition, detail: str) -> None:
+        super().__init__(f"{condition.text}: {detail}")
+        self.condition = condition
+        self.detail = detail
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Who a node says it is."""
+
+    device_type: int
+    vendor_id: int
+    product_code: int
+    revision: int
+    serial: int
+    name: str
+
+
+class NodeSetUp:
+    """Sets up one node over its SDO channel."""
+
+    def __init__(
+        self,
+        bus: Bus,
+        axes: Sequence[Axis],
+        dictionary: ObjectDictionary,
+        sdo: SdoClient,
+        remark: Remark,
+    ) -> None:
+        self._bus = bus
+        self._axes = axes
+        self._dictionary = dictionary
+        self._sdo = sdo
+        self._remark = remark
+
+    async def run(self) -> Identity:
+        """Do it all, with the node in pre-operational. Raises BringUpError."""
+        try:
+            identity = await self._identify()
+            await self._check_modes()
+            for setting in node_settings(self._bus, self._axes):
+                await self._apply(setting)
+            await self._set_up_pdos()
+        except SdoTimeoutError as error:
+            raise BringUpError(SDO_SILENT, str(error)) from error
+        except SdoError as error:
+            raise BringUpError(SETTING_REFUSED, str(error)) from error
+        except EdsError as error:
+            raise BringUpError(BAD_EDS, str(error)) from error
+        except CodecError as error:
+            raise BringUpError(WRONG_DEVICE, str(error)) from error
+        return identity
+
+    async def _identify(self) -> Identity:
+        device_type = await self._number(objects.DEVICE_TYPE)
+        numbers = [await self._number(objects.IDENTITY, place, missing=0) for place in range(1, 5)]
+        name = (await self._sdo.read(objects.DEVICE_NAME)) if self._has_name() else b""
+        text = name.decode("ascii", "replace").strip("\0 ")
+        vendor, product, revision, serial = numbers
+        identity = Identity(device_type, vendor, product, revision, serial, text)
+        drive = self._axes[0].drive
+        for what, wanted, found in (
+            ("device profile", objects.DEVICE_PROFILE_402, identity.device_type & 0xFFFF),
+            ("vendor ID", drive.vendor_id, identity.vendor_id),
+            ("product code", drive.product_code, identity.product_code),
+        ):
+            if wanted is not None and wanted != found:
+                raise BringUpError(WRONG_DEVICE, f"{what} is 0x{found:X}, not 0x{wanted:X}")
+        return identity
+
+    def _has_name(self) -> bool:
+        return self._dictionary.has(objects.DEVICE_NAME)
+
+    async def _check_modes(self) -> None:
+        for axis in self._axes:
+            index = objects.of_axis(objects.SUPPORTED_MODES, axis.drive.axis)
+            mode = MODES[axis.drive.mode]
+            if self._dictionary.has(index):
+                listed = await self._number(index, missing=-1)
+                if not listed >> (mode.number - 1) & 1:
+                    self._remark(CYCLIC_MODE_NOT_LISTED, f"{axis.name}: {mode.text}")
+
+    async def _apply(self, setting: Setting) -> None:
+        """Write a setting and read it back."""
+        if not self._dictionary.has(setting.index, setting.subindex):
+            self._without(setting, "not in its EDS file")
+            return
+        refusal = ""
+        for value in setting.values:
+            try:
+                await self._write(setting.index, setting.subindex, value)
+                break
+            except SdoAbortedError as error:
+                if error.code in _NO_OBJECT:
+                    self._without(setting, "the node does not have it")
+                    return
+                refusal = f"; it refused: {error}"
+        read = await self._number(setting.index, setting.subindex)
+        if read not in setting.values:
+            wrote = " or ".join(map(str, setting.values))
+            raise BringUpError(SETTING_REFUSED, f"{setting}: wrote {wrote}, reads {read}{refusal}")
+
+    def _without(self, setting: Setting, why: str) -> None:
+        if setting.need is Need.REQUIRED:
+            raise BringUpError(SETTING_REFUSED, f"{setting}: {why}")
+        if setting.need is Need.SAFETY:
+            self._remark(SAFETY_MISSING, f"{setting}: {why}")
+
+    async def _set_up_pdos(self) -> None:
+        used = set()
+        for axis in self._axes:
+            pdos = axis_pdos(axis.drive)
+            for plan in (pdos.rpdo, pdos.tpdo):
+                used.add(plan.communication)
+                await self._set_up_pdo(plan)
+        # Event-driven PDOs that the maker left on would flood the bus.
+        for first in (RPDO_COMMUNICATION, TPDO_COMMUNICATION):
+            for index in range(first, first + _PDO_PARAMETERS):
+                if index not in used and self._dictionary.has(index, 1):
+                    await self._switch_off_pdo(index)
+
+    async def _set_up_pdo(self, plan: PdoPlan) -> None:
+        off, on = PdoCobId(plan.can_id, valid=False), PdoCobId(plan.can_id)
+        await self._write(plan.communication, 1, off.encode())
+        await self._write(plan.communication, 2, TransmissionType.EVERY_SYNC)
+        fixed_entries = await self._clear_mapping(plan)
+        entries = [entry.encode() for entry in plan.entries]
+        padded = entries + [0] * (fixed_entries - len(entries))
+        for subindex, value in enumerate(padded, start=1):
+            await self._write(plan.mapping, subindex, value)
+        if not fixed_entries:
+            await self._write(plan.mapping, 0, len(entries))
+        await self._write(plan.communication, 1, on.encode())
+        await self._verify_pdo(plan, padded, fixed_entries or len(entries))
+
+    async def _clear_mapping(self, plan: PdoPlan) -> int:
+        """Switch the mapping off. Returns how many entries it has where that number is fixed."""
+        try:
+            await self._write(plan.mapping, 0, 0)
+        except SdoAbortedError as error:
+            if error.code not in (AbortCode.READ_ONLY, AbortCode.UNSUPPORTED_ACCESS):
+                raise
+            return await self._number(plan.mapping, 0)
+        return 0
+
+    async def _verify_pdo(self, plan: PdoPlan, entries: Sequence[int], count: int) -> None:
+        wanted = [(plan.mapping, 0, count), (plan.communication, 2, TransmissionType.EVERY_SYNC)]
+        wanted += [(plan.mapping, place, entry) for place, entry in enumerate(entries, start=1)]
+        for index, subindex, value in wanted:
+            read = await self._number(index, subindex)
+            if read != value:
+                where = f"0x{index:04X}:{subindex:02X}"
+                raise BringUpError(
+                    SETTING_REFUSED, f"{where} (PDO): wrote 0x{value:X}, reads 0x{read:X}"
+                )
+        cob_id = await self._number(plan.communication, 1)
+        if cob_id & 0xBFFFFFFF != plan.can_id:  # bit 30, no remote request, is the node's choice
+            where = f"0x{plan.communication:04X}:01 (PDO)"
+            raise BringUpError(
+                SETTING_REFUSED, f"{where}: wrote 0x{plan.can_id:X}, reads 0x{cob_id:X}"
+            )
+
+    async def _switch_off_pdo(self, index: int) -> None:
+        try:
+            cob_id = await self._number(index, 1)
+            if not cob_id >> 31:
+                await self._write(index, 1, cob_id | 1 << 31)
+        except SdoAbortedError as error:
+            if error.code not in _NO_OBJECT:
+                raise
+
+    async def _write(self, index: int, subindex: int, value: int) -> None:
+        await self._sdo.write(index, subindex, self._dictionary.encode(index, subindex, value))
+
+    async def _number(self, index: int, subindex: int = 0, missing: int | None = None) -> int:
+        """A number that the node has; `missing` where it has none."""
+        try:
+            data = await self._sdo.read(index, subindex)
+        except SdoAbortedError as error:
+            if missing is not None and error.code in _NO_OBJECT:
+                return missing
+            raise
+        if self._dictionary.has(index, subindex):
+            value = self._dictionary.decode(index, subindex, data)
+            if isinstance(value, int):
+                return value
+        return int.from_bytes(data, "little")

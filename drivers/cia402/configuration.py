@@ -1,0 +1,146 @@
+"""What a node is told before it may run: one table, written and read back object by object."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final, Protocol
+
+from config.axis import Axis, LinearAxis
+from config.bus import Bus
+from drivers.axis_scale import AxisScale, axis_scale, count_limits
+from drivers.cia402 import objects
+from drivers.cia402.modes import MODES
+
+
+class Need(Enum):
+    """What it means when a node does not have an object."""
+
+    REQUIRED = "the node cannot be used"
+    SAFETY = "the node may be used, and the operator is told what it will not do"
+    OPTIONAL = "nothing"
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One object to write and read back."""
+
+    index: int
+    subindex: int
+    values: tuple[int, ...]
+    """Acceptable values, best first: products differ in what they offer."""
+    purpose: str
+    need: Need = Need.REQUIRED
+
+    def __str__(self) -> str:
+        return f"0x{self.index:04X}:{self.subindex:02X} ({self.purpose})"
+
+
+_MS: Final = 1000
+_US: Final = 1_000_000
+_MILLISECONDS_INDEX: Final = -3
+
+_ON_CONNECTION_LOST: Final = {"quick_stop": 3, "disable_voltage": 2, "fault": 1}
+_ON_QUICK_STOP: Final = {"ramp_then_off": 2, "ramp_then_hold": 6}
+_ON_FAULT: Final = {"off": 0, "ramp_then_off": 2}
+
+_TO_PRE_OPERATIONAL: Final = 0
+_TO_STOPPED: Final = 2
+
+
+def node_settings(bus: Bus, axes: Sequence[Axis]) -> list[Setting]:
+    """Everything for one node: how it watches the master, then each of its axes."""
+    drive = axes[0].drive
+    master = bus.master_node << 16 | round(bus.master_heartbeat_timeout_s * _MS)
+    settings = [
+        Setting(objects.GUARD_TIME, 0, (0,), "node guarding off", Need.OPTIONAL),
+        Setting(objects.CONSUMER_HEARTBEAT, 1, (master,), "watch the master's heartbeat"),
+        Setting(
+            objects.ERROR_BEHAVIOUR,
+            1,
+            (_TO_PRE_OPERATIONAL, _TO_STOPPED),
+            "leave operational when the master is lost",
+            Need.SAFETY,
+        ),
+        Setting(
+            objects.COMMUNICATION_CYCLE_PERIOD,
+            0,
+            (round(bus.cycle_period_s * _US),),
+            "SYNC period",
+            Need.OPTIONAL,
+        ),
+        Setting(
+            objects.PRODUCER_HEARTBEAT,
+            0,
+            (round(drive.heartbeat_period_s * _MS),),
+            "own heartbeat",
+        ),
+    ]
+    for axis in axes:
+        settings += _axis_settings(bus, axis)
+    return settings
+
+
+class _MakeSetting(Protocol):
+    def __call__(
+        self, index: int, value: int, purpose: str, need: Need = ..., subindex: int = ...
+    ) -> Setting: ...
+
+
+def _axis_settings(bus: Bus, axis: Axis) -> Iterator[Setting]:
+    number = axis.drive.axis
+
+    def setting(
+        index: int, value: int, purpose: str, need: Need = Need.REQUIRED, subindex: int = 0
+    ) -> Setting:
+        return Setting(objects.of_axis(index, number), subindex, (value,), purpose, need)
+
+    period_ms = round(bus.cycle_period_s * _MS)
+    yield setting(objects.INTERPOLATION_PERIOD, period_ms, "interpolation period", Need.OPTIONAL, 1)
+    yield setting(
+        objects.INTERPOLATION_PERIOD, _MILLISECONDS_INDEX, "its unit, ms", Need.OPTIONAL, 2
+    )
+    safe = axis.safe
+    yield setting(
+        objects.ABORT_CONNECTION_OPTION,
+        _ON_CONNECTION_LOST[safe.connection_lost],
+        "reaction to a lost connection",
+        Need.SAFETY,
+    )
+    yield setting(objects.QUICK_STOP_OPTION, _ON_QUICK_STOP[safe.quick_stop], "end of a quick stop")
+    yield setting(objects.FAULT_REACTION_OPTION, _ON_FAULT[safe.fault], "fault", Need.SAFETY)
+    yield from _limits(axis, setting)
+    yield setting(objects.MODE, MODES[axis.drive.mode].number, "mode of operation")
+
+
+def _limits(axis: Axis, setting: _MakeSetting) -> Iterator[Setting]:
+    scale, limits = axis_scale(axis), count_limits(axis)
+    yield setting(objects.FOLLOWING_ERROR_WINDOW, limits.max_lag, "following error", Need.SAFETY)
+    yield setting(
+        objects.FOLLOWING_ERROR_TIMEOUT,
+        round(axis.following_error_time_s * _MS),
+        "time of a following error",
+        Need.SAFETY,
+    )
+    lowest, highest = limits.lowest, limits.highest
+    yield setting(objects.SOFTWARE_POSITION_LIMIT, lowest, "lowest position", Need.SAFETY, 1)
+    yield setting(objects.SOFTWARE_POSITION_LIMIT, highest, "highest position", Need.SAFETY, 2)
+    yield setting(objects.MAX_TORQUE, axis.drive.max_torque_permille, "most torque", Need.SAFETY)
+    deceleration = _in_drive_units(axis, _quick_stop_deceleration(axis, scale))
+    yield setting(objects.QUICK_STOP_DECELERATION, deceleration, "quick stop ramp")
+    velocity = _in_drive_units(axis, limits.max_velocity)
+    acceleration = _in_drive_units(axis, limits.max_acceleration)
+    yield setting(objects.MAX_PROFILE_VELOCITY, velocity, "highest velocity", Need.OPTIONAL)
+    profiled = Need.REQUIRED if axis.drive.mode in ("pp", "pv") else Need.OPTIONAL
+    yield setting(objects.PROFILE_VELOCITY, velocity, "profile velocity", profiled)
+    yield setting(objects.PROFILE_ACCELERATION, acceleration, "profile acceleration", profiled)
+    yield setting(objects.PROFILE_DECELERATION, acceleration, "profile deceleration", profiled)
+
+
+def _quick_stop_deceleration(axis: Axis, scale: AxisScale) -> int:
+    if isinstance(axis, LinearAxis):
+        return scale.magnitude(axis.quick_stop_deceleration_mm_s2)
+    return scale.magnitude(axis.quick_stop_deceleration_rad_s2)
+
+
+def _in_drive_units(axis: Axis, counts: int) -> int:
+    return max(1, round(counts / axis.drive.velocity_unit_counts_s))

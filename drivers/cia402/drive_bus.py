@@ -1,0 +1,314 @@
+"""All drives of one bus: the cycle that keeps them in step, and the life of the link to them."""
+
+import asyncio
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from config.axis import Axis
+from config.bus import Bus
+from drivers.can.bits import worst_case_bits
+from drivers.can.conditions import CANNOT_OPEN, FOREIGN_FRAMES, GONE
+from drivers.can.link import CanLink, FrameReceiver, LinkError
+from drivers.canopen.codec import cob_ids
+from drivers.canopen.codec.nmt import NmtCommand, NmtState, encode_heartbeat, encode_nmt_command
+from drivers.canopen.object_dictionary import ObjectDictionary
+from drivers.cia402.axis_channel import AxisChannel
+from drivers.cia402.homing import Homing
+from drivers.cia402.node import Node, NodeState
+from drivers.cia402.power_state import PowerGoal, PowerState
+from drivers.clock import Clock
+from drivers.conditions import Condition, ConditionChange, Conditions
+from safety.permit import PermittedHoming, PermittedStep
+
+LinkOpener = Callable[[FrameReceiver], Awaitable[CanLink]]
+TrafficTap = Callable[[int, bytes, int], None]
+
+_SYNC: Final = (cob_ids.SYNC, b"")
+_OPEN_AGAIN_S: Final = 0.1
+_WATCH_EVERY_NS: Final = 10_000_000
+_LAST_FRAMES_S: Final = 0.01  # until what was sent has left the interface's queue
+_WAITS_FOR_OTHERS: Final = (PowerState.SWITCHED_ON, PowerState.OPERATION_ENABLED)
+_BITS: Final = tuple(worst_case_bits(length) for length in range(9))
+
+
+@dataclass
+class Traffic:
+    """What has gone over the bus since the start."""
+
+    sent: int = 0
+    received: int = 0
+    refused: int = 0
+    """Frames that the interface did not take; a newer one follows in the next cycle."""
+    foreign: int = 0
+    """Frames of nodes that are not in the robot file."""
+    bits: int = 0
+    """Of all of these, at their longest."""
+
+
+class DriveBus:
+    """The master of one bus. Implements FrameReceiver.
+
+    `run` keeps link and nodes alive until cancelled; `tick` is the bus cycle and must be called
+    once per period by whoever owns the rhythm. Drives whose `goal` is None are left as they are.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        bus: Bus,
+        axes: Sequence[tuple[int, Axis]],
+        dictionaries: Mapping[int, ObjectDictionary],
+        open_link: LinkOpener,
+        clock: Clock,
+        *,
+        on_change: Callable[[ConditionChange], None] | None = None,
+        tap: TrafficTap | None = None,
+    ) -> None:
+        """axes: those of this bus, with their places in the actuation vector.
+
+        dictionaries: by node. tap: sees every data frame, sent or received.
+        """
+        self.name = name
+        self.bus = bus
+        self.traffic = Traffic()
+        self.conditions = Conditions(on_change)
+        self.channels = [AxisChannel(axis, index) for index, axis in axes]
+        self.nodes = self._make_nodes(dictionaries, clock)
+        self._open_link = open_link
+        self._clock = clock
+        self._tap = tap
+        self._link: CanLink | None = None
+        self._lost = asyncio.Event()
+        self._step: PermittedStep | None = None
+        self._reads_in_cycle = False
+        self._heartbeat = (
+            cob_ids.heartbeat(bus.master_node),
+            encode_heartbeat(NmtState.OPERATIONAL),
+        )
+        self._heartbeat_period_ns = round(bus.master_heartbeat_period_s * 1e9)
+        self._heartbeat_due_ns = self._watch_due_ns = 0
+        self._handlers = self._make_handlers()
+
+    # The cycle.
+
+    def tick(self, t_ns: int, healthy: bool = True) -> None:
+        """One bus cycle: SYNC, then targets for the next one, then the master's heartbeat.
+
+        healthy: False keeps the heartbeat back, and the drives stop by themselves.
+        """
+        if self._link is not None:
+            self._link.drain()
+        link = self._link
+        if link is None:
+            return
+        frames = [_SYNC]
+        step = self._current_step()
+        for channel in self.channels:
+            output = channel.output(t_ns, step)
+            if output is not None:
+                frames.append((channel.rpdo_id, output))
+        if healthy and t_ns >= self._heartbeat_due_ns:
+            self._heartbeat_due_ns = t_ns + self._heartbeat_period_ns
+            frames.append(self._heartbeat)
+        self._sent(frames, link.send_all(frames))
+        if t_ns >= self._watch_due_ns:
+            self._watch_due_ns = t_ns + _WATCH_EVERY_NS
+            self._watch(link, t_ns)
+
+    def write(self, step: PermittedStep) -> bool:
+        """Follow `step` from the next cycle on. False: not all axes follow, and it is dropped."""
+        if not all(channel.following for channel in self.channels):
+            return False
+        self._step = step
+        return True
+
+    def set_goal(self, goal: PowerGoal | None) -> None:
+        """What all drives of this bus shall do; those that are not operational are left out."""
+        self._step = None
+        now_ns = self._clock.now_ns()
+        for node in self.nodes.values():
+            for channel in node.channels:
+                usable = node.state is NodeState.OPERATIONAL
+                channel.set_goal(goal if usable else None, now_ns)
+
+    def reset_faults(self) -> None:
+        """Take drives out of their faults, and leave them off."""
+        for channel in self.channels:
+            if channel.state is PowerState.FAULT:
+                channel.begin_fault_reset(self._clock.now_ns())
+
+    async def home(self, permitted: PermittedHoming) -> None:
+        """Let one axis of this bus look for its zero. Raises HomingError."""
+        channel = next(one for one in self.channels if one.index == permitted.axis)
+        node = self.nodes[channel.axis.drive.node]
+        await Homing(channel, node.dictionary, node.sdo).run()
+
+    @property
+    def operational(self) -> bool:
+        """Whether every node is set up and running."""
+        return all(node.state is NodeState.OPERATIONAL for node in self.nodes.values())
+
+    @property
+    def connected(self) -> bool:
+        """Whether the interface is open."""
+        return self._link is not None
+
+    # The life.
+
+    async def run(self) -> None:
+        """Open the link, keep the nodes alive, open it again when it is lost. Until cancelled."""
+        while True:
+            if not await self._open():
+                await asyncio.sleep(_OPEN_AGAIN_S)
+                continue
+            lives = [asyncio.create_task(node.life()) for node in self.nodes.values()]
+            try:
+                await self._lost.wait()
+            finally:
+                for life in lives:
+                    life.cancel()
+                await asyncio.gather(*lives, return_exceptions=True)
+                for node in self.nodes.values():
+                    node.link_lost()
+
+    async def close(self, within_s: float = 1.0) -> None:
+        """Stop the drives, take their power off, fall silent. `tick` must go on meanwhile.
+
+        Drives that nobody has wanted anything of are left as they are.
+        """
+        if any(channel.goal is not None for channel in self.channels):
+            try:
+                async with asyncio.timeout(within_s):
+                    for goal in (PowerGoal.QUICK_STOP, PowerGoal.OFF):
+                        await self._reach(goal)
+            except TimeoutError:
+                pass  # the drives' own watchdogs are next
+        if self._link is not None:
+            command = encode_nmt_command(NmtCommand.ENTER_PRE_OPERATIONAL, cob_ids.ALL_NODES)
+            self.send(cob_ids.NMT, command)
+            link, self._link = self._link, None  # from here on the cycle sends nothing
+            await asyncio.sleep(_LAST_FRAMES_S)
+            link.close()
+
+    def send(self, can_id: int, data: bytes) -> bool:
+        """Hand one frame to the interface, now or not at all."""
+        if self._link is None:
+            return False
+        taken = self._link.send(can_id, data)
+        self._sent([(can_id, data)], int(taken))
+        return taken
+
+    # What the link tells.
+
+    def frame_received(self, can_id: int, data: bytes, t_ns: int) -> None:
+        traffic = self.traffic
+        traffic.received += 1
+        traffic.bits += _BITS[len(data)]
+        if self._tap is not None:
+            self._tap(can_id, data, t_ns)
+        handler = self._handlers.get(can_id)
+        if handler is not None:
+            handler(data, t_ns)
+        else:
+            self._foreign(can_id, t_ns)
+
+    def condition_seen(self, condition: Condition, present: bool, detail: str) -> None:
+        now_ns = self._clock.now_ns()
+        if present:
+            self.conditions.set(condition, self.name, now_ns, detail)
+        else:
+            self.conditions.clear(condition, self.name, now_ns)
+
+    def link_lost(self, error: OSError) -> None:
+        self._link = None
+        now_ns = self._clock.now_ns()
+        self.conditions.clear_subject(self.name, now_ns)
+        self.conditions.set(GONE, self.name, now_ns, str(error))
+        self._lost.set()
+
+    def _sent(self, frames: Sequence[tuple[int, bytes]], taken: int) -> None:
+        traffic = self.traffic
+        traffic.sent += taken
+        traffic.refused += len(frames) - taken
+        for _, data in frames[:taken]:
+            traffic.bits += _BITS[len(data)]
+        if self._tap is not None:
+            t_ns = self._clock.now_ns()
+            for can_id, data in frames[:taken]:
+                self._tap(can_id, data, t_ns)
+
+    def _watch(self, link: CanLink, t_ns: int) -> None:
+        """Look after the nodes; once all are well, their frames need not wake us one by one."""
+        for node in self.nodes.values():
+            node.watch(t_ns)
+        in_cycle = self.operational
+        if in_cycle is not self._reads_in_cycle:
+            self._reads_in_cycle = in_cycle
+            link.read_in_cycle(in_cycle)
+
+    def _foreign(self, can_id: int, t_ns: int) -> None:
+        self.traffic.foreign += 1
+        self.conditions.set(FOREIGN_FRAMES, self.name, t_ns, f"identifier 0x{can_id:X}")
+
+    def _current_step(self) -> PermittedStep | None:
+        """The step, unless an axis has stopped following: none may move on without the others."""
+        if self._step is not None and not all(channel.following for channel in self.channels):
+            self._step = None
+        together = all(
+            channel.state in _WAITS_FOR_OTHERS
+            for channel in self.channels
+            if channel.goal is PowerGoal.ENABLED
+        )
+        for channel in self.channels:
+            channel.waits_for_others = not together
+        return self._step
+
+    async def _open(self) -> bool:
+        self._lost.clear()
+        try:
+            link = await self._open_link(self)
+        except LinkError as error:
+            now_ns = self._clock.now_ns()
+            self.conditions.set(CANNOT_OPEN, self.name, now_ns, str(error))
+            return False
+        if self._lost.is_set():
+            return False
+        self._link, self._reads_in_cycle = link, False
+        for condition in (CANNOT_OPEN, GONE):
+            self.conditions.clear(condition, self.name, self._clock.now_ns())
+        return True
+
+    async def _reach(self, goal: PowerGoal) -> None:
+        self.set_goal(goal)
+        while not all(channel.goal_reached for channel in self.channels):
+            await asyncio.sleep(self.bus.cycle_period_s)
+
+    def _make_nodes(
+        self, dictionaries: Mapping[int, ObjectDictionary], clock: Clock
+    ) -> dict[int, Node]:
+        by_node: dict[int, list[AxisChannel]] = {}
+        for channel in self.channels:
+            by_node.setdefault(channel.axis.drive.node, []).append(channel)
+        return {
+            number: Node(
+                f"{self.name}/{number}",
+                self.bus,
+                channels,
+                dictionaries[number],
+                self.send,
+                clock,
+                self.conditions,
+            )
+            for number, channels in by_node.items()
+        }
+
+    def _make_handlers(self) -> dict[int, Callable[[bytes, int], None]]:
+        handlers: dict[int, Callable[[bytes, int], None]] = {}
+        for number, node in self.nodes.items():
+            handlers[cob_ids.heartbeat(number)] = node.heartbeat_received
+            handlers[cob_ids.emergency(number)] = node.emergency_received
+            handlers[node.sdo.response_id] = node.sdo.receive
+            for channel in node.channels:
+                handlers[channel.pdos.tpdo.can_id] = node.state_handler(channel)
+        return handlers

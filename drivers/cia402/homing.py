@@ -1,0 +1,122 @@
+"""How a drive finds its zero: mode 6, a start bit, and what it says on the way (CiA 402-2, 8)."""
+
+import asyncio
+from enum import Enum
+from typing import Final
+
+from config.axis import Axis, LinearAxis
+from drivers.canopen.object_dictionary import ObjectDictionary
+from drivers.canopen.sdo_client import SdoClient, SdoError
+from drivers.cia402 import objects
+from drivers.cia402.axis_channel import AxisChannel
+from drivers.cia402.modes import HOMING_MODE, MODES
+from drivers.cia402.power_state import PowerGoal, PowerState, Status
+
+_POLL_S: Final = 0.02
+_MODE_WITHIN_S: Final = 1.0
+_STARTED_WITHIN_S: Final = 0.1
+_ENABLED_WITHIN_S: Final = 3.0
+
+
+class HomingError(RuntimeError):
+    """The axis has no zero; the text says how far it came."""
+
+
+class HomingProgress(Enum):
+    """Bits 13, 12 and 10 of the statusword in homing mode."""
+
+    IN_PROGRESS = "in progress"
+    NOT_STARTED = "interrupted or not started"
+    ATTAINED = "attained, still moving"
+    DONE = "done"
+    ERROR = "error"
+
+
+def homing_progress(statusword: int) -> HomingProgress:
+    """How far homing is."""
+    if statusword & Status.HOMING_ERROR:
+        return HomingProgress.ERROR
+    reached = bool(statusword & Status.TARGET_REACHED)
+    if statusword & Status.HOMING_ATTAINED:
+        return HomingProgress.DONE if reached else HomingProgress.ATTAINED
+    return HomingProgress.NOT_STARTED if reached else HomingProgress.IN_PROGRESS
+
+
+class Homing:
+    """One axis looks for its zero. The bus cycle must go on meanwhile."""
+
+    def __init__(self, channel: AxisChannel, dictionary: ObjectDictionary, sdo: SdoClient) -> None:
+        self._channel = channel
+        self._axis = channel.axis
+        self._dictionary = dictionary
+        self._sdo = sdo
+
+    async def run(self) -> None:
+        """Home the axis; afterwards it is off, and in its own mode again. Raises HomingError."""
+        try:
+            async with asyncio.timeout(self._axis.homing.timeout_s):
+                await self._set_up()
+                await self._enable()
+                await self._seek()
+        except TimeoutError:
+            told = homing_progress(self._channel.statusword).value
+            raise HomingError(
+                f"{self._axis.name}: not within {self._axis.homing.timeout_s:g} s: {told}"
+            ) from None
+        except SdoError as error:
+            raise HomingError(f"{self._axis.name}: {error}") from error
+        finally:
+            self._channel.homing = False
+            self._channel.start_homing = False
+            self._goal(PowerGoal.OFF)
+        await self._change_mode(MODES[self._axis.drive.mode].number)
+
+    async def _set_up(self) -> None:
+        speed = _homing_speed(self._axis, self._channel)
+        await self._write(objects.HOMING_METHOD, 0, self._axis.homing.method)
+        for subindex in (1, 2):
+            await self._write(objects.HOMING_SPEEDS, subindex, speed)
+        await self._change_mode(HOMING_MODE)
+
+    async def _change_mode(self, number: int) -> None:
+        """Change the mode and wait until the drive shows it."""
+        await self._write(objects.MODE, 0, number)
+        display = objects.of_axis(objects.MODE_DISPLAY, self._axis.drive.axis)
+        async with asyncio.timeout(_MODE_WITHIN_S):
+            while await self._sdo.read(display) != bytes([number]):
+                await asyncio.sleep(_POLL_S)
+
+    async def _enable(self) -> None:
+        self._channel.homing = True
+        self._goal(PowerGoal.ENABLED)
+        async with asyncio.timeout(_ENABLED_WITHIN_S):
+            while self._channel.state is not PowerState.OPERATION_ENABLED:
+                await asyncio.sleep(_POLL_S)
+
+    async def _seek(self) -> None:
+        """Raise the start bit and keep it until the drive is done."""
+        self._channel.start_homing = True
+        await asyncio.sleep(_STARTED_WITHIN_S)  # until then it may still show an earlier homing
+        while True:
+            if self._channel.state is not PowerState.OPERATION_ENABLED:
+                state = self._channel.state.value
+                raise HomingError(f"{self._axis.name}: went into {state} while homing")
+            progress = homing_progress(self._channel.statusword)
+            if progress is HomingProgress.DONE:
+                return
+            if progress is HomingProgress.ERROR:
+                raise HomingError(f"{self._axis.name}: the drive found no zero")
+            await asyncio.sleep(_POLL_S)
+
+    def _goal(self, goal: PowerGoal) -> None:
+        self._channel.set_goal(goal, self._channel.received_ns or 0)
+
+    async def _write(self, index: int, subindex: int, value: int) -> None:
+        index = objects.of_axis(index, self._axis.drive.axis)
+        await self._sdo.write(index, subindex, self._dictionary.encode(index, subindex, value))
+
+
+def _homing_speed(axis: Axis, channel: AxisChannel) -> int:
+    speed = axis.homing_speed_mm_s if isinstance(axis, LinearAxis) else axis.homing_speed_rad_s
+    counts_s = channel.scale.magnitude(speed)
+    return max(1, round(counts_s / axis.drive.velocity_unit_counts_s))

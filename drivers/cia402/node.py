@@ -1,0 +1,298 @@
+"""One node on the bus, from absent to operational and back: a supervised life of its own."""
+
+import asyncio
+from collections.abc import Callable, Sequence
+from enum import Enum
+from typing import Final
+
+from config.bus import Bus
+from drivers.canopen.codec import cob_ids
+from drivers.canopen.codec.emcy import Emergency, decode_emergency
+from drivers.canopen.codec.error import CodecError
+from drivers.canopen.codec.nmt import NmtCommand, NmtState, encode_nmt_command
+from drivers.canopen.heartbeat_monitor import HeartbeatMonitor
+from drivers.canopen.object_dictionary import ObjectDictionary
+from drivers.canopen.sdo_client import SdoClient, SdoError
+from drivers.cia402 import conditions as c
+from drivers.cia402 import objects
+from drivers.cia402.axis_channel import AxisChannel
+from drivers.cia402.bring_up import BringUpError, Identity, NodeSetUp
+from drivers.cia402.power_state import PowerState, Status
+from drivers.clock import Clock
+from drivers.conditions import Condition, Conditions
+
+_BOOT_UP_WITHIN_S: Final = 1.5
+_BOOTS_WITHIN_S: Final = 0.6
+_SETTLE_S: Final = 0.1  # a boot loader announces itself first, then the drive does
+_OPERATIONAL_WITHIN_S: Final = 1.0
+_TRY_AGAIN_S: Final = 0.5
+_PDO_SILENT_CYCLES: Final = 5
+_FOLLOWING_ERROR: Final = 0x8611
+_KEPT_WHEN_SET_UP: Final = (c.SAFETY_MISSING, c.CYCLIC_MODE_NOT_LISTED, c.MODE_REFUSED, c.EMERGENCY)
+
+Send = Callable[[int, bytes], bool]
+
+
+class NodeState(Enum):
+    """Where a node is in its life."""
+
+    ABSENT = "absent"
+    SETTING_UP = "setting up"
+    OPERATIONAL = "operational"
+
+
+class Node:
+    """A node with one or more axes. `life` runs until cancelled."""
+
+    def __init__(
+        self,
+        subject: str,
+        bus: Bus,
+        channels: Sequence[AxisChannel],
+        dictionary: ObjectDictionary,
+        send: Send,
+        clock: Clock,
+        conditions: Conditions,
+    ) -> None:
+        drive = channels[0].axis.drive
+        self.number = drive.node
+        self.subject = subject
+        self.channels = channels
+        self.state = NodeState.ABSENT
+        self.identity: Identity | None = None
+        self.last_emergency: Emergency | None = None
+        self.emergencies = 0
+        self.heartbeat = HeartbeatMonitor(round(drive.heartbeat_timeout_s * 1e9))
+        self.sdo = SdoClient(drive.node, send)
+        self._bus = bus
+        self.dictionary = dictionary
+        self._send = send
+        self._clock = clock
+        self._conditions = conditions
+        self._pdo_timeout_ns = round(_PDO_SILENT_CYCLES * bus.cycle_period_s * 1e9)
+        self._boot_ups_when_well: int | None = None
+        """None: it has not been operational since it was last set up."""
+        self._heard = asyncio.Event()
+        self._trouble = asyncio.Event()
+
+    # What comes from the bus.
+
+    def heartbeat_received(self, data: bytes, t_ns: int) -> None:
+        told = self.heartbeat.receive(data, t_ns)
+        self._heard.set()
+        if self.state is not NodeState.OPERATIONAL:
+            return
+        if told is None or told is NmtState.OPERATIONAL:
+            return
+        if told is not NmtState.BOOT_UP:
+            self._conditions.note(c.NOT_OPERATIONAL, self.subject, t_ns, told.name.lower())
+        self._in_trouble()
+
+    def emergency_received(self, data: bytes, t_ns: int) -> None:
+        try:
+            emergency = decode_emergency(data)
+        except CodecError as error:
+            self._conditions.note(c.EMERGENCY, self.subject, t_ns, str(error))
+            return
+        self.emergencies += 1
+        self.last_emergency = emergency
+        if emergency.error_gone:
+            self._conditions.clear(c.EMERGENCY, self.subject, t_ns)
+            return
+        self._conditions.clear(c.EMERGENCY, self.subject, t_ns)
+        self._conditions.set(c.EMERGENCY, self.subject, t_ns, str(emergency))
+        if emergency.code == _FOLLOWING_ERROR:
+            self._conditions.note(c.FOLLOWING_ERROR, self.subject, t_ns, str(emergency))
+
+    def state_handler(self, channel: AxisChannel) -> Callable[[bytes, int], None]:
+        """What takes the TPDOs of `channel`: the busiest path of all."""
+
+        def state_received(data: bytes, t_ns: int) -> None:
+            before = channel.statusword
+            if not channel.receive(data, t_ns):
+                detail = f"{len(data)} bytes: {data.hex()}"
+                self._conditions.set(c.PDO_MALFORMED, self.subject, t_ns, detail)
+            elif channel.statusword != before:
+                self._status_changed(channel, t_ns)
+                self._heard.set()
+
+        return state_received
+
+    def link_lost(self) -> None:
+        """The bus is gone, and with it all that is known of the node."""
+        self._boot_ups_when_well = None
+        self.state = NodeState.ABSENT
+        self._forget()
+        self._conditions.clear_subject(self.subject, self._clock.now_ns())
+
+    def watch(self, t_ns: int) -> None:
+        """Look for what has not come. Called every cycle."""
+        if self.state is not NodeState.OPERATIONAL:
+            return
+        if self.heartbeat.is_lost(t_ns):
+            self._conditions.set(c.LOST, self.subject, t_ns)
+            self._in_trouble()
+            return
+        for channel in self.channels:
+            if channel.is_silent(t_ns, self._pdo_timeout_ns):
+                self._conditions.set(c.PDO_SILENT, self.subject, t_ns, channel.axis.name)
+                self._in_trouble()
+                return
+            if channel.is_unwilling(t_ns):
+                told = (
+                    f"told {channel.goal.value if channel.goal else ''}, is {channel.state.value}"
+                )
+                self._conditions.set(c.UNWILLING, channel.axis.name, t_ns, told)
+            else:
+                self._conditions.clear(c.UNWILLING, channel.axis.name, t_ns)
+
+    # Its life.
+
+    async def life(self) -> None:
+        """Set the node up, watch it, and begin anew whenever it is lost. Until cancelled."""
+        while True:
+            self.state = NodeState.SETTING_UP
+            self._forget()
+            try:
+                await self._set_up()
+                await self._start()
+            except BringUpError as error:
+                self.state = NodeState.ABSENT
+                self._cannot_be_used(error)
+                await asyncio.sleep(_TRY_AGAIN_S)
+                continue
+            self.state = NodeState.OPERATIONAL
+            self._boot_ups_when_well = self.heartbeat.boot_ups
+            now_ns = self._clock.now_ns()
+            self._conditions.clear_subject(self.subject, now_ns, keep=_KEPT_WHEN_SET_UP)
+            for channel in self.channels:
+                self._status_changed(channel, now_ns)
+            self._trouble.clear()
+            await self._trouble.wait()
+
+    async def _set_up(self) -> None:
+        """Take the node to pre-operational with its communication reset, and set it up."""
+        if await self._restarts_by_itself() or await self._reset_communication():
+            await asyncio.sleep(_SETTLE_S)
+        else:
+            await self._find_without_boot_up()
+        if not await self._write_settings() and not await self._write_settings():
+            raise BringUpError(c.RESET, "it restarts while it is being set up")
+
+    async def _restarts_by_itself(self) -> bool:
+        """Whether a node that has fallen silent says within its boot time that it restarted."""
+        known, self._boot_ups_when_well = self._boot_ups_when_well, None
+        if known is None:
+            return False
+        if not await self._hears(lambda: self.heartbeat.boot_ups > known, _BOOTS_WITHIN_S):
+            return False
+        self._conditions.note(c.RESET, self.subject, self._clock.now_ns())
+        return True
+
+    async def _reset_communication(self) -> bool:
+        """Whether the node answers a reset with its boot-up."""
+        before = self.heartbeat.boot_ups
+        self._command(NmtCommand.RESET_COMMUNICATION)
+        return await self._hears(lambda: self.heartbeat.boot_ups > before, _BOOT_UP_WITHIN_S)
+
+    async def _write_settings(self) -> bool:
+        """Identify the node and set it up. False: it booted meanwhile, as boot loaders make it."""
+        boot_ups = self.heartbeat.boot_ups
+        axes = [channel.axis for channel in self.channels]
+        set_up = NodeSetUp(self._bus, axes, self.dictionary, self.sdo, self._remark)
+        try:
+            self.identity = await set_up.run()
+        except BringUpError:
+            if self.heartbeat.boot_ups == boot_ups:
+                raise
+        return self.heartbeat.boot_ups == boot_ups
+
+    async def _find_without_boot_up(self) -> None:
+        """Some nodes announce nothing after a reset; one that answers is there."""
+        try:
+            await self.sdo.read(objects.DEVICE_TYPE)
+        except SdoError as error:
+            raise BringUpError(c.ABSENT, str(error)) from error
+        self._command(NmtCommand.ENTER_PRE_OPERATIONAL)
+
+    async def _start(self) -> None:
+        """Take the node to operational and wait until it says so and sends its state."""
+        self._command(NmtCommand.START)
+
+        def operational() -> bool:
+            return self.heartbeat.state is NmtState.OPERATIONAL
+
+        if not await self._hears(operational, _OPERATIONAL_WITHIN_S):
+            told = self.heartbeat.state
+            detail = "no heartbeat" if told is None else f"it says {told.name.lower()}"
+            raise BringUpError(c.NOT_OPERATIONAL, detail)
+
+        def sends_state() -> bool:
+            return all(channel.received_ns is not None for channel in self.channels)
+
+        if not await self._hears(sends_state, _OPERATIONAL_WITHIN_S):
+            raise BringUpError(c.PDO_SILENT, "no state since it was started")
+        await self._check_mode()
+
+    async def _hears(self, expected: Callable[[], bool], within_s: float) -> bool:
+        """Wait until what the node sends makes `expected` true. False: it does not."""
+        try:
+            async with asyncio.timeout(within_s):
+                while not expected():
+                    self._heard.clear()
+                    await self._heard.wait()
+        except TimeoutError:
+            return False
+        return True
+
+    async def _check_mode(self) -> None:
+        for channel in self.channels:
+            drive = channel.axis.drive
+            index = objects.of_axis(objects.MODE_DISPLAY, drive.axis)
+            wanted = objects.of_axis(objects.MODE, drive.axis)
+            try:
+                shown, told = await self.sdo.read(index), await self.sdo.read(wanted)
+            except SdoError as error:
+                raise BringUpError(c.SDO_SILENT, str(error)) from error
+            if shown != told:
+                detail = f"{channel.axis.name}: told {told.hex()}, shows {shown.hex()}"
+                self._remark(c.MODE_REFUSED, detail)
+
+    def _status_changed(self, channel: AxisChannel, t_ns: int) -> None:
+        """Keep the conditions that a statusword tells."""
+        subject, word = channel.axis.name, channel.statusword
+        limited = channel.state.energised and bool(word & Status.INTERNAL_LIMIT)
+        no_voltage = channel.had_voltage and not word & Status.VOLTAGE_ENABLED
+        for condition, present in (
+            (c.FAULT, channel.state in (PowerState.FAULT, PowerState.FAULT_REACTION)),
+            (c.WARNING, bool(word & Status.WARNING)),
+            (c.LIMIT_ACTIVE, limited),
+            (c.NO_VOLTAGE, no_voltage),
+        ):
+            if present:
+                told = self.last_emergency
+                self._conditions.set(condition, subject, t_ns, str(told) if told else "")
+            else:
+                self._conditions.clear(condition, subject, t_ns)
+
+    def _cannot_be_used(self, error: BringUpError) -> None:
+        """Of what stands in the way, only the latest counts; that it was lost stays."""
+        now_ns = self._clock.now_ns()
+        self._conditions.clear_subject(self.subject, now_ns, keep=(error.condition, c.LOST))
+        self._conditions.set(error.condition, self.subject, now_ns, error.detail)
+
+    def _in_trouble(self) -> None:
+        self.state = NodeState.SETTING_UP
+        self._forget()
+        self._trouble.set()
+
+    def _forget(self) -> None:
+        self.heartbeat.forget()
+        for channel in self.channels:
+            channel.forget()
+
+    def _command(self, command: NmtCommand) -> None:
+        self._send(cob_ids.NMT, encode_nmt_command(command, self.number))
+
+    def _remark(self, condition: Condition, detail: str) -> None:
+        self._conditions.set(condition, self.subject, self._clock.now_ns(), detail)

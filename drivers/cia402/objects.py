@@ -1,0 +1,51 @@
+"""Indices of the objects that the master reads and writes (CiA 301 and CiA 402)."""
+
+from typing import Final
+
+# Of the node.
+DEVICE_TYPE: Final = 0x1000
+ERROR_HISTORY: Final = 0x1003
+COMMUNICATION_CYCLE_PERIOD: Final = 0x1006
+DEVICE_NAME: Final = 0x1008
+GUARD_TIME: Final = 0x100C
+CONSUMER_HEARTBEAT: Final = 0x1016
+PRODUCER_HEARTBEAT: Final = 0x1017
+IDENTITY: Final = 0x1018
+ERROR_BEHAVIOUR: Final = 0x1029
+
+# Of axis 0; those of axis k stand at +0x800 k.
+ABORT_CONNECTION_OPTION: Final = 0x6007
+ERROR_CODE: Final = 0x603F
+CONTROLWORD: Final = 0x6040
+STATUSWORD: Final = 0x6041
+QUICK_STOP_OPTION: Final = 0x605A
+FAULT_REACTION_OPTION: Final = 0x605E
+MODE: Final = 0x6060
+MODE_DISPLAY: Final = 0x6061
+POSITION_ACTUAL: Final = 0x6064
+FOLLOWING_ERROR_WINDOW: Final = 0x6065
+FOLLOWING_ERROR_TIMEOUT: Final = 0x6066
+MAX_TORQUE: Final = 0x6072
+RATED_TORQUE: Final = 0x6076
+TORQUE_ACTUAL: Final = 0x6077
+TARGET_POSITION: Final = 0x607A
+SOFTWARE_POSITION_LIMIT: Final = 0x607D
+MAX_PROFILE_VELOCITY: Final = 0x607F
+PROFILE_VELOCITY: Final = 0x6081
+PROFILE_ACCELERATION: Final = 0x6083
+PROFILE_DECELERATION: Final = 0x6084
+QUICK_STOP_DECELERATION: Final = 0x6085
+HOMING_METHOD: Final = 0x6098
+HOMING_SPEEDS: Final = 0x6099
+HOMING_ACCELERATION: Final = 0x609A
+INTERPOLATION_PERIOD: Final = 0x60C2
+TARGET_VELOCITY: Final = 0x60FF
+SUPPORTED_MODES: Final = 0x6502
+
+_AXIS_OFFSET: Final = 0x800
+DEVICE_PROFILE_402: Final = 0x0192
+
+
+def of_axis(index: int, axis: int) -> int:
+    """Where object `index` of axis 0 stands for `axis`."""
+    return index + _AXIS_OFFSET * axis

@@ -1,0 +1,155 @@
+"""The serial side of the emulated tracker: commands come in and replies go out in wire time."""
+
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+from itertools import cycle
+
+import numpy as np
+
+from drivers.aurora.commands import CommandReader, LineSettings
+from drivers.aurora.replies import BINARY_START
+from sim_backends.devices.aurora.agenda import Agenda
+from sim_backends.devices.aurora.faults import Pending
+from sim_backends.devices.aurora.wire import heard, wire_ns
+
+Output = Callable[[bytes, int], None]
+"""Called with bytes that have arrived at the host's end, and the rate they were sent at."""
+
+_POWER_UP = LineSettings(9600)
+_MAX_COMMANDS = 16
+_MAX_BYTES_ON_THE_WAY = 8192
+_HANDED_ON_NS = 16_000_000
+"""A serial adapter hands on what has come at least so often."""
+_FRAGMENTS = (1, 2, 3, 5)
+_GAP_NS = 300_000
+_GARBAGE_BYTES = 7
+
+
+class Port:
+    """One command at a time; what comes meanwhile waits, and too much of it is lost."""
+
+    def __init__(
+        self,
+        agenda: Agenda,
+        pending: Pending,
+        strict_baud_rate: bool,
+        random: np.random.Generator,
+        begin: Callable[[bytes], int],
+        answer: Callable[[bytes], bytes | int],
+    ) -> None:
+        """begin: time in ns that a command line takes. answer: its reply, empty for none; or the
+        host time at which to ask again."""
+        self._agenda = agenda
+        self._pending = pending
+        self._strict = strict_baud_rate
+        self._random = random
+        self._begin = begin
+        self._answer = answer
+        self._reader = CommandReader()
+        self._commands: deque[bytes] = deque(maxlen=_MAX_COMMANDS)
+        self._busy = False
+        self._input_free_ns = 0
+        self._on_the_way = 0
+        self.settings = self._next_settings = _POWER_UP
+        self.late_ns = 0
+        self.hangs = False
+        self.is_deaf = False
+        self.left_unanswered = False
+        """The last command got no reply: a client that flushes now is about to send a break."""
+        self.output: Output = _nobody
+
+    def receive(self, data: bytes, baud_rate: int, t_ns: int) -> None:
+        """The host begins to send bytes."""
+        if self._on_the_way + len(data) > _MAX_BYTES_ON_THE_WAY:
+            return
+        self._on_the_way += len(data)
+        start_ns = max(t_ns, self._input_free_ns)
+        self._input_free_ns = start_ns + wire_ns(len(data), max(baud_rate, 300))
+        self._agenda.at(self._input_free_ns, lambda: self._arrive(data, baud_rate))
+
+    def restart(self) -> None:
+        """Back to power-up settings; nothing that was going on goes on."""
+        self.settings = self._next_settings = _POWER_UP
+        self._reader.clear()
+        self._commands.clear()
+        self._busy = self.hangs = self.is_deaf = self.left_unanswered = False
+        self._on_the_way = 0
+
+    def change_settings(self, settings: LineSettings) -> None:
+        """From the end of the present reply on."""
+        self._next_settings = settings
+        if not self._busy:
+            self.settings = settings
+
+    def send(self, reply: bytes) -> None:
+        """Begin to send a reply, or something unasked."""
+        self._busy = True
+        if not reply or self.hangs or self._pending.take("no_reply"):
+            self.left_unanswered = True
+            self._done()
+        elif self._pending.take("late"):
+            self._agenda.after(self.late_ns, lambda: self._transmit(reply))
+        else:
+            self._transmit(reply)
+
+    def _arrive(self, data: bytes, baud_rate: int) -> None:
+        self._on_the_way -= len(data)
+        if self.is_deaf:
+            self.left_unanswered = True
+            return
+        if self._strict and baud_rate != self.settings.baud_rate:
+            self.left_unanswered = True
+            data = heard(data, baud_rate, self.settings.baud_rate, self._random)
+        self._commands.extend(self._reader.feed(data))
+        self._next()
+
+    def _next(self) -> None:
+        if self._commands and not self._busy:
+            self._busy = True
+            line = self._commands.popleft()
+            self._agenda.after(self._begin(line), lambda: self._reply_to(line))
+
+    def _reply_to(self, line: bytes) -> None:
+        answer = self._answer(line)
+        if isinstance(answer, int):
+            self._agenda.at(answer, lambda: self._reply_to(line))
+        else:
+            self.send(answer)
+
+    def _transmit(self, reply: bytes) -> None:
+        baud_rate = self.settings.baud_rate
+        gap_ns = _GAP_NS if self._pending.take("fragmented") else 0
+        sizes = cycle(_FRAGMENTS if gap_ns else (max(_HANDED_ON_NS // wire_ns(1, baud_rate), 1),))
+        reply = self._damaged(reply)
+        end_ns = self._agenda.now_ns
+        while reply:
+            size = next(sizes)
+            piece, reply = reply[:size], reply[size:]
+            end_ns += wire_ns(len(piece), baud_rate) + gap_ns
+            self._agenda.at(end_ns, partial(self._deliver, piece, baud_rate))
+        self.left_unanswered = False
+        self._agenda.at(end_ns, self._done)
+
+    def _deliver(self, piece: bytes, baud_rate: int) -> None:
+        self.output(piece, baud_rate)
+
+    def _done(self) -> None:
+        self._busy = False
+        self.settings = self._next_settings
+        self._next()
+
+    def _damaged(self, reply: bytes) -> bytes:
+        if self._pending.take("bad_crc"):
+            at = len(reply) - (1 if reply.startswith(BINARY_START) else 2)
+            digit = b"1" if reply[at : at + 1] == b"0" else b"0"
+            reply = reply[:at] + digit + reply[at + 1 :]
+        if self._pending.take("truncated"):
+            reply = reply[: len(reply) // 2]
+        if self._pending.take("garbage"):
+            reply = bytes(self._random.integers(0x80, 0xC0, _GARBAGE_BYTES, np.uint8)) + reply
+        return reply
+
+
+def _nobody(data: bytes, baud_rate: int) -> None:
+    """Nobody is listening."""

@@ -1,0 +1,173 @@
+"""Commands of the emulated tracker about the system: settings, modes, tracking."""
+# ruff: noqa: ARG001 - all commands have one shape
+
+from typing import TYPE_CHECKING
+
+from drivers.aurora.commands import decode_line_settings
+from drivers.aurora.errors import CodecError
+from drivers.aurora.fields import hex_number
+from drivers.aurora.parameters import encode_parameters
+from drivers.aurora.replies import OKAY
+from drivers.aurora.tracking_data import OUT_OF_VOLUME_TOO, TRANSFORMS, encode_bx, encode_tx
+from drivers.aurora.versions import encode_version_text
+from drivers.aurora.volumes import encode_volumes
+from sim_backends.devices.aurora import identity
+from sim_backends.devices.aurora.refusal import (
+    BAD_LINE_SETTINGS,
+    CANNOT_START_TRACKING,
+    NEEDS_8_BITS,
+    NOT_PRESENT,
+    OUT_OF_RANGE,
+    PARAMETER_COUNT,
+    TOO_SHORT,
+    Refusal,
+    Reply,
+)
+
+if TYPE_CHECKING:
+    from sim_backends.devices.aurora.device import EmulatedAurora
+
+
+def api_revision(device: "EmulatedAurora", arguments: str) -> Reply:
+    """APIREV."""
+    return str(identity.API_REVISION)
+
+
+def beep(device: "EmulatedAurora", arguments: str) -> Reply:
+    """BEEP."""
+    if not 1 <= hex_number(arguments, "BEEP") <= 9:
+        raise Refusal(OUT_OF_RANGE)
+    return "1"
+
+
+def comm(device: "EmulatedAurora", arguments: str) -> Reply:
+    """COMM."""
+    try:
+        settings = decode_line_settings(arguments)
+    except CodecError:
+        raise Refusal(BAD_LINE_SETTINGS) from None
+    device.change_line(settings)
+    return OKAY
+
+
+def forget_parameters(device: "EmulatedAurora", arguments: str) -> Reply:
+    """DFLT."""
+    device.forget_parameters()
+    return OKAY
+
+
+def echo(device: "EmulatedAurora", arguments: str) -> Reply:
+    """ECHO."""
+    if len(arguments) < 4:
+        raise Refusal(TOO_SHORT)
+    return arguments
+
+
+def get_parameters(device: "EmulatedAurora", arguments: str) -> Reply:
+    """GET."""
+    return encode_parameters(device.parameters.get(arguments))
+
+
+def describe_parameters(device: "EmulatedAurora", arguments: str) -> Reply:
+    """GETINFO."""
+    return "\n".join(device.parameters.describe(arguments))
+
+
+def set_parameter(device: "EmulatedAurora", arguments: str) -> Reply:
+    """SET."""
+    name, separator, value = arguments.partition("=")
+    if not separator:
+        raise Refusal(PARAMETER_COUNT)
+    device.parameters.set(name, value)
+    return OKAY
+
+
+def save_parameters(device: "EmulatedAurora", arguments: str) -> Reply:
+    """SAVE."""
+    device.parameters.found(arguments or "*")
+    return OKAY
+
+
+def initialise(device: "EmulatedAurora", arguments: str) -> Reply:
+    """INIT."""
+    device.initialise()
+    return OKAY
+
+
+def reset(device: "EmulatedAurora", arguments: str) -> Reply:
+    """RESET."""
+    if arguments not in ("", "0", "1"):
+        raise Refusal(OUT_OF_RANGE)
+    device.reset_soon(soft=arguments == "0")
+    return ""
+
+
+def system_status(device: "EmulatedAurora", arguments: str) -> Reply:
+    """SSTAT."""
+    return "00"
+
+
+def version(device: "EmulatedAurora", arguments: str) -> Reply:
+    """VER."""
+    tag = device.config.freeze_tag
+    if arguments == "5":
+        return identity.combined_firmware(tag)
+    if arguments == "7" and device.field_generator_is_unplugged:
+        raise Refusal(NOT_PRESENT)
+    if arguments not in ("0", "4", "7"):
+        raise Refusal(OUT_OF_RANGE)
+    return encode_version_text(identity.version_lines(arguments, tag))
+
+
+def features(device: "EmulatedAurora", arguments: str) -> Reply:
+    """SFLIST."""
+    if arguments == "00":
+        return f"{identity.FEATURES:08X}"
+    if arguments != "03":
+        raise Refusal(OUT_OF_RANGE)
+    return encode_volumes([identity.CUBE])
+
+
+def select_volume(device: "EmulatedAurora", arguments: str) -> Reply:
+    """VSEL."""
+    if arguments != "1":
+        raise Refusal(OUT_OF_RANGE)
+    return OKAY
+
+
+def start_tracking(device: "EmulatedAurora", arguments: str) -> Reply:
+    """TSTART."""
+    options = hex_number(arguments or "00", "TSTART")
+    if options & ~0xC0:
+        raise Refusal(OUT_OF_RANGE)
+    if device.field_generator_is_unplugged:
+        raise Refusal(CANNOT_START_TRACKING)
+    device.start_tracking(fast=bool(options & 0x40), from_zero=bool(options & 0x80))
+    return OKAY
+
+
+def stop_tracking(device: "EmulatedAurora", arguments: str) -> Reply:
+    """TSTOP."""
+    device.stop_tracking()
+    return OKAY
+
+
+def track_binary(device: "EmulatedAurora", arguments: str) -> Reply:
+    """BX."""
+    options = _tracking_options(arguments)
+    if device.line.data_bits != 8:
+        raise Refusal(NEEDS_8_BITS)
+    return encode_bx(device.tracking_data(bool(options & OUT_OF_VOLUME_TOO)))
+
+
+def track_text(device: "EmulatedAurora", arguments: str) -> Reply:
+    """TX."""
+    options = _tracking_options(arguments)
+    return encode_tx(device.tracking_data(bool(options & OUT_OF_VOLUME_TOO)))
+
+
+def _tracking_options(arguments: str) -> int:
+    options = hex_number(arguments or "0001", "BX") | TRANSFORMS
+    if options & ~(TRANSFORMS | OUT_OF_VOLUME_TOO):
+        raise Refusal(OUT_OF_RANGE)
+    return options

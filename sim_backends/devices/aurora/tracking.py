@@ -1,0 +1,152 @@
+"""The measuring side of the emulated tracker: a frame at a time, from the body's true poses."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from config.emulated_tracker import EmulatedTracker
+from drivers.aurora.status_bits import HandleState, PortStatus
+from drivers.aurora.tracking_data import ToolReading
+from drivers.pose import Pose, Vector
+from sim_backends.devices.aurora.agenda import Agenda
+from sim_backends.devices.aurora.faults import Pending
+from sim_backends.devices.aurora.frames import FrameGrid
+from sim_backends.devices.aurora.measurement import Measured, Sensing
+from sim_backends.devices.aurora.rack import Handle, Rack, Socket
+
+BodyPoses = Callable[[int], Mapping[str, Pose]]
+"""Poses of `tip` and `base` in the robot's base frame at a host time in ns."""
+
+_BESIDE_THE_GENERATOR = Pose(np.array([400.0, 0.0, 50.0]), np.array([1.0, 0.0, 0.0, 0.0]))
+_OUTSIDE = PortStatus.OUT_OF_VOLUME | PortStatus.PARTIALLY_OUT_OF_VOLUME
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame: its number, its host time, and what was measured, by handle."""
+
+    number: int
+    t_ns: int
+    measured: Mapping[int, Measured]
+
+
+class Tracking:
+    """Frames while tracking."""
+
+    def __init__(
+        self,
+        config: EmulatedTracker,
+        body_poses: BodyPoses,
+        agenda: Agenda,
+        grid: FrameGrid,
+        rack: Rack,
+        pending: Pending,
+        seed: np.random.SeedSequence,
+    ) -> None:
+        self._body_poses = body_poses
+        self._agenda = agenda
+        self._grid = grid
+        self._rack = rack
+        self._pending = pending
+        self._sensing = Sensing(config, seed)
+        turn = np.array(config.base_quaternion)
+        self._base = Pose(np.array(config.base_position_mm), turn / np.linalg.norm(turn))
+        self._outliers: dict[str, Vector] = {}
+        self._run = 0
+        self._index = 0
+        self._reported = -1
+        self.latest: Frame | None = None
+
+    def start(self) -> None:
+        """Measure from now on, in the grid's rhythm."""
+        self.stop()
+        self._index = 0
+        self._reported = -1
+        self._schedule(self._run)
+
+    def stop(self) -> None:
+        """Measure no longer."""
+        self._run += 1
+        self.latest = None
+
+    def next_news_ns(self, hold: bool) -> int | None:
+        """When there will be something to report; None: now."""
+        waits = self.latest is None or (hold and self.latest.number == self._reported)
+        return self._grid.host_ns(self._index + 1) if waits else None
+
+    def readings(self, out_of_volume_too: bool) -> tuple[ToolReading, ...]:
+        """The latest frame, as a reply lists it."""
+        assert self.latest is not None
+        self._reported = self.latest.number
+        return tuple(
+            _reading(number, handle, self.latest, out_of_volume_too)
+            for number, handle in self._rack.handles.items()
+        )
+
+    def displace_once(self, who: str, offset_mm: Vector) -> None:
+        """The next reading of this tool is off by so much. offset_mm: (3,)."""
+        self._outliers[who] = offset_mm
+
+    def _schedule(self, run: int) -> None:
+        self._agenda.at(self._grid.host_ns(self._index + 1), lambda: self._measure(run))
+
+    def _measure(self, run: int) -> None:
+        if run != self._run:
+            return
+        self._index += 1
+        t_ns = self._agenda.now_ns
+        if self.latest is None or not self._pending.holds("frozen", t_ns):
+            poses = self._body_poses(t_ns)
+            measured = {
+                number: self._measured(handle.socket, poses, t_ns)
+                for number, handle in self._rack.handles.items()
+                if handle.enabled
+            }
+            self.latest = Frame(self._grid.number(self._index), t_ns, measured)
+        self._schedule(run)
+
+    def _measured(self, socket: Socket, poses: Mapping[str, Pose], t_ns: int) -> Measured:
+        pose = poses.get(socket.tool.attached_to)
+        true = self._base @ pose if pose is not None else _BESIDE_THE_GENERATOR
+        period_s = self._grid.period_ns * 1e-9
+        measured = self._sensing.measure(socket.tool, true, period_s, self._grid.is_fast)
+        return self._with_faults(measured, socket.name, t_ns)
+
+    def _with_faults(self, measured: Measured, who: str, t_ns: int) -> Measured:
+        holds = self._pending.holds
+        offset_mm = self._outliers.pop(who, None)
+        if holds("missing", t_ns, who) or holds("unplug_field_generator", t_ns):
+            return Measured(None)
+        if holds("broken_sensor", t_ns, who):
+            return Measured(None, PortStatus.SENSOR_BROKEN)
+        pose = measured.pose
+        if pose is not None and offset_mm is not None:
+            measured = replace(measured, pose=Pose(pose.position_mm + offset_mm, pose.quaternion))
+        if pose is not None and holds("implausible_pose", t_ns, who):
+            measured = replace(measured, pose=Pose(pose.position_mm, np.zeros(4)))
+        if holds("out_of_volume", t_ns, who):
+            return replace(measured, flags=PortStatus.OUT_OF_VOLUME)
+        if holds("partially_out_of_volume", t_ns, who):
+            return replace(measured, flags=PortStatus.PARTIALLY_OUT_OF_VOLUME)
+        return measured
+
+
+def _reading(number: int, handle: Handle, frame: Frame, out_of_volume_too: bool) -> ToolReading:
+    measured = frame.measured.get(number)
+    if not handle.enabled or measured is None:
+        return ToolReading(number, HandleState.DISABLED)
+    status = int(handle.status | measured.flags)
+    if measured.pose is None or (measured.flags & _OUTSIDE and not out_of_volume_too):
+        return ToolReading(number, HandleState.MISSING, None, None, 0.0, status, frame.number)
+    q0, qx, qy, qz = (float(value) for value in measured.pose.quaternion)
+    x, y, z = (float(value) for value in measured.pose.position_mm)
+    return ToolReading(
+        number,
+        HandleState.VALID,
+        (q0, qx, qy, qz),
+        (x, y, z),
+        measured.indicator,
+        status,
+        frame.number,
+    )

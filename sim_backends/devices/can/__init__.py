@@ -1,0 +1,1 @@
+"""A modelled CAN bus and the two ways into it."""

@@ -1,0 +1,1 @@
+"""Physics only: actuator positions and load in, body shape and forces out."""

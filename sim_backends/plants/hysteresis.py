@@ -1,0 +1,43 @@
+"""Rate-independent hysteresis by Prandtl and Ishlinskii: many small springs, each with a slider.
+
+A stop operator of threshold r is a spring that slips once it is stretched by r; its play operator
+is where the slider stands. Springs and sliders in parallel give a force that remembers turning
+points, wipes out inner loops and never gives back more work than was put in. (The operator with
+play operators is the inverse of this one: displacement from force instead of force from
+displacement. Their weights relate alike: the body is stiffer by `Σ stiffness` after a reversal.)
+"""
+
+import numpy as np
+
+from sim_backends.plants.plant import FloatArray
+
+
+class StopOperators:
+    """Sliders of n thresholds on each of m displacements.
+
+    stiffness: (m, n) N/mm. threshold_mm: (n,) positive. slider_mm: (m, n) where the sliders stand.
+    """
+
+    def __init__(
+        self, stiffness: FloatArray, threshold_mm: FloatArray, slider_mm: FloatArray
+    ) -> None:
+        self._stiffness = stiffness
+        self._threshold = threshold_mm
+        self.slider_mm = slider_mm
+
+    def force(self, displacement_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(m,) force N against a monotone move to (m,) displacements, and its derivative."""
+        stretch = displacement_mm[:, None] - self.slider_mm
+        held = np.minimum(np.maximum(stretch, -self._threshold), self._threshold)
+        sticks = stretch == held
+        return (self._stiffness * held).sum(axis=1), (self._stiffness * sticks).sum(axis=1)
+
+    def sticking(self) -> FloatArray:
+        """(m,) N/mm against a move that turns all sliders back: none of them slips."""
+        return np.asarray(self._stiffness.sum(axis=1))
+
+    def after(self, displacement_mm: FloatArray) -> "StopOperators":
+        """The sliders after a monotone move."""
+        stretch = displacement_mm[:, None] - self.slider_mm
+        held = np.minimum(np.maximum(stretch, -self._threshold), self._threshold)
+        return StopOperators(self._stiffness, self._threshold, displacement_mm[:, None] - held)

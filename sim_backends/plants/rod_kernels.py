@@ -1,0 +1,614 @@
+"""The rod's numerics, compiled: local strains, the march from base to tip, and its tangent.
+
+Strain is (shear, shear, stretch, bend, bend, twist), a wrench the force and moment that go with it,
+quaternions are scalar first. Every function that is cached on disk stands in this one file: numba
+notices a change only in the file of the cached function itself, so a kernel that called into
+another file would go on running its old text.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+ABSENT, TENDON, CHAMBER = 0, 1, 2
+
+LEAST_STRETCH = 0.05
+"""A body pressed to a twentieth of its length is no rod any more."""
+
+_LOCAL_TOLERANCE = 1e-7
+_LOCAL_ITERATIONS = 50
+_LARGEST_CORRECTION = 0.5
+
+_kernel = njit(cache=True, error_model="numpy")
+"""error_model: a division by zero gives inf, which is looked for, and no exception."""
+
+_inlined = njit(cache=True, error_model="numpy", forceinline=True)
+
+
+class LoadedRod(NamedTuple):
+    """A rod of N intervals with m routes, and what acts on it. All float64 and C-contiguous.
+
+    step: (N,) length of each interval. stiffness: (N, 6) GA, GA, EA, EI, EI, GJ. rest: (N, 3, 6)
+    strain without load at the start, middle and end of each interval. offset: (N, 3, m, 4) x, y,
+    x', y' of each route at these places. kind: (N, m) int8 ABSENT, TENDON or CHAMBER. tension:
+    (N, m), positive pulls. force: (N+1, 3) internal force at the nodes, base frame.
+    """
+
+    step: FloatArray
+    stiffness: FloatArray
+    rest: FloatArray
+    offset: FloatArray
+    kind: NDArray[np.int8]
+    tension: FloatArray
+    force: FloatArray
+
+
+class March(NamedTuple):
+    """A rod integrated from its base: not yet one that is in balance at its tip.
+
+    position_mm (N+1, 3), quaternion (N+1, 4) and moment_nmm (N+1, 3) at the nodes; strain
+    (N, 3, 6) at the start, middle and end of each interval; length_mm (m,) of each route.
+    """
+
+    position_mm: FloatArray
+    quaternion: FloatArray
+    moment_nmm: FloatArray
+    strain: FloatArray
+    length_mm: FloatArray
+
+
+@_kernel
+def _rotation(q: FloatArray, r: FloatArray) -> None:
+    """Rotation matrix of a quaternion of any length but zero."""
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    s = 2.0 / (w * w + x * x + y * y + z * z)
+    r[0, 0] = 1.0 - s * (y * y + z * z)
+    r[0, 1] = s * (x * y - w * z)
+    r[0, 2] = s * (x * z + w * y)
+    r[1, 0] = s * (x * y + w * z)
+    r[1, 1] = 1.0 - s * (x * x + z * z)
+    r[1, 2] = s * (y * z - w * x)
+    r[2, 0] = s * (x * z - w * y)
+    r[2, 1] = s * (y * z + w * x)
+    r[2, 2] = 1.0 - s * (x * x + y * y)
+
+
+@_kernel
+def _body_wrench(r: FloatArray, n: FloatArray, m: FloatArray, wrench: FloatArray) -> None:
+    """Force and moment of the cross-section in its own frame."""
+    for i in range(3):
+        wrench[i] = r[0, i] * n[0] + r[1, i] * n[1] + r[2, i] * n[2]
+        wrench[3 + i] = r[0, i] * m[0] + r[1, i] * m[1] + r[2, i] * m[2]
+
+
+@_inlined
+def _route(rod: LoadedRod, k: int, j: int, i: int, strain: FloatArray, along: FloatArray) -> float:
+    """What one newton in route i adds to the wrench (`along`), and the route's length per mm.
+
+    A tendon follows its own tangent g = v + u × r + r'. A chamber pushes along the normal of the
+    cross-section: the volume that a rigid cross-section sweeps is its area times the normal part
+    of g, so that part is the length that its pressure works on.
+    """
+    x, y = rod.offset[k, j, i, 0], rod.offset[k, j, i, 1]
+    g2 = strain[2] + strain[3] * y - strain[4] * x
+    if rod.kind[k, i] == CHAMBER:
+        along[0], along[1], along[2] = 0.0, 0.0, 1.0
+        along[3], along[4], along[5] = y, -x, 0.0
+        return float(g2)
+    g0 = strain[0] - strain[5] * y + rod.offset[k, j, i, 2]
+    g1 = strain[1] + strain[5] * x + rod.offset[k, j, i, 3]
+    length = np.sqrt(g0 * g0 + g1 * g1 + g2 * g2)
+    t0, t1, t2 = g0 / length, g1 / length, g2 / length
+    along[0], along[1], along[2] = t0, t1, t2
+    along[3], along[4], along[5] = y * t2, -x * t2, x * t1 - y * t0
+    return float(length)
+
+
+@_inlined
+def _add_tendon_stiffness(x: float, y: float, s: float, along: FloatArray, h: FloatArray) -> None:
+    """A taut tendon resists being turned: s (D'D - along along'), D = dg/d(strain) = [1, -r×].
+
+    s is the tension per length of g. Upper triangle only.
+    """
+    h[0, 0] += s
+    h[1, 1] += s
+    h[2, 2] += s
+    h[0, 5] -= s * y
+    h[1, 5] += s * x
+    h[2, 3] += s * y
+    h[2, 4] -= s * x
+    h[3, 3] += s * y * y
+    h[3, 4] -= s * x * y
+    h[4, 4] += s * x * x
+    h[5, 5] += s * (x * x + y * y)
+    for a in range(6):
+        for b in range(a, 6):
+            h[a, b] -= s * along[a] * along[b]
+
+
+@_inlined
+def _imbalance(
+    rod: LoadedRod,
+    k: int,
+    j: int,
+    wrench: FloatArray,
+    strain: FloatArray,
+    along: FloatArray,
+    residual: FloatArray,
+    h: FloatArray,
+) -> None:
+    """What `wrench` exceeds the cross-section's resistance by, and its stiffness h (6, 6)."""
+    for a in range(6):
+        residual[a] = wrench[a] - rod.stiffness[k, a] * (strain[a] - rod.rest[k, j, a])
+        for b in range(6):
+            h[a, b] = 0.0
+        h[a, a] = rod.stiffness[k, a]
+    for i in range(rod.kind.shape[1]):
+        tension = rod.tension[k, i]
+        if rod.kind[k, i] == ABSENT or tension == 0.0:
+            continue
+        length = _route(rod, k, j, i, strain, along)
+        for a in range(6):
+            residual[a] -= tension * along[a]
+        if rod.kind[k, i] == TENDON:
+            x, y = rod.offset[k, j, i, 0], rod.offset[k, j, i, 1]
+            _add_tendon_stiffness(x, y, tension / length, along, h)
+    for a in range(1, 6):
+        for b in range(a):
+            h[a, b] = h[b, a]
+
+
+@_kernel
+def _factor(h: FloatArray) -> bool:
+    """Cholesky factor in place (lower triangle). False where h is not positive definite."""
+    for a in range(6):
+        for b in range(a + 1):
+            rest = h[a, b]
+            for c in range(b):
+                rest -= h[a, c] * h[b, c]
+            if a > b:
+                h[a, b] = rest / h[b, b]
+            elif rest > 0.0:
+                h[a, a] = np.sqrt(rest)
+            else:
+                return False
+    return True
+
+
+@_kernel
+def _solve(h: FloatArray, x: FloatArray) -> None:
+    """Solve in place with the factor of `_factor`."""
+    for a in range(6):
+        for c in range(a):
+            x[a] -= h[a, c] * x[c]
+        x[a] /= h[a, a]
+    for a in range(5, -1, -1):
+        for c in range(a + 1, 6):
+            x[a] -= h[c, a] * x[c]
+        x[a] /= h[a, a]
+
+
+@_inlined
+def _strain_without_tendons(
+    rod: LoadedRod, k: int, j: int, wrench: FloatArray, strain: FloatArray, along: FloatArray
+) -> bool:
+    """Chambers push alike whatever the strain is, so the strain follows at once. False: tendons."""
+    for i in range(rod.kind.shape[1]):
+        if rod.kind[k, i] == TENDON and rod.tension[k, i] != 0.0:
+            return False
+    for a in range(6):
+        strain[a] = wrench[a] / rod.stiffness[k, a] + rod.rest[k, j, a]
+    for i in range(rod.kind.shape[1]):
+        if rod.kind[k, i] == CHAMBER:
+            _route(rod, k, j, i, strain, along)
+            for a in range(2, 5):
+                strain[a] -= rod.tension[k, i] * along[a] / rod.stiffness[k, a]
+    return True
+
+
+@_inlined
+def _solve_strain(
+    rod: LoadedRod,
+    k: int,
+    j: int,
+    wrench: FloatArray,
+    strain: FloatArray,
+    along: FloatArray,
+    residual: FloatArray,
+    h: FloatArray,
+) -> bool:
+    """The strain that balances `wrench`, by Newton from the guess in `strain`. False: none."""
+    if _strain_without_tendons(rod, k, j, wrench, strain, along):
+        return bool(strain[2] > LEAST_STRETCH)
+    for _ in range(_LOCAL_ITERATIONS):
+        _imbalance(rod, k, j, wrench, strain, along, residual, h)
+        if not _factor(h):
+            return False
+        _solve(h, residual)
+        size = 0.0
+        for a in range(6):
+            size += residual[a] * residual[a]
+        size = np.sqrt(size)
+        share = 1.0 if size <= _LARGEST_CORRECTION else _LARGEST_CORRECTION / size
+        for a in range(6):
+            strain[a] += share * residual[a]
+        # Quadratic convergence: after a last correction this small the error is its square.
+        if size <= _LOCAL_TOLERANCE:
+            return bool(strain[2] > LEAST_STRETCH)
+        if not size < np.inf:
+            return False
+    return False
+
+
+@_kernel
+def _slopes(
+    n: FloatArray,
+    r: FloatArray,
+    q: FloatArray,
+    strain: FloatArray,
+    dp: FloatArray,
+    dq: FloatArray,
+    dm: FloatArray,
+) -> None:
+    """Derivatives along s of position, quaternion and moment, for internal force n."""
+    for a in range(3):
+        dp[a] = r[a, 0] * strain[0] + r[a, 1] * strain[1] + r[a, 2] * strain[2]
+    u0, u1, u2 = 0.5 * strain[3], 0.5 * strain[4], 0.5 * strain[5]
+    dq[0] = -q[1] * u0 - q[2] * u1 - q[3] * u2
+    dq[1] = q[0] * u0 + q[2] * u2 - q[3] * u1
+    dq[2] = q[0] * u1 + q[3] * u0 - q[1] * u2
+    dq[3] = q[0] * u2 + q[1] * u1 - q[2] * u0
+    dm[0] = n[1] * dp[2] - n[2] * dp[1]
+    dm[1] = n[2] * dp[0] - n[0] * dp[2]
+    dm[2] = n[0] * dp[1] - n[1] * dp[0]
+
+
+@_kernel
+def _advance(here: FloatArray, h: float, slopes: FloatArray, there: FloatArray) -> None:
+    """One Runge-Kutta step of order 4 for one part of the state."""
+    for a in range(here.shape[0]):
+        middle = slopes[1, a] + slopes[2, a]
+        there[a] = here[a] + h / 6.0 * (slopes[0, a] + 2.0 * middle + slopes[3, a])
+
+
+@_kernel
+def _to_unit_length(q: FloatArray) -> bool:
+    """False where q is no rotation."""
+    norm = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    for a in range(4):
+        q[a] /= norm
+    return bool(0.0 < norm < np.inf)
+
+
+@_kernel
+def march(rod: LoadedRod, base_moment: FloatArray, out: March) -> bool:
+    """Integrate the rod from its clamped base, by Runge-Kutta of order 4. False: no such rod.
+
+    base_moment (3,). `out` is filled; its strain is the guess for the local strains on entry.
+    """
+    r, h = np.empty((3, 3)), np.empty((6, 6))
+    wrench, along, residual = np.empty(6), np.empty(6), np.empty(6)
+    q, m, n = np.empty(4), np.empty(3), np.empty(3)
+    dp, dq, dm = np.zeros((4, 3)), np.zeros((4, 4)), np.zeros((4, 3))
+    for a in range(3):
+        out.position_mm[0, a] = 0.0
+        out.moment_nmm[0, a] = base_moment[a]
+    for a in range(4):
+        out.quaternion[0, a] = 1.0 if a == 0 else 0.0
+    for i in range(rod.kind.shape[1]):
+        out.length_mm[i] = 0.0
+    for k in range(rod.step.shape[0]):
+        step = rod.step[k]
+        for stage in range(4):
+            j = (stage + 1) // 2
+            last, reach = max(stage - 1, 0), 0.5 * step * min(stage, 1) * max(j, 1)
+            for a in range(3):
+                m[a] = out.moment_nmm[k, a] + reach * dm[last, a]
+                n[a] = rod.force[k, a] + 0.5 * j * (rod.force[k + 1, a] - rod.force[k, a])
+            for a in range(4):
+                q[a] = out.quaternion[k, a] + reach * dq[last, a]
+            _rotation(q, r)
+            _body_wrench(r, n, m, wrench)
+            strain = out.strain[k, j]
+            if not _solve_strain(rod, k, j, wrench, strain, along, residual, h):
+                return False
+            _slopes(n, r, q, strain, dp[stage], dq[stage], dm[stage])
+            weight = step / (6.0 if stage == 0 or stage == 3 else 3.0)
+            for i in range(rod.kind.shape[1]):
+                if rod.kind[k, i] != ABSENT:
+                    out.length_mm[i] += weight * _route(rod, k, j, i, strain, along)
+        _advance(out.position_mm[k], step, dp, out.position_mm[k + 1])
+        _advance(out.moment_nmm[k], step, dm, out.moment_nmm[k + 1])
+        _advance(out.quaternion[k], step, dq, out.quaternion[k + 1])
+        if not _to_unit_length(out.quaternion[k + 1]):
+            return False
+    return True
+
+
+@_kernel
+def _multiply(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
+    """out = a b, for matrices too small to be worth a call of BLAS."""
+    for i in range(a.shape[0]):
+        for j in range(b.shape[1]):
+            out[i, j] = a[i, 0] * b[0, j]
+        for c in range(1, a.shape[1]):
+            for j in range(b.shape[1]):
+                out[i, j] += a[i, c] * b[c, j]
+
+
+@_kernel
+def _fill(out: FloatArray, value: float) -> None:
+    """All elements; slice assignment would take numba seconds longer to compile."""
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            out[i, j] = value
+
+
+@_kernel
+def _copy(a: FloatArray, out: FloatArray) -> None:
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            out[i, j] = a[i, j]
+
+
+@_kernel
+def _add(out: FloatArray, h: float, a: FloatArray) -> None:
+    """out += h a."""
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            out[i, j] += h * a[i, j]
+
+
+@_kernel
+def _integral(
+    h: float,
+    generator: FloatArray,
+    state: FloatArray,
+    source: FloatArray,
+    slope: FloatArray,
+    scratch: FloatArray,
+    out: FloatArray,
+) -> None:
+    """∫ X over an interval of length h, for X' = generator X + source from X = state.
+
+    The series h X + h²/2 D + h³/6 A D + h⁴/24 A² D with D = A X + source, D the first slope.
+    """
+    _multiply(generator, state, slope)
+    for a in range(6):
+        for b in range(state.shape[1]):
+            slope[a, b] += source[a, b]
+            scratch[a, b] = h / 4.0 * slope[a, b]
+    for order in (3.0, 2.0):
+        _multiply(generator, scratch, out)
+        for a in range(6):
+            for b in range(state.shape[1]):
+                scratch[a, b] = h / order * (slope[a, b] + out[a, b])
+    for a in range(6):
+        for b in range(state.shape[1]):
+            out[a, b] = h * (state[a, b] + scratch[a, b])
+
+
+@_kernel
+def _cross_columns(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
+    """Each column of out (3, c) = a × the column of b."""
+    for j in range(b.shape[1]):
+        out[0, j] = a[1] * b[2, j] - a[2] * b[1, j]
+        out[1, j] = a[2] * b[0, j] - a[0] * b[2, j]
+        out[2, j] = a[0] * b[1, j] - a[1] * b[0, j]
+
+
+@_kernel
+def _compliance(r: FloatArray, h: FloatArray, column: FloatArray, out: FloatArray) -> None:
+    """Inverse of a cross-section's stiffness, whose factor is h, turned into the base frame."""
+    for i in range(6):
+        for a in range(3):
+            column[a] = r[i, a] if i < 3 else 0.0
+            column[3 + a] = 0.0 if i < 3 else r[i - 3, a]
+        _solve(h, column)
+        for a in range(3):
+            out[a, i] = r[a, 0] * column[0] + r[a, 1] * column[1] + r[a, 2] * column[2]
+            out[3 + a, i] = r[a, 0] * column[3] + r[a, 1] * column[4] + r[a, 2] * column[5]
+
+
+@_kernel
+def _wrench_by_turn(n: FloatArray, m: FloatArray, out: FloatArray) -> None:
+    """(n × φ, δm + m × φ) as a matrix on (φ, δm): what the body's frame sees, in the base frame."""
+    _fill(out, 0.0)
+    for block, w in ((0, n), (3, m)):
+        out[block, 1], out[block, 2] = -w[2], w[1]
+        out[block + 1, 0], out[block + 1, 2] = w[2], -w[0]
+        out[block + 2, 0], out[block + 2, 1] = -w[1], w[0]
+    for a in range(3, 6):
+        out[a, a] = 1.0
+
+
+@_kernel
+def _middle(
+    rod: LoadedRod,
+    k: int,
+    path: March,
+    q: FloatArray,
+    r: FloatArray,
+    n: FloatArray,
+    m: FloatArray,
+    v: FloatArray,
+    along: FloatArray,
+    pushes: FloatArray,
+) -> None:
+    """Frame, force, moment, tangent and what the routes push, mid-interval, in the base frame."""
+    for a in range(4):
+        q[a] = path.quaternion[k, a] + path.quaternion[k + 1, a]
+    _rotation(q, r)
+    strain = path.strain[k, 1]
+    for a in range(3):
+        n[a] = 0.5 * (rod.force[k, a] + rod.force[k + 1, a])
+        m[a] = 0.5 * (path.moment_nmm[k, a] + path.moment_nmm[k + 1, a])
+        v[a] = r[a, 0] * strain[0] + r[a, 1] * strain[1] + r[a, 2] * strain[2]
+    _fill(pushes, 0.0)
+    for i in range(rod.kind.shape[1]):
+        if rod.kind[k, i] != ABSENT:
+            _route(rod, k, 1, i, strain, along)
+            for a in range(3):
+                for b in range(3):
+                    pushes[a, i] += r[a, b] * along[b]
+                    pushes[3 + a, i] += r[a, b] * along[3 + b]
+
+
+@_kernel
+def _generator(
+    n: FloatArray, v: FloatArray, strains: FloatArray, scratch: FloatArray, out: FloatArray
+) -> None:
+    """d/ds of (φ, δm), as a matrix on (φ, δm): φ' = δu and δm' = n × (δv + φ × v)."""
+    _copy(strains[3:], out[:3])
+    _copy(strains[:3], scratch)
+    for a in range(3):
+        b, c = (a + 1) % 3, (a + 2) % 3
+        scratch[b, a] -= v[c]
+        scratch[c, a] += v[b]
+    _cross_columns(n, scratch, out[3:])
+
+
+@_kernel
+def _exponential(h: float, a: FloatArray, scratch: FloatArray, out: FloatArray) -> None:
+    """exp(h a) to the fourth order: two orders more than the midpoint has, which costs little and
+    removes most of the error in the stability of a rod that has buckled."""
+    for i in range(6):
+        for j in range(6):
+            out[i, j] = h / 4.0 * a[i, j]
+        out[i, i] += 1.0
+    for order in (3.0, 2.0, 1.0):
+        _multiply(a, out, scratch)
+        for i in range(6):
+            for j in range(6):
+                out[i, j] = h / order * scratch[i, j]
+            out[i, i] += 1.0
+
+
+@_kernel
+def _add_lengthening(
+    h: float,
+    pushes: FloatArray,
+    strains: FloatArray,
+    answers: FloatArray,
+    spread: FloatArray,
+    integral: FloatArray,
+    change: FloatArray,
+    response: FloatArray,
+) -> None:
+    """Lengthening of the routes over an interval: what each pushes, times the change of strain."""
+    _multiply(strains, integral, change)
+    for i in range(answers.shape[1]):
+        for a in range(6):
+            change[a, 3 + i] -= h * answers[a, i] * spread[i]
+    for i in range(answers.shape[1]):
+        for b in range(integral.shape[1]):
+            for a in range(6):
+                response[3 + i, b] += pushes[a, i] * change[a, b]
+
+
+@_kernel
+def tangent(
+    rod: LoadedRod, spread: FloatArray, path: March, response: FloatArray, transfer: FloatArray
+) -> bool:
+    """How a marched rod answers to small changes, by the midpoint rule. False: no such rod.
+
+    spread (N, m): change of the tension in each interval per newton of each route's pull.
+    Filled: response (3+m, 3+m), d(tip moment, route lengths) / d(base moment, pulls); transfer
+    (N, 6, 6), which takes a turn φ and a change of moment δm, both in the base frame, from node to
+    node. With C the compliance of the cross-section and b what a route pushes, the change of strain
+    is C (n × φ, δm + m × φ) - C b δτ.
+    """
+    routes, columns = rod.kind.shape[1], 3 + rod.kind.shape[1]
+    r, h, c, turned = np.empty((3, 3)), np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
+    q, n, m, v, along = np.empty(4), np.empty(3), np.empty(3), np.empty(3), np.empty(6)
+    wrench, unused, scratch = np.zeros(6), np.empty(6), np.empty((6, columns))
+    strains, generator = np.empty((6, 6)), np.empty((6, 6))
+    pushes, answers = np.empty((6, routes)), np.empty((6, routes))
+    state, source = np.zeros((6, columns)), np.zeros((6, columns))
+    slope, integral = np.empty((6, columns)), np.empty((6, columns))
+    state[3, 0] = state[4, 1] = state[5, 2] = 1.0
+    _fill(response, 0.0)
+    for k in range(rod.step.shape[0]):
+        _middle(rod, k, path, q, r, n, m, v, along, pushes)
+        _imbalance(rod, k, 1, wrench, path.strain[k, 1], along, unused, h)
+        if not _factor(h):
+            return False
+        _compliance(r, h, along, c)
+        _wrench_by_turn(n, m, turned)
+        _multiply(c, turned, strains)
+        _multiply(c, pushes, answers)
+        _generator(n, v, strains, turned[:3], generator)
+        _exponential(rod.step[k], generator, turned, transfer[k])
+        _copy(answers[3:], source[:3, 3:])
+        _cross_columns(n, answers[:3], source[3:, 3:])
+        for i in range(routes):
+            for a in range(6):
+                source[a, 3 + i] *= -spread[k, i]
+        _integral(rod.step[k], generator, state, source, slope, scratch, integral)
+        _multiply(generator, integral, slope)
+        _add(state, 1.0, slope)
+        _add(state, rod.step[k], source)
+        _add_lengthening(
+            rod.step[k], pushes, strains, answers, spread[k], integral, slope, response
+        )
+    _copy(state[3:], response[:3])
+    return True
+
+
+@_kernel
+def _negative_pivots(a: FloatArray) -> int:
+    """Number of negative eigenvalues of the symmetric part of a (3, 3), by Sylvester's law."""
+    b01, b02 = 0.5 * (a[0, 1] + a[1, 0]), 0.5 * (a[0, 2] + a[2, 0])
+    b12 = 0.5 * (a[1, 2] + a[2, 1])
+    d0 = a[0, 0]
+    d1 = a[1, 1] - b01 * b01 / d0
+    c12 = b12 - b01 * b02 / d0
+    d2 = a[2, 2] - b02 * b02 / d0 - c12 * c12 / d1
+    return int(not (d0 > 0.0)) + int(not (d1 > 0.0)) + int(not (d2 > 0.0))
+
+
+@_kernel
+def _divide(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
+    """out = a⁻¹ b for (3, 3) matrices, by cofactors."""
+    for i in range(3):
+        i1, i2 = (i + 1) % 3, (i + 2) % 3
+        determinant = 0.0
+        for j in range(3):
+            j1, j2 = (j + 1) % 3, (j + 2) % 3
+            determinant += a[0, j] * (a[1, j1] * a[2, j2] - a[1, j2] * a[2, j1])
+        for c in range(3):
+            total = 0.0
+            for j in range(3):
+                j1, j2 = (j + 1) % 3, (j + 2) % 3
+                total += (a[j1, i1] * a[j2, i2] - a[j1, i2] * a[j2, i1]) * b[j, c]
+            out[i, c] = total / determinant
+
+
+@_kernel
+def unstable_directions(step: FloatArray, transfer: FloatArray, foundation: float) -> int:
+    """Number of independent ways in which the rod would rather turn away (its Morse index).
+
+    transfer (N, 6, 6) as `tangent` fills it, tensions and forces held. The energy's second
+    variation is a chain of elements between nodes; eliminating node after node from the free tip
+    down to the clamped base leaves a 3 × 3 pivot each, and as many negative directions as the
+    pivots have negative eigenvalues. `behind` is the stiffness that a node feels from the tip side.
+    foundation, N·mm/rad per mm, is added everywhere: more negative than this is unstable.
+    """
+    behind, pivot = np.zeros((3, 3)), np.empty((3, 3))
+    product, negative = np.empty((3, 3)), 0
+    for k in range(transfer.shape[0] - 1, -1, -1):
+        for a in range(3):
+            behind[a, a] += step[k] * foundation
+        turn, bend = transfer[k, :3, :3], transfer[k, :3, 3:]
+        _multiply(behind, bend, pivot)
+        _add(pivot, 1.0, transfer[k, 3:, 3:])
+        _multiply(bend.T, pivot, product)
+        negative += _negative_pivots(product)
+        _multiply(behind, turn, product)
+        _add(product, 1.0, transfer[k, 3:, :3])
+        _divide(pivot, product, behind)
+    return negative

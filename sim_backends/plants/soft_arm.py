@@ -1,0 +1,253 @@
+"""The two-segment pneumatic arm of Ho et al. 2018, standing on its base: pistons in, shape out.
+
+A Cosserat rod, three chambers per segment with enclosed gas, and a body that slips and creeps a
+little. The tip is up, so weight compresses the arm and makes it softer: it answers to a load like
+a column below its buckling load, which no constant-curvature model shows.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from config.emulated_plants import SoftArmPlant
+from drivers.pose import Pose
+from sim_backends.plants.creep import Creep
+from sim_backends.plants.gas import ATMOSPHERE_MPA, GasLines
+from sim_backends.plants.hysteresis import StopOperators
+from sim_backends.plants.plant import BodyState, FloatArray, PlantError, TipLoad
+from sim_backends.plants.rod import Rod, Section, helix
+from sim_backends.plants.shooting import ConstantPull, Equilibrium, Path, Problem, Solver
+
+CHAMBERS = 6
+INTERVALS = 20
+SLIDERS = 6
+
+GRAVITY_N_G = 9.80665e-3
+"""Weight in N of one gram."""
+
+
+@dataclass(frozen=True)
+class _Memory:
+    """All that the arm remembers, replaced as a whole by a step that succeeded.
+
+    ahead: how far the last step moved the equilibrium's unknowns. in_chamber: (6,) gas, MPa·mm³.
+    """
+
+    equilibrium: Equilibrium
+    ahead: FloatArray
+    in_chamber: FloatArray
+    sliders: StopOperators
+    creep: Creep
+    cylinder_mm3: FloatArray
+    load_n: FloatArray
+
+
+@dataclass(frozen=True)
+class _Chambers:
+    """What drives the rod in one step: gas that pushes, sliders that hold. A `Drive`."""
+
+    presence: FloatArray
+    gas: GasLines
+    sliders: StopOperators
+
+    def spread(self, pull_n: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return self.presence * pull_n, self.presence
+
+    def imbalance(
+        self, length_mm: FloatArray, pull_n: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        pressure, by_length = self.gas.chamber_pressure(length_mm)
+        held, stiffness = self.sliders.force(length_mm)
+        area = self.gas.area_mm2
+        return (
+            pull_n + (pressure - ATMOSPHERE_MPA) * area - held,
+            by_length * area - stiffness,
+            np.ones_like(pull_n),
+        )
+
+    def holding(self, length_mm: FloatArray) -> FloatArray:
+        _, by_length = self.gas.chamber_pressure(length_mm)
+        return self.sliders.sticking() - by_length * self.gas.area_mm2
+
+
+class SoftArm:
+    """A `Plant` of six actuators: proximal chambers 1 to 3, then distal chambers 1 to 3."""
+
+    def __init__(self, config: SoftArmPlant, cylinder_bore_mm: Sequence[float]) -> None:
+        if len(cylinder_bore_mm) != CHAMBERS:
+            raise ValueError(f"the arm needs {CHAMBERS} cylinder bores, not {cylinder_bore_mm}")
+        self._config = config
+        self._piston_mm2 = np.pi / 4.0 * np.asarray(cylinder_bore_mm, dtype=np.float64) ** 2
+        self._area_mm2 = config.chamber_area_mm2 * np.asarray(config.chamber_area_ratios)
+        self._rod = _rod(config)
+        self._solver = Solver(self._rod)
+        self._weight_n = np.array([0.0, 0.0, -GRAVITY_N_G * config.mass_g])
+        self._rested, self._amount = self._rest()
+        self._memory = self._rested
+
+    @property
+    def actuator_count(self) -> int:
+        return CHAMBERS
+
+    @property
+    def chamber_pressure_mpa(self) -> FloatArray:
+        """(6,) absolute pressure in the chambers."""
+        return self._memory.in_chamber / (self._area_mm2 * self.chamber_length_mm)
+
+    @property
+    def chamber_length_mm(self) -> FloatArray:
+        """(6,) length of the chambers along their middle."""
+        return self._memory.equilibrium.march.length_mm.copy()
+
+    def reset(self) -> None:
+        """Forget the past: the arm has rested at zero actuation for long."""
+        self._memory = self._rested
+
+    def step(self, actuators: FloatArray, load: TipLoad, dt_s: float) -> BodyState:
+        """Move the pistons to `actuators` within `dt_s` and let the arm follow.
+
+        actuators: (6,) mm, positive pushes gas into the chamber. Raises PlantError for inputs that
+        make no sense and where there is no equilibrium; the arm then keeps its last state.
+        """
+        cylinder_mm3, load_n = self._cylinders(actuators), self._tip_force(load)
+        if not 0.0 <= dt_s < np.inf:
+            raise PlantError(f"a step takes 0 s or longer, not {dt_s} s")
+        memory = self._memory
+        found = self._solver.find(
+            self._path(memory, cylinder_mm3, load_n, dt_s), memory.equilibrium, memory.ahead
+        )
+        if found is None:
+            raise PlantError(
+                f"the arm has no equilibrium at actuators {_list(actuators)} mm with "
+                f"{load.mass_g:g} g and {_list(load.force_n)} N at the tip"
+            )
+        lengths = found.march.length_mm
+        gas = self._gas(memory, cylinder_mm3, dt_s)
+        self._memory = _Memory(
+            equilibrium=found,
+            ahead=found.unknowns - memory.equilibrium.unknowns,
+            in_chamber=gas.amount_in_chamber(lengths),
+            sliders=memory.sliders.after(lengths),
+            creep=memory.creep.after(dt_s, found.march.strain),
+            cylinder_mm3=cylinder_mm3,
+            load_n=load_n,
+        )
+        gauge_mpa = gas.cylinder_pressure(lengths) - ATMOSPHERE_MPA
+        return _body_state(found, gauge_mpa * self._piston_mm2)
+
+    def _path(
+        self, memory: _Memory, cylinder_mm3: FloatArray, load_n: FloatArray, dt_s: float
+    ) -> Path:
+        """From pistons and load as they were to these, all within one step in time."""
+        stiffness, rest = memory.creep.over(dt_s)
+
+        def problem(t: float) -> Problem:
+            pistons = memory.cylinder_mm3 + t * (cylinder_mm3 - memory.cylinder_mm3)
+            gas = self._gas(memory, pistons, dt_s)
+            drive = _Chambers(self._rod.presence, gas, memory.sliders)
+            tip = memory.load_n + t * (load_n - memory.load_n)
+            force = self._rod.internal_force(tip, self._weight_n)
+            return Problem(force, drive, stiffness, rest)
+
+        return problem
+
+    def _gas(self, memory: _Memory, cylinder_mm3: FloatArray, dt_s: float) -> GasLines:
+        supply_mm3 = cylinder_mm3 + 1e3 * self._config.tube_volume_ml
+        kept = float(np.exp(-dt_s / self._config.pneumatic_lag_s))
+        return GasLines(self._amount, memory.in_chamber, supply_mm3, self._area_mm2, kept)
+
+    def _cylinders(self, actuators: FloatArray) -> FloatArray:
+        """(6,) mm³ in front of the pistons. Raises PlantError for places where no piston can be."""
+        at_zero = 1e3 * self._config.cylinder_volume_ml
+        positions = np.asarray(actuators, dtype=np.float64)
+        if positions.shape != (CHAMBERS,):
+            raise PlantError(f"the arm has {CHAMBERS} actuators, not {np.size(actuators)}")
+        end = at_zero / self._piston_mm2
+        possible = np.abs(positions) < end
+        if not possible.all():
+            index = int(np.argmin(possible))
+            raise PlantError(
+                f"actuator {index} cannot be at {positions[index]:g} mm: its piston meets the ends "
+                f"of the cylinder at {-end[index]:.1f} and {end[index]:.1f} mm"
+            )
+        return np.asarray(at_zero - self._piston_mm2 * positions)
+
+    def _tip_force(self, load: TipLoad) -> FloatArray:
+        """(3,) N. Raises PlantError for a load that is none, or that would double the length."""
+        force = np.array(load.force_n, dtype=np.float64)
+        if not 0.0 <= load.mass_g < np.inf or force.shape != (3,) or not np.isfinite(force).all():
+            raise PlantError(f"there is no load of {load.mass_g} g and {load.force_n} N")
+        most = self._config.axial_stiffness_n
+        if max(GRAVITY_N_G * load.mass_g, float(np.abs(force).max())) > most:
+            raise PlantError(
+                f"{load.mass_g:g} g and {_list(load.force_n)} N at the tip are more than the arm "
+                f"can bear ({most:g} N)"
+            )
+        force[2] -= GRAVITY_N_G * load.mass_g
+        return force
+
+    def _rest(self) -> tuple[_Memory, FloatArray]:
+        """The arm as it stands when left alone for long, and the gas that this encloses."""
+        config, rod = self._config, self._rod
+        force = rod.internal_force(np.zeros(3), self._weight_n)
+        drive = ConstantPull(rod, -config.pre_pressure_mpa * self._area_mm2)
+        problem = Problem(force, drive, rod.stiffness, rod.rest)
+        found = self._solver.raise_load(problem, np.zeros(CHAMBERS), np.zeros(3))
+        if found is None:
+            raise PlantError("the arm cannot carry its own weight")
+        lengths = found.march.length_mm
+        pressure = config.pre_pressure_mpa + ATMOSPHERE_MPA
+        cylinder_mm3 = np.full(CHAMBERS, 1e3 * config.cylinder_volume_ml)
+        supply_mm3 = cylinder_mm3 + 1e3 * config.tube_volume_ml
+        creep = Creep.rested(
+            rod.stiffness, rod.rest, found.march.strain, config.creep, config.creep_time_s
+        )
+        memory = _Memory(
+            equilibrium=found,
+            ahead=np.zeros_like(found.unknowns),
+            in_chamber=pressure * self._area_mm2 * lengths,
+            sliders=_sliders(config, lengths),
+            creep=creep,
+            cylinder_mm3=cylinder_mm3,
+            load_n=np.zeros(3),
+        )
+        return memory, pressure * (supply_mm3 + self._area_mm2 * lengths)
+
+
+def _rod(config: SoftArmPlant) -> Rod:
+    """The arm's body. Silicone keeps its volume: shear modulus E/3, so GA = EA/3, GJ = 2/3 EI."""
+    section = Section(
+        bending_n_mm2=config.bending_stiffness_n_mm2,
+        torsion_n_mm2=config.bending_stiffness_n_mm2 * 2.0 / 3.0,
+        shear_n=config.axial_stiffness_n / 3.0,
+        axial_n=config.axial_stiffness_n,
+    )
+    half, third = 0.5 * config.length_mm, 2.0 * np.pi / 3.0
+    chambers = [
+        helix(config.chamber_radius_mm, turn + third * index, start, start + half, chamber=True)
+        for turn, start in ((0.0, 0.0), (config.distal_rotation_rad, half))
+        for index in range(CHAMBERS // 2)
+    ]
+    return Rod(config.length_mm, section, chambers, INTERVALS)
+
+
+def _sliders(config: SoftArmPlant, length_mm: FloatArray) -> StopOperators:
+    """Sliders at rest. Three springs k at 120° resist a segment's bending like 3/2 k r²."""
+    bending = config.bending_stiffness_n_mm2 / (0.5 * config.length_mm)
+    stiffness = config.hysteresis * bending / (1.5 * config.chamber_radius_mm**2)
+    return StopOperators(
+        np.full((CHAMBERS, SLIDERS), stiffness / SLIDERS),
+        config.hysteresis_reach_mm * np.arange(1, SLIDERS + 1) / SLIDERS,
+        np.repeat(length_mm[:, None], SLIDERS, axis=1),
+    )
+
+
+def _body_state(equilibrium: Equilibrium, actuator_forces: FloatArray) -> BodyState:
+    march = equilibrium.march
+    tip = Pose(march.position_mm[-1].copy(), march.quaternion[-1].copy())
+    return BodyState(march.position_mm.copy(), tip, actuator_forces)
+
+
+def _list(values: Sequence[float] | FloatArray) -> str:
+    return "[" + ", ".join(f"{value:g}" for value in np.asarray(values)) + "]"

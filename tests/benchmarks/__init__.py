@@ -1,0 +1,1 @@
+"""Measurements: `python -m tests.benchmarks` prints one JSON. Nothing is asserted."""

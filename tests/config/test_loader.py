@@ -1,0 +1,107 @@
+"""A robot file either gives a sound robot or says all that is wrong with it, line by line."""
+
+from collections.abc import Callable
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+
+from config.axis import LinearStepper
+from config.loader import load_robot
+from config.problems import ConfigError
+
+SHIPPED = sorted(Path(str(files("config") / "robots")).glob("*.yaml"))
+SOFT_ARM = Path(str(files("config") / "robots" / "soft_arm.yaml"))
+
+Edit = Callable[[str], str]
+
+
+def problems_of(tmp_path: Path, edit: Edit) -> list[str]:
+    """The problems of the shipped soft arm after `edit`, without the file's name."""
+    file = tmp_path / "robot.yaml"
+    text = SOFT_ARM.read_text()
+    edited = edit(text)
+    assert edited != text
+    file.write_text(edited)
+    with pytest.raises(ConfigError) as raised:
+        load_robot(file)
+    return [str(problem).removeprefix(f"{file}:") for problem in raised.value.problems]
+
+
+def swap(old: str, new: str) -> Edit:
+    return lambda text: text.replace(old, new, 1)
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: str(path.stem))
+def test_every_shipped_robot_is_sound(path: Path) -> None:
+    assert load_robot(path).robot.robot == path.stem
+
+
+def test_the_soft_arm_has_six_chambers_on_six_nodes() -> None:
+    robot = load_robot(SOFT_ARM).robot
+    assert [axis.drive.node for axis in robot.axes] == [1, 2, 3, 4, 5, 6]
+    assert all(isinstance(axis, LinearStepper) and axis.bore_mm for axis in robot.axes)
+
+
+@pytest.mark.parametrize(
+    ("edit", "expected"),
+    [
+        (swap("baud_rate:", "baudrate:"), "tracker.baudrate: unknown key (did you mean 'baud_"),
+        (swap("cycle_period_s", "cycle_perod_s"), "buses.can0.cycle_perod_s: unknown key (did"),
+        (swap("    lead_mm", "    leed_mm"), "axes[0].leed_mm: unknown key (did you mean 'lead_mm"),
+        (swap("bus: can0", "bus: cam0"), "axes[0].drive.bus: there is no bus 'cam0' (did you mean"),
+        (swap("node: 3", "node: 2"), "axes[2].drive.node: axis 0 of node 2 on can0 is already"),
+        (swap("node: 3", "node: 127"), "axes[2].drive.node: 127 is the master's own node ID"),
+        (swap("node: 3", "node: 128"), "axes[2].drive.node: should be less than or equal to 127"),
+        (swap("name: distal_1", "name: proximal_1"), "axes[3].name: there is already an axis"),
+        (swap("[0.0, 50.0]", "[50.0, 0.0]"), "axes[0].travel_mm: the lowest must come first"),
+        (swap("[0.0, 50.0]", "[0.0, .inf]"), "axes[0].travel_mm[1]: should be a finite number"),
+        (swap("lead_mm: 2.0", "lead_mm: two"), "axes[0].lead_mm: should be a valid number, not"),
+        (swap("lead_mm: 2.0", "lead_mm: 2e0"), "axes[0].lead_mm: YAML reads 2e0 as text: write 2"),
+        (swap("0.01 ", "0.0105 "), "buses.can0.cycle_period_s: must be whole milliseconds"),
+        (swap("kind: linear_stepper", "kind: stepper"), "axes[0].kind: must be one of 'linear_"),
+        (swap("stepper.eds", "steper.eds"), "axes[0].drive.eds: there is no file"),
+        (swap("tip: {port: 1}", "tpi: {port: 1}"), "tracker.tools: there must be a 'tip', the"),
+        (swap("tip: {port: 1}", "tip: {port: 9}"), "tracker.tools.tip: no such tool in emulation"),
+        (swap("tip: {port: 1}", "tip: {}"), "tracker.tools.tip: say either serial or port"),
+        (swap("base: {port: 2}", "base: {port: 1}"), "tracker.tools.base: is the same sensor as"),
+        (swap("connection_lost: quick_stop", "connection_lost: off"), "YAML reads off as false"),
+        (swap("bore_mm: 25.0", "bore_mm: 26.0"), "axes[0].bore_mm: pushes 26.5 mL out of emulat"),
+        (swap("port: 2, serial", "port: 1, serial"), "emulation.tracker.tools[1].port: this port"),
+    ],
+)
+def test_each_mistake_is_named_with_its_place(tmp_path: Path, edit: Edit, expected: str) -> None:
+    assert any(expected in problem for problem in problems_of(tmp_path, edit))
+
+
+def test_all_problems_come_at_once_and_in_the_order_of_the_file(tmp_path: Path) -> None:
+    def spoil(text: str) -> str:
+        return (
+            text.replace("baud_rate: 115200", "baud_rate: 115201")
+            .replace("bitrate_bit_s: 1_000_000", "bitrate_bit_s: 1e6")
+            .replace("bus: can0", "bus: can1")
+            .replace("lead_mm", "lead_m", 1)
+            .replace("seed: 1", "seed: 1\n  seed: 2")
+        )
+
+    found = problems_of(tmp_path, spoil)
+    lines = [int(problem.split(":")[0]) for problem in found]
+    assert lines == sorted(lines)
+    for part in ("115201", "1e6", "'can1'", "lead_mm: this key", "lead_m: unknown", "stands twice"):
+        assert any(part in problem for problem in found), part
+
+
+@pytest.mark.parametrize("text", ["", "3", "[]", "robot: x", "axes: 3\nbuses: [1]\ntracker: x"])
+def test_a_file_of_another_shape_is_refused_with_reasons(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "robot.yaml"
+    file.write_text(text)
+    with pytest.raises(ConfigError):
+        load_robot(file)
+
+
+def test_a_missing_or_unreadable_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="No such file"):
+        load_robot(tmp_path / "none.yaml")
+    (tmp_path / "binary.yaml").write_bytes(b"a: \xff\xfe")
+    with pytest.raises(ConfigError, match="not UTF-8 text: byte 3"):
+        load_robot(tmp_path / "binary.yaml")
