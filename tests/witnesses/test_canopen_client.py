@@ -15,7 +15,7 @@ from typing import Any
 import canopen
 import pytest
 from canopen.profiles.p402 import BaseNode402
-from canopen.sdo import SdoClient
+from canopen.sdo.client import SdoClient
 
 ROOT = Path(__file__).parents[2]
 EDS = ROOT / "config" / "eds" / "stepper.eds"
