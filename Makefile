@@ -7,13 +7,14 @@ RUNTIME := $(VENV)/runtime.stamp
 DEVELOPMENT := $(VENV)/development.stamp
 PIP := $(BIN)/pip --disable-pip-version-check --quiet
 
-.PHONY: help install run test lint bench experiments lock clean
+.PHONY: help install run test lint bench experiments mutation lock clean
 
 help:
-	@echo "make run          the emulated lab and the real drivers, live, for 20 s"
+	@echo "make run          emulated lab, daemon and a client: once round a rectangle, live"
 	@echo "make test         lint, types and all tests"
 	@echo "make bench        measure latency and CPU time; prints one JSON"
 	@echo "make experiments  the long checks: fuzzing with a million inputs"
+	@echo "make mutation     test the tests of safety/: every small fault in it must be noticed"
 	@echo "make install      only the set-up;  make lint: only lint and types"
 
 install: $(DEVELOPMENT)
@@ -46,6 +47,9 @@ bench: $(DEVELOPMENT)
 
 experiments: $(DEVELOPMENT)
 	@$(BIN)/python -m tests.fuzz --inputs 1000000
+
+mutation: $(DEVELOPMENT)
+	@nice -n 19 $(BIN)/python -m tests.mutation
 
 # The lock files are what a clean environment resolves to today.
 lock:

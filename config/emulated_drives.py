@@ -31,6 +31,8 @@ class EmulatedDrives(ConfigModel):
     clock_error_ppm: NotNegative = 50.0
     """Spread of the drives' own clocks."""
     boot_time_s: Positive = 0.3
+    sync_lost_after_periods: Positive = 10.0
+    """How many SYNC periods (0x1006) may pass without one. Products have from 2 to none at all."""
     sdo_delay_s: NotNegative = 0.002
     response_time_s: Positive = 0.004
     """Lag of the position loop."""

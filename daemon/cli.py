@@ -13,11 +13,27 @@ EXIT_USAGE: Final = 2
 
 # In the order in which a newcomer needs them.
 _COMMANDS: Final = {
-    "demo": "show the emulated lab through the real drivers, for a short while",
+    "demo": "show it all, with nothing plugged in: lab, daemon and a client round a rectangle",
     "check": "say what is wrong with a robot file, and where",
     "emulate": "start the emulated lab of a robot",
     "probe": "connect to tracker and drives and show what they say",
     "inject": "make an emulated device misbehave",
+    "run": "start the daemon of a robot",
+    "status": "show the robot at a glance",
+    "lease": "take control, and keep it until Ctrl-C",
+    "arm": "energise the drives where they stand",
+    "load": "make a trajectory and a controller ready",
+    "start": "follow what was loaded",
+    "teleoperate": "follow set-points",
+    "hold": "stand still, energised",
+    "resume": "go on after a hold",
+    "stop": "quick stop, then power off; no emergency stop circuit",
+    "disarm": "stop, and take the drives' power off",
+    "clear": "acknowledge faults",
+    "experiment": "carry out an experiment file with emulated devices",
+    "report": "make a page of figures of a recorded run",
+    "recover": "make recordings whole that a crash has left unfinished",
+    "certificates": "make keys and certificates for clients on other machines",
     "schema": "write the JSON Schema of robot files, for editors",
     "doctor": "look for what would stop tentacled from working on this machine",
 }

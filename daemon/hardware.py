@@ -48,6 +48,8 @@ class Listeners:
     on_tracker_traffic: Callable[[str, bytes, int], None] | None = None
     can_taps: dict[str, TrafficTap] = field(default_factory=dict)
     """By bus."""
+    on_cycle: Callable[[DriveBus, Tick], None] | None = None
+    """Carries out a bus cycle; None: nothing but the bus' own `tick`."""
 
 
 class Hardware:
@@ -86,6 +88,7 @@ class Hardware:
         ]
         self._connections = connections
         self._clock = clock
+        self._on_cycle = to.on_cycle or self._plain_cycle
 
     async def run(self) -> None:
         """Keep all devices connected until cancelled; then leave them at rest."""
@@ -112,7 +115,10 @@ class Hardware:
         period_ns = round(bus.bus.cycle_period_s * 1e9)
 
         def on_tick(tick: Tick) -> None:
-            del tick
-            bus.tick(self._clock.now_ns())
+            self._on_cycle(bus, tick)
 
         return self._connections.timer(self._clock.now_ns() + period_ns, period_ns, on_tick)
+
+    def _plain_cycle(self, bus: DriveBus, tick: Tick) -> None:
+        del tick
+        bus.tick(self._clock.now_ns())

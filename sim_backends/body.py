@@ -91,6 +91,11 @@ class Body:
         ):
             shaft.set_load(float(force) * ratio)
 
+    @property
+    def advanced_ns(self) -> int:
+        """Up to when the body has followed its shafts."""
+        return self._t_ns
+
     def poses(self, t_ns: int) -> Mapping[str, Pose]:
         """Where tip and base are at `t_ns`, in the robot's base frame."""
         self.advance(t_ns)

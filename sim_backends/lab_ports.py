@@ -18,6 +18,9 @@ AURORA: Final = "aurora"
 CONTROL_SOCKET: Final = "control.sock"
 LAB_FILE: Final = "lab.json"
 
+_STANDSTILL_NS: Final = 60_000_000
+"""The body is looked at more often than this, and with it every bus."""
+
 
 class LabPorts:
     """A started lab, reachable in `directory` until closed.
@@ -51,6 +54,7 @@ class LabPorts:
         self._aurora = PtyAurora(self._lab.tracker, self._clock, self._directory / AURORA)
         for name, bus in self._lab.buses.items():
             pump = self._lab.pumps[name]
+            bus.standstill_ns = _STANDSTILL_NS
             self._sockets[name] = SocketServer(
                 bus, pump, self._clock, self._directory / f"{name}.sock"
             )

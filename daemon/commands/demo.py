@@ -1,44 +1,71 @@
-"""`tentacled demo`: the emulated lab and the real drivers, live, with nothing plugged in."""
+"""`tentacled demo`: emulated lab, daemon and client, each in its own process, round a rectangle."""
 
 import argparse
-import subprocess
+import asyncio
 import sys
 import tempfile
 from importlib.resources import files
 from pathlib import Path
-from typing import Final
 
-from daemon.cli import EXIT_FAILED, main
-from daemon.runtime_directory import LAB_FILE
-
-_LAB_ENDS_WITHIN_S: Final = 5.0
+from daemon.cli import EXIT_FAILED, EXIT_OK
+from daemon.clock import run_in_real_time
+from daemon.demo.processes import ProcessError, Processes
+from daemon.demo.tour import Tour, TourError
+from daemon.recording.error_table import table_text
+from daemon.recording.report import write_report
+from daemon.recording.result import read_result
+from daemon.remote.client_errors import ClientError
+from daemon.stop_signals import StopSignals
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--duration", type=float, default=20.0, metavar="S")
+    parser.add_argument(
+        "--cycle", type=float, default=60.0, metavar="S", help="time for once round the rectangle"
+    )
+    parser.add_argument(
+        "--runs", type=Path, default=Path("runs"), metavar="DIR", help="where the recording goes"
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    robot = str(files("config") / "robots" / "soft_arm.yaml")
+    robot = Path(str(files("config") / "robots" / "soft_arm.yaml"))
     with tempfile.TemporaryDirectory(prefix="tentacled-") as directory:
-        where = ["--runtime-dir", directory]
-        command = [sys.executable, "-m", "daemon.cli", "emulate", robot, *where, "--play", "sway"]
-        lab = subprocess.Popen(command, stdout=subprocess.PIPE)
-        try:
-            assert lab.stdout is not None
-            lab.stdout.readline()  # it speaks when its ports are there
-            if not (Path(directory) / LAB_FILE).exists():
-                print("the emulated lab did not start", file=sys.stderr)
-                return EXIT_FAILED
-            return main(["probe", robot, *where, "--duration", str(arguments.duration)])
-        finally:
-            _end(lab)
+        return run_in_real_time(_demonstrate(robot, Path(directory), arguments))
 
 
-def _end(lab: "subprocess.Popen[bytes]") -> None:
-    lab.terminate()
+async def _demonstrate(robot: Path, directory: Path, arguments: argparse.Namespace) -> int:
+    stop, processes = StopSignals(), Processes(robot, directory, arguments.runs)
+    tour = asyncio.create_task(_guide(processes, directory, arguments.cycle))
+    ending = asyncio.create_task(stop.wait(None))
     try:
-        lab.wait(_LAB_ENDS_WITHIN_S)
-    except subprocess.TimeoutExpired:
-        lab.kill()
-        lab.wait()
+        await asyncio.wait((tour, ending), return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for task in (tour, ending):
+            task.cancel()
+        told = (await asyncio.gather(tour, ending, return_exceptions=True))[0]
+        await processes.end()
+    if isinstance(told, asyncio.CancelledError):
+        print("\nended: the drives were stopped and switched off")
+        return EXIT_OK
+    if isinstance(told, ProcessError | TourError | ClientError):
+        print(f"\n{told}", file=sys.stderr)
+        return EXIT_FAILED
+    if isinstance(told, BaseException):
+        raise told
+    _tell_result(Path(told))
+    return EXIT_OK
+
+
+async def _guide(processes: Processes, directory: Path, cycle_s: float) -> str:
+    """Returns the folder of the recording."""
+    print("starting the emulated lab and the daemon (the first time, physics is compiled: 10 s)")
+    await processes.start()
+    return await Tour(directory, cycle_s).run()
+
+
+def _tell_result(folder: Path) -> None:
+    result = read_result(folder)
+    if result is not None:
+        print(f"\ndistance of the tip from its reference, {result.controller}:")
+        print(table_text(result.cycles))
+    print(f"\nreport: {write_report(folder)}")

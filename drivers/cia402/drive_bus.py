@@ -132,6 +132,18 @@ class DriveBus:
                 usable = node.state is NodeState.OPERATIONAL
                 channel.set_goal(goal if usable else None, now_ns)
 
+    def stop_now(self) -> None:
+        """Quick stop of all drives: on the bus at once, not in the next cycle."""
+        self.set_goal(PowerGoal.QUICK_STOP)
+        if self._link is None:
+            return
+        t_ns = self._clock.now_ns()
+        outputs = [(channel.rpdo_id, channel.output(t_ns, None)) for channel in self.channels]
+        # Drives act on a new controlword at the SYNC that follows it.
+        frames = [(can_id, data) for can_id, data in outputs if data is not None]
+        frames.append(_SYNC)
+        self._sent(frames, self._link.send_all(frames))
+
     def reset_faults(self) -> None:
         """Take drives out of their faults, and leave them off."""
         for channel in self.channels:
@@ -143,6 +155,33 @@ class DriveBus:
         channel = next(one for one in self.channels if one.index == permitted.axis)
         node = self.nodes[channel.axis.drive.node]
         await Homing(channel, node.dictionary, node.sdo).run()
+
+    @property
+    def goal_reached(self) -> bool:
+        """Whether every drive has done what it was last told."""
+        return all(channel.goal_reached for channel in self.channels)
+
+    @property
+    def known_unpowered(self) -> bool:
+        """Whether every drive is heard, and says that its motor has no torque."""
+        return all(
+            node.state is NodeState.OPERATIONAL
+            and all(
+                channel.received_ns is not None and not channel.state.energised
+                for channel in node.channels
+            )
+            for node in self.nodes.values()
+        )
+
+    @property
+    def energised(self) -> bool:
+        """Whether any drive says that its motor has torque."""
+        return any(channel.state.energised for channel in self.channels)
+
+    @property
+    def following(self) -> bool:
+        """Whether every axis is enabled and moves when its target moves."""
+        return all(channel.following for channel in self.channels)
 
     @property
     def operational(self) -> bool:
@@ -281,7 +320,7 @@ class DriveBus:
 
     async def _reach(self, goal: PowerGoal) -> None:
         self.set_goal(goal)
-        while not all(channel.goal_reached for channel in self.channels):
+        while not self.goal_reached:
             await asyncio.sleep(self.bus.cycle_period_s)
 
     def _make_nodes(

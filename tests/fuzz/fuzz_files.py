@@ -1,13 +1,19 @@
 """Arbitrary bytes at what reads files and sockets: robot files, captures, the control socket."""
 
 from collections.abc import Callable
+from contextlib import suppress
 
 from config.yaml_document import parse_yaml
-from drivers.can.capture import CaptureError, read_capture
-from drivers.can.frame import pack_frame, unpack_frame
+from drivers.can.capture import CaptureError, capture_header, capture_record, read_capture
+from drivers.can.frame import CanFrame, pack_frame, unpack_frame
 from drivers.canopen.sdo_client import SdoClient
 from sim_backends.control_server import ControlServer
 from sim_backends.faults import FaultError, understand
+
+_CAPTURES_END_NS = 10**9 << 32
+"""In 2106 the seconds of a capture overflow."""
+
+_CAPTURED_SIZES = b"\x10\0\0\0" * 2
 
 
 def robot_file(data: bytes) -> None:
@@ -20,12 +26,25 @@ def robot_file(data: bytes) -> None:
 
 
 def capture_file(data: bytes) -> None:
-    """A capture is read to its end or refused."""
-    try:
-        for _, frame in read_capture(data):
-            assert len(frame.data) <= 8
-    except CaptureError:
-        pass
+    """A capture is read to its end or refused: as it is, behind a sound header, and as records.
+
+    What is read can be written, and is the same when read again.
+    """
+    _read_capture(data)
+    _read_capture(capture_header() + data)
+    # Each piece is a time and a frame; between them stands the frame's size, twice.
+    pieces = [data[start : start + 24] for start in range(0, len(data), 24)]
+    records = b"".join(piece[:8] + _CAPTURED_SIZES + piece[8:] for piece in pieces)
+    _read_capture(capture_header() + records)
+
+
+def _read_capture(content: bytes) -> None:
+    records: list[tuple[int, CanFrame]] = []
+    with suppress(CaptureError):
+        records.extend(read_capture(content))
+    datable = [(t_ns, frame) for t_ns, frame in records if t_ns < _CAPTURES_END_NS]
+    again = b"".join(capture_record(t_ns, frame.can_id, frame.data) for t_ns, frame in datable)
+    assert list(read_capture(capture_header() + again)) == datable
 
 
 def kernel_frame(data: bytes) -> None:

@@ -14,43 +14,81 @@ from typing import Any
 
 from tests import SOFT_ARM
 
-STARTS_WITHIN_S = 60.0  # a first start compiles the physics
+PATIENCE_S = 90.0
+"""For whatever must come. A first start compiles the physics, and the machine may be busy."""
 
 
 def command(*arguments: str) -> list[str]:
     return [sys.executable, "-m", "daemon.cli", *arguments]
 
 
-def run(*arguments: str, timeout_s: float = 60.0) -> subprocess.CompletedProcess[str]:
+def run(*arguments: str) -> subprocess.CompletedProcess[str]:
     """A command run to its end."""
     return subprocess.run(
-        command(*arguments), capture_output=True, text=True, timeout=timeout_s, check=False
+        command(*arguments), capture_output=True, text=True, timeout=PATIENCE_S, check=False
     )
 
 
-class Lab:
-    """`tentacled emulate` in a process of its own."""
+class Process:
+    """A process, and the lines it prints with their times of arrival (monotonic, s)."""
 
-    def __init__(self, directory: Path, *options: str, robot: Path = SOFT_ARM) -> None:
-        self.directory = directory
-        self.process = subprocess.Popen(
-            command("emulate", str(robot), "--runtime-dir", str(directory), *options),
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        assert self.process.stdout is not None
-        self.first_line = self.process.stdout.readline()
+    def __init__(self, arguments: list[str], **options: Any) -> None:
+        """options: of subprocess.Popen."""
+        self.process = subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True, **options)
+        self._lines: Queue[tuple[float, str | None]] = Queue()
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
 
-    def inject(self, *faults: str) -> subprocess.CompletedProcess[str]:
-        return run("inject", "--runtime-dir", str(self.directory), *faults)
+    def next_line(self, deadline_s: float | None = None) -> tuple[float, str]:
+        """The next line, and when it came. Raises AssertionError at the deadline or the end."""
+        deadline_s = time.monotonic() + PATIENCE_S if deadline_s is None else deadline_s
+        try:
+            at_s, line = self._lines.get(timeout=max(0.0, deadline_s - time.monotonic()))
+        except Empty:
+            raise AssertionError("nothing more in time") from None
+        assert line is not None, "the process has ended"
+        return at_s, line
 
     def kill(self) -> None:
         self.process.kill()
         self.process.wait()
 
     def end(self) -> int:
+        """Ask it to end, as Ctrl-C does. Returns its exit code."""
         self.process.send_signal(signal.SIGINT)
-        return self.process.wait(timeout=10)
+        return self.process.wait(PATIENCE_S)
+
+    def leave(self) -> None:
+        """Whatever has happened, nothing is left of it."""
+        if self.process.poll() is None:
+            self.kill()
+        self._reader.join()
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self._lines.put((time.monotonic(), line))
+        self._lines.put((time.monotonic(), None))
+
+
+class Lab(Process):
+    """`tentacled emulate` in a process of its own."""
+
+    def __init__(self, directory: Path, *options: str, robot: Path = SOFT_ARM) -> None:
+        super().__init__(command("emulate", str(robot), "--runtime-dir", str(directory), *options))
+        self.directory = directory
+        self.first_line = ""
+
+    def says(self, *wanted: str) -> None:
+        """Wait until it has printed these lines, in this order."""
+        for line in wanted:
+            while self.next_line()[1].rstrip() != line:
+                pass
+
+    def inject(self, *faults: str) -> subprocess.CompletedProcess[str]:
+        return run("inject", "--runtime-dir", str(self.directory), *faults)
 
 
 @contextmanager
@@ -58,62 +96,50 @@ def lab(directory: Path, *options: str, robot: Path = SOFT_ARM) -> Iterator[Lab]
     """A running lab, ended however the test ends."""
     one = Lab(directory, *options, robot=robot)
     try:
+        one.first_line = one.next_line()[1]  # it speaks when its ports are there
         yield one
     finally:
-        if one.process.poll() is None:
-            one.kill()
-        assert one.process.stdout is not None
-        one.process.stdout.close()
+        one.leave()
 
 
-class Probe:
-    """`tentacled probe --json` in a process of its own, its lines with their times of arrival."""
+Line = dict[str, Any]
+Wanted = Callable[[Line], bool]
+
+
+class Probe(Process):
+    """`tentacled probe --json` in a process of its own."""
 
     def __init__(self, directory: Path, *options: str, robot: Path = SOFT_ARM) -> None:
         where = ["--runtime-dir", str(directory)]
-        self.process = subprocess.Popen(
-            command("probe", str(robot), *where, "--json", "--every", "0.2", *options),
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        self._lines: Queue[tuple[float, dict[str, Any]]] = Queue()
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
+        super().__init__(command("probe", str(robot), *where, "--json", "--every", "0.2", *options))
 
-    def wait_for(
-        self, wanted: Callable[[dict[str, Any]], bool], within_s: float = 20.0
-    ) -> tuple[float, dict[str, Any]]:
-        """The next line that is wanted, and when it came (monotonic, s)."""
-        deadline = time.monotonic() + within_s
-        last: dict[str, Any] = {}
-        while True:
+    def wait_for(self, wanted: Wanted, within_s: float = PATIENCE_S) -> tuple[float, Line]:
+        """The next line that is wanted, and when it came."""
+        (found,) = self.wait_for_each(wanted, within_s=within_s)
+        return found
+
+    def wait_for_each(
+        self, *wanted: Wanted, within_s: float = PATIENCE_S
+    ) -> list[tuple[float, Line]]:
+        """The first line that each of them wants, in whatever order these come."""
+        deadline_s = time.monotonic() + within_s
+        found: dict[int, tuple[float, Line]] = {}
+        line: Line = {}
+        while len(found) < len(wanted):
             try:
-                at_s, last = self._lines.get(timeout=max(0.0, deadline - time.monotonic()))
-            except Empty:
-                raise AssertionError(f"not within {within_s} s; the last line was {last}") from None
-            if wanted(last):
-                return at_s, last
+                at_s, text = self.next_line(deadline_s)
+            except AssertionError as error:
+                raise AssertionError(f"{error}; the last line was {line}") from None
+            line = json.loads(text)
+            for number, wants in enumerate(wanted):
+                if number not in found and wants(line):
+                    found[number] = at_s, line
+        return [found[number] for number in range(len(wanted))]
 
-    def wait_for_events(self, *names: str, within_s: float = 20.0) -> dict[str, float]:
+    def wait_for_events(self, *names: str) -> dict[str, float]:
         """When each of these conditions came, in whatever order."""
-        came: dict[str, float] = {}
-        deadline = time.monotonic() + within_s
-        while len(came) < len(names):
-            at_s, line = self.wait_for(
-                lambda line: any(event(name)(line) for name in names),
-                deadline - time.monotonic(),
-            )
-            came.setdefault(line["name"], at_s)
-        return came
-
-    def end(self) -> int:
-        self.process.send_signal(signal.SIGINT)
-        return self.process.wait(timeout=10)
-
-    def _read(self) -> None:
-        assert self.process.stdout is not None
-        for line in self.process.stdout:
-            self._lines.put((time.monotonic(), json.loads(line)))
+        found = self.wait_for_each(*(event(name) for name in names))
+        return {name: at_s for name, (at_s, _) in zip(names, found, strict=True)}
 
 
 @contextmanager
@@ -123,29 +149,45 @@ def probe(directory: Path, *options: str, robot: Path = SOFT_ARM) -> Iterator[Pr
     try:
         yield one
     finally:
-        if one.process.poll() is None:
-            one.process.kill()
-            one.process.wait()
-        assert one.process.stdout is not None
-        one._reader.join()
-        one.process.stdout.close()
+        one.leave()
 
 
-def well(line: dict[str, Any]) -> bool:
-    """A snapshot in which everything is there."""
+def well(line: Line) -> bool:
+    """A snapshot in which everything is there.
+
+    Frames that were missed are told for five seconds: on a machine that stands still now and then
+    they are no news.
+    """
     return (
-        line["kind"] == "snapshot"
+        operational(line)
         and line["tracker"]["state"] == "tracking"
         and line["tracker"]["tip_mm"] is not None
-        and all(axis["node_state"] == "operational" for axis in line["axes"])
-        and line["conditions"] == []
+        and {condition["name"] for condition in line["conditions"]} <= {"frames_missed"}
     )
 
 
-def event(name: str, present: bool = True) -> Callable[[dict[str, Any]], bool]:
-    """Whether a line says that a condition came (or went)."""
+def operational(line: Line) -> bool:
+    """A snapshot in which all drives can be told what to do."""
+    return line["kind"] == "snapshot" and all(
+        axis["node_state"] == "operational" for axis in line["axes"]
+    )
+
+
+def without(*names: str) -> Wanted:
+    """A snapshot in which none of these conditions holds."""
     return lambda line: (
-        line["kind"] == "event" and line["name"] == name and line["present"] is present
+        line["kind"] == "snapshot"
+        and not {condition["name"] for condition in line["conditions"]} & set(names)
+    )
+
+
+def event(name: str, subject: str | None = None) -> Wanted:
+    """Whether a line says that a condition came, of this subject or of any."""
+    return lambda line: (
+        line["kind"] == "event"
+        and line["name"] == name
+        and line["present"]
+        and subject in (None, line["subject"])
     )
 
 

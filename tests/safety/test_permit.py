@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from safety.limits import CountLimits, Violation
-from safety.permit import PermittedStep, permit
+from safety.permit import PermittedHoming, PermittedStep, permit, permit_homing
+from tests.safety.examples import examples
 
 LIMITS = CountLimits(
     lowest=0, highest=100_000, max_velocity=20_000, max_acceleration=200_000, max_lag=2_000
@@ -41,6 +42,9 @@ def broken(result: PermittedStep | tuple[Violation, ...]) -> list[str]:
 def test_a_permit_cannot_be_made_elsewhere() -> None:
     with pytest.raises(TypeError, match="only the gate"):
         PermittedStep(object(), (0,), (0,), 0, 1)
+    with pytest.raises(TypeError, match="only the gate"):
+        PermittedHoming(object(), 0)
+    assert permit_homing(3).axis == 3
 
 
 def test_a_permit_cannot_be_subclassed_into_something_else() -> None:
@@ -59,9 +63,11 @@ def test_a_permit_cannot_be_subclassed_into_something_else() -> None:
         (10, 0, 10, 0.0, None),
         (10, -1, 10, 0.0, "lowest position"),
         (50_000, 50_500, 50_000, 20_000.0, None),
+        (50_000, 50_501, 50_000, 20_000.0, None),
         (50_000, 50_502, 50_000, 20_000.0, "velocity"),
         (50_000, 49_498, 50_000, -20_000.0, "velocity"),
-        (50_000, 50_200, 50_000, 0.0, "acceleration"),
+        (50_000, 50_127, 50_000, 0.0, None),
+        (50_000, 50_128, 50_000, 0.0, "acceleration"),
         (50_000, 50_000, 50_000, 20_000.0, "acceleration"),
         (50_000, 50_000, 52_000, 0.0, None),
         (50_000, 50_000, 52_001, 0.0, "distance from measured"),
@@ -129,6 +135,7 @@ def test_a_step_has_one_number_per_axis_and_a_duration() -> None:
             permit(**{**arguments, **change})  # type: ignore[arg-type]
 
 
+@examples(100)
 @given(
     start=st.integers(0, 100_000),
     change=st.integers(-500, 500),
@@ -152,3 +159,19 @@ def test_a_step_is_even_and_ends_at_rest() -> None:
         1100,
     ]
     assert [step.velocity(0, t) for t in (-5, 0, PERIOD_NS)] == [0, 4000, 0]
+
+
+def test_a_velocity_is_that_of_the_step_whenever_it_begins() -> None:
+    fast = CountLimits(0, 2_000_000_000, 2_000_000_000, 2_000_000_000, 2_000_000_000)
+    step = permit(
+        from_counts=[0],
+        to_counts=[2_000_000_000],
+        measured_counts=[0],
+        velocities_before=[0.0],
+        begins_ns=7_000_000_000,
+        duration_ns=1_000_000_000,
+        limits=[fast],
+    )
+    assert isinstance(step, PermittedStep)
+    assert step.velocity(0, 7_500_000_000) == 2_000_000_000
+    assert step.target(0, 7_500_000_000) == 1_000_000_000

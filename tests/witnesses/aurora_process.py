@@ -1,7 +1,8 @@
 """An emulated Aurora on a pty in a process of its own: `python -m tests.witnesses.aurora_process`.
 
 Takes the emulation's settings as JSON on the command line and prints the pty's path. After that,
-each line on standard input is a fault to inject (`missing=forever`). Ends with its input.
+each line on standard input is a fault to inject (`missing=forever`), and is answered when that is
+done. Ends with its input.
 """
 
 import asyncio
@@ -42,6 +43,7 @@ async def main(settings: str) -> None:
         line = sys.stdin.readline()
         if line:
             inject({"tracker": device}, f"tracker.{line.strip()}", clock.now_ns())
+            print("done", flush=True)
         elif not ended.done():
             ended.set_result(None)
 

@@ -2,8 +2,9 @@
 
 python -m tests.witnesses.drives_process SOCKET EDS NODE [NODE ...]
 
-Says in one line of JSON where they can be reached. Each line on standard input is a fault, in the
-grammar of sim_backends/faults.py; the end of standard input ends the process.
+Says in one line of JSON where they can be reached, once they have booted. Each line on standard
+input is a fault, in the grammar of sim_backends/faults.py; the end of standard input ends the
+process.
 """
 
 import asyncio
@@ -19,6 +20,7 @@ from sim_backends.devices.can.faults import BusFaults
 from sim_backends.devices.can.slcan_adapter import SlcanAdapter
 from sim_backends.devices.can.socket_server import SocketServer
 from sim_backends.devices.drive.drive import EmulatedDrive
+from sim_backends.devices.drive.nmt_slave import INITIALISING
 from sim_backends.faults import FaultyDevice, understand
 
 
@@ -27,14 +29,16 @@ async def run(path: Path, eds: Path, nodes: list[int]) -> None:
     bus = CanBus(1_000_000)
     bus.advance(clock.now_ns())
     pump = Pump(bus, clock)
-    devices: dict[str, FaultyDevice] = {"bus.can0": BusFaults(bus)}
-    for node in nodes:
-        drive = EmulatedDrive(bus, node, eds, EmulatedDrives(boot_time_s=0.1))
+    options = EmulatedDrives(boot_time_s=0.1)
+    drives = {f"drive.can0/{node}": EmulatedDrive(bus, node, eds, options) for node in nodes}
+    devices: dict[str, FaultyDevice] = {"bus.can0": BusFaults(bus), **drives}
+    for drive in drives.values():
         drive.power_on(bus.now_ns)
-        devices[f"drive.can0/{node}"] = drive
     server = SocketServer(bus, pump, clock, path)
     adapter = SlcanAdapter(bus, pump, clock)
     pump.touch()
+    while any(drive.nmt.state is INITIALISING for drive in drives.values()):
+        await asyncio.sleep(0.01)
     sys.stdout.write(json.dumps({"socket": str(path), "slcan": str(adapter.path)}) + "\n")
     sys.stdout.flush()
     try:

@@ -23,6 +23,8 @@ EDS3 = ROOT / "config" / "eds" / "stepper3.eds"
 
 pytestmark = [pytest.mark.hil, pytest.mark.xdist_group("drives")]
 
+PATIENCE_S = 60.0
+
 
 class Drives:
     """The process with the drives."""
@@ -45,17 +47,17 @@ class Drives:
         self.process.stdin.flush()
 
     def close(self) -> None:
-        self.process.communicate(timeout=5)
+        self.process.communicate(timeout=PATIENCE_S)
         assert self.process.returncode == 0
 
 
 @pytest.fixture(autouse=True)
 def patient_client(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The library gives an answer 0.3 s, which a loaded machine needs for itself."""
+    """The library gives answers fractions of a second, which a loaded machine needs for itself."""
     monkeypatch.setattr(SdoClient, "RESPONSE_TIMEOUT", 5.0)
-    monkeypatch.setattr(BaseNode402, "TIMEOUT_SWITCH_STATE_SINGLE", 5.0)
-    monkeypatch.setattr(BaseNode402, "TIMEOUT_SWITCH_STATE_FINAL", 5.0)
-    monkeypatch.setattr(BaseNode402, "TIMEOUT_SWITCH_OP_MODE", 5.0)
+    for name, limit_s in vars(BaseNode402).items():
+        if name.startswith("TIMEOUT_"):
+            monkeypatch.setattr(BaseNode402, name, max(limit_s, 10.0))
 
 
 @pytest.fixture(scope="module")
@@ -82,9 +84,18 @@ def added(network: Any, node_id: int = 1) -> Any:
     """A drive fresh from its reset."""
     node = BaseNode402(node_id, str(EDS))  # type: ignore[no-untyped-call]
     network.add_node(node)
+    booted = threading.Event()  # the library's own waiting misses what comes before it
+    node.nmt.add_heartbeat_callback(lambda state: booted.set() if state == 0 else None)
     node.nmt.state = "RESET"
-    node.nmt.wait_for_bootup(3)
+    assert booted.wait(PATIENCE_S)
     return node
+
+
+def wait_for_state(node: Any, wanted: str) -> None:
+    """Wait for a heartbeat that tells it."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    while node.nmt.wait_for_heartbeat(PATIENCE_S) != wanted:
+        assert time.monotonic() < deadline_s, f"it is still {node.nmt.state}"
 
 
 def test_sdo_transfers(network: Any) -> None:
@@ -105,13 +116,11 @@ def test_sdo_transfers(network: Any) -> None:
 def test_heartbeats_and_nmt(network: Any) -> None:
     node = added(network)
     node.sdo["Producer heartbeat time"].raw = 50
-    assert node.nmt.wait_for_heartbeat(2) == "PRE-OPERATIONAL"
+    wait_for_state(node, "PRE-OPERATIONAL")
     node.nmt.state = "OPERATIONAL"
-    time.sleep(0.1)
-    assert node.nmt.wait_for_heartbeat(2) == "OPERATIONAL"
+    wait_for_state(node, "OPERATIONAL")
     node.nmt.state = "STOPPED"
-    time.sleep(0.1)
-    assert node.nmt.wait_for_heartbeat(2) == "STOPPED"
+    wait_for_state(node, "STOPPED")
 
 
 def test_the_library_enables_a_drive_and_moves_it(network: Any) -> None:
@@ -125,9 +134,9 @@ def test_the_library_enables_a_drive_and_moves_it(network: Any) -> None:
     assert node.state == "OPERATION ENABLED"
     node.sdo["Target position"].raw = 1500
     node.controlword = 0x1F
-    deadline = time.monotonic() + 3
+    deadline_s = time.monotonic() + PATIENCE_S
     while abs(node.sdo["Position actual value"].raw - 1500) > 1:
-        assert time.monotonic() < deadline
+        assert time.monotonic() < deadline_s
     node.controlword = 0x0F
     node.state = "SWITCHED ON"
     assert node.state == "SWITCHED ON"
@@ -146,7 +155,7 @@ def test_homing_by_the_library(network: Any) -> None:
     node.nmt.state = "OPERATIONAL"
     network.sync.start(0.01)
     try:
-        assert node.homing(timeout=5)
+        assert node.homing(timeout=PATIENCE_S)
     finally:
         network.sync.stop()
 
@@ -168,19 +177,20 @@ def test_pdos_configured_by_the_library(network: Any) -> None:
     received = threading.Semaphore(0)  # waiting for the library's own would miss an early one
     tpdo.add_callback(lambda _: received.release())
     node.nmt.state = "OPERATIONAL"
-    position = 0
-    for cycle in range(60):
+    positions = []
+    for cycle in range(100):
         rpdo["Controlword"].raw = (0x06, 0x07, 0x0F)[min(cycle // 3, 2)]
-        # Bumpless: the target stays where the drive is until it follows.
-        target = max(0, cycle - 25) * 20
-        rpdo["Target position"].raw = target
+        # Bumpless: the target stays where the drive is until it follows; at the end it stands.
+        rpdo["Target position"].raw = min(max(0, cycle - 25), 35) * 20
         rpdo.transmit()
         network.sync.transmit()
-        assert received.acquire(timeout=2)
-        position = tpdo["Position actual value"].raw
+        assert received.acquire(timeout=PATIENCE_S)
+        positions.append(tpdo["Position actual value"].raw)
         time.sleep(0.01)
     assert tpdo["Statusword"].raw & 0x6F == 0x27
-    assert position == pytest.approx(33 * 20, abs=25)
+    assert positions[25] == 0
+    assert positions == sorted(positions)
+    assert positions[-1] == pytest.approx(35 * 20, abs=2)
 
 
 def test_emergencies(network: Any, drives: Drives) -> None:
@@ -194,7 +204,7 @@ def test_emergencies(network: Any, drives: Drives) -> None:
 
     node.emcy.add_callback(on_emergency)
     drives.inject("drive.can0/1.emergency=0x8611")
-    assert told.wait(3)
+    assert told.wait(PATIENCE_S)
     assert codes == [0x8611]
     assert node.sdo["Pre-defined error field"][1].raw == 0x8611
     assert node.sdo["Error register"].raw == 0x21
@@ -207,7 +217,8 @@ def test_two_drives_at_once(network: Any) -> None:
     network.nmt.state = "OPERATIONAL"
     for node in nodes:
         node.sdo["Producer heartbeat time"].raw = 50
-    assert [node.nmt.wait_for_heartbeat(2) for node in nodes] == ["OPERATIONAL"] * 2
+    for node in nodes:
+        wait_for_state(node, "OPERATIONAL")
 
 
 def test_a_module_with_three_axes(tmp_path: Path) -> None:
@@ -217,7 +228,6 @@ def test_a_module_with_three_axes(tmp_path: Path) -> None:
     try:
         node = canopen.RemoteNode(5, str(EDS3))
         network.add_node(node)
-        time.sleep(0.3)
         assert node.sdo[0x1000].raw == 0xFFFF0192
         for axis in range(3):
             node.sdo[0x6060 + 0x800 * axis].raw = 3

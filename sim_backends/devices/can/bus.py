@@ -56,6 +56,12 @@ class CanBus:
         self._errors_counted = False  # whether any counter is not zero
         self.advancing = False
         """Whether it is under way, so that what is done to it needs no call of its own."""
+        self.standstill_ns: int | None = None
+        """A longer time without `advance` means that this process was not run; None: nothing is."""
+        self.advances_to_ns = 0
+        """Where the `advance` that is under way will end."""
+        self.has_stood_still = False
+        """Whether it makes up for more than the loop can ever leave it alone."""
         self._frames = self._error_frames = self._busy_ns = 0
 
     # Nodes
@@ -127,6 +133,9 @@ class CanBus:
     def advance(self, t_ns: int) -> int | None:
         if not self.advancing:
             self.advancing = True
+            gap_ns = t_ns - self.advances_to_ns
+            self.has_stood_still = self.standstill_ns is not None and gap_ns > self.standstill_ns
+            self.advances_to_ns = max(t_ns, self.advances_to_ns)
             try:
                 self._run(t_ns)
             finally:

@@ -80,14 +80,15 @@ class InProcessLink:
         return len(frames)
 
     def read_in_cycle(self, on: bool) -> None:
-        """Nothing to choose: virtual time wakes for free."""
+        self._pump.await_device(not on)
 
     def drain(self) -> None:
-        """Frames are delivered when they come."""
+        self._pump.touch()
 
     def close(self) -> None:
         if self._open:
             self._open = False
+            self._pump.await_device(True)
             self._bus.adapters.remove(self)
             self._bus.detach(self._port)
             self._pump.touch()

@@ -66,6 +66,7 @@ class Communication:
         events: CommunicationEvents,
         sdo_delay_ns: Callable[[], int],
         sync_delay_ns: int,
+        sync_lost_after_periods: float,
     ) -> None:
         self._port = port
         self._node_id = node_id
@@ -98,6 +99,7 @@ class Communication:
             self.pdos.sync,
             events.sync_lost,
             events.sync_late if quirks.late_sync_holds else None,
+            sync_lost_after_periods,
         )
         self.sync.cob_id.on_write = self._listen
         self.sdo = SdoServer(objects, port, cob_ids.sdo_response(node_id), sdo_delay_ns)

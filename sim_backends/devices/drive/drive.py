@@ -81,6 +81,7 @@ class EmulatedDrive:
             self,
             self._sdo_delay_ns,
             sync_delay_ns,
+            self._options.sync_lost_after_periods,
         )
         self.axes = self._build_axes(mechanics, eds)
         self._storage = Storage(self.objects, self._sdo_busy, self._any_axis_energised)

@@ -57,7 +57,7 @@ class HeartbeatWatch:
         self.node = node
         self._timeout_ns = timeout_ns
         self._on_change = on_change
-        self.timer: Timer = timers.timer(self._timed_out)
+        self.timer: Timer = timers.watch(self._timed_out)
         self.lost = False
 
     def received(self, _can_id: int, _data: bytes, t_ns: int) -> None:

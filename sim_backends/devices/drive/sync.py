@@ -12,12 +12,11 @@ from sim_backends.devices.drive.emergency import EmergencyProducer
 from sim_backends.devices.drive.object_dictionary import ObjectDictionary, SdoAbortError
 from sim_backends.devices.drive.timers import Timers
 
-PERIODS_UNTIL_LOST: Final = 2.5
 LATE_S: Final = 0.75e-3
 
 
 class SyncConsumer:
-    """on_sync(counter, t_ns): a SYNC. on_lost(t_ns): none for more than two periods (0x1006).
+    """on_sync(counter, t_ns): a SYNC. on_lost(t_ns): none for `lost_after_periods` of 0x1006.
 
     on_late(late, t_ns): the last one came more than 0.75 ms after its time, or did not.
     """
@@ -30,12 +29,14 @@ class SyncConsumer:
         on_sync: Callable[[int | None, int], None],
         on_lost: Callable[[int], None],
         on_late: Callable[[bool, int], None] | None,
+        lost_after_periods: float,
     ) -> None:
         self._timers = timers
-        self._timer = timers.timer(on_lost)
+        self._timer = timers.watch(on_lost)
         self._emergency = emergency
         self._on_sync = on_sync
         self._on_late = on_late
+        self._lost_after_periods = lost_after_periods
         self.cob_id = objects.own(0x1005, 0, DataType.UNSIGNED32, 0x80)
         self._period_us = objects.own(0x1006, 0, DataType.UNSIGNED32)
         self._overflow = objects.own(0x1019, 0, DataType.UNSIGNED8)
@@ -64,7 +65,7 @@ class SyncConsumer:
                 return
             counter = data[0] if data else None
         if self._period_ns:
-            self._timer.set(t_ns + int(PERIODS_UNTIL_LOST * self._period_ns))
+            self._timer.set(t_ns + int(self._lost_after_periods * self._period_ns))
             if self._on_late is not None:
                 self._check_lateness(self._on_late, t_ns)
         self._on_sync(counter, t_ns)

@@ -1,10 +1,13 @@
 """The drive's timers, and its own idea of how long a second is."""
 
 from collections.abc import Callable
+from typing import Final
 
 from sim_backends.device import DeviceClock
 from sim_backends.devices.can.bus import CanBus
 from sim_backends.devices.can.events import Timer
+
+_GRACE_NS: Final = 20_000_000
 
 
 class Timers:
@@ -20,6 +23,22 @@ class Timers:
         """A timer that belongs to the drive for good."""
         timer = self._queue.timer(action)
         self._timers.append(timer)
+        return timer
+
+    def watch(self, action: Callable[[int], None]) -> Timer:
+        """A timer for what does not come from outside.
+
+        When this process itself has stood still, what was sent meanwhile may be waiting to be
+        read: then there is a little more time. No real drive is starved by its neighbours.
+        """
+
+        def due(t_ns: int) -> None:
+            if self._bus.has_stood_still:
+                timer.set(self._bus.advances_to_ns + _GRACE_NS)
+            else:
+                action(t_ns)
+
+        timer = self.timer(due)
         return timer
 
     def release(self, timer: Timer) -> None:

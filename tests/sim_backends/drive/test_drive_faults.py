@@ -124,7 +124,7 @@ def test_sync_loss() -> None:
         rig.sync()
         rig.run(9.8)
     rig.fault("sync_loss=1s")
-    for _ in range(5):
+    for _ in range(12):
         rig.sync()
         rig.run(9.8)
     assert rig.state == "fault"

@@ -63,7 +63,7 @@ def test_without_sync_no_cyclic_mode_goes_on(mode: int, state: str) -> None:
         rig.sync()
         rig.run(9.8)
     assert rig.state == "enabled"
-    rig.run(14)
+    rig.run(80)
     assert rig.state == "enabled"
     rig.run(30)
     assert rig.state == state

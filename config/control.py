@@ -1,0 +1,92 @@
+"""How the robot is controlled and watched, apart from what is being followed."""
+
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from config.model import ConfigModel, NotNegative, Positive
+
+Probability = Annotated[float, Field(ge=0.0, le=1.0)]
+Box = Annotated[tuple[float, float], Field(strict=False)]
+
+
+class PoseFilterSettings(ConfigModel):
+    """The Kalman filter between the tracker and the controller."""
+
+    position_noise_mm: Positive = 0.2
+    """Standard deviation of one measurement, per coordinate."""
+
+    orientation_noise_rad: Positive = 0.01
+
+    acceleration_mm_s2: Positive = 150.0
+    """What the tip may do between two frames: standard deviation of the white acceleration."""
+
+    angular_acceleration_rad_s2: Positive = 5.0
+
+    outlier_sigma: Positive = 5.0
+    """A measurement that is further from the prediction than this is not believed."""
+
+    outliers_in_a_row: Annotated[int, Field(ge=2)] = 5
+    """So many in a row that agree with each other are believed: the tip has moved."""
+
+    predict_for_s: Positive = 0.15
+    """How long the estimate may live on without a measurement."""
+
+
+class RiskSettings(ConfigModel):
+    """What the gate asks of the risk of collision."""
+
+    threshold: Probability = 0.05
+    """A step whose contact risk is above this is shortened or refused."""
+
+    latest_after_s: Positive = 0.02
+    """A risk that took longer than this counts as maximum."""
+
+
+class Workspace(ConfigModel):
+    """Where the tip may be asked to go, in the base sensor's frame."""
+
+    x_mm: Box
+    y_mm: Box
+    z_mm: Box
+
+    @model_validator(mode="after")
+    def _lowest_first(self) -> "Workspace":
+        for lowest, highest in (self.x_mm, self.y_mm, self.z_mm):
+            if not lowest < highest:
+                raise ValueError("each range is lowest first, then highest")
+        return self
+
+
+class Supervision(ConfigModel):
+    """When what is late or missing becomes a reason to stand still, or to switch off."""
+
+    tracker_hold_after_s: Positive = 0.15
+    """No believed tip for this long: HOLD."""
+
+    tracker_fault_after_s: Positive = 3.0
+    """... and for this long: power off."""
+
+    tracker_quality: Probability = 0.6
+    """Share of recent frames that must be there and believed; below: HOLD."""
+
+    loop_hold_after_s: Positive = 0.06
+    """A gap in the bus cycle of this length: HOLD."""
+
+    loop_fault_after_s: Positive = 0.15
+    """... of this length: FAULT. Must be shorter than the drives' own watchdogs."""
+
+    lease_s: Positive = 2.0
+    """A client that has not renewed its lease for this long has lost it."""
+
+    lease_disarm_after_s: Positive = 15.0
+    """Energised without any lease for this long: power off."""
+
+    setpoint_hold_after_s: Positive = 0.25
+    """In teleoperation: no valid set-point for this long: HOLD."""
+
+    arm_within_s: Positive = 5.0
+    """The drives must be enabled this long after `arm`."""
+
+    disk_free_mb: NotNegative = 500.0
+    """Less free space where recordings go: no arming; a tenth of it: HOLD."""

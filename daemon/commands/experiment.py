@@ -1,0 +1,49 @@
+"""`tentacled experiment EXPERIMENT.yaml --out DIR`: carry it out, in virtual time or in real."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from config.problems import ConfigError
+from daemon.cli import EXIT_FAILED, EXIT_OK
+from daemon.experiment.experiment_file import load_experiment
+from daemon.experiment.in_real_time import carry_out_in_real_time
+from daemon.experiment.in_virtual_time import carry_out_in_virtual_time
+from daemon.experiment.trial import TrialError
+from daemon.recording.error_table import table_text
+from daemon.recording.report import write_report
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("experiment", type=Path, metavar="EXPERIMENT.yaml")
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="the run's folder, made new"
+    )
+    parser.add_argument("--seed", type=int, metavar="N", help="instead of the file's")
+    parser.add_argument(
+        "--real-time", action="store_true", help="with the devices in a process of their own"
+    )
+    parser.add_argument("--no-report", action="store_true", help="figures and recording only")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    try:
+        file = load_experiment(arguments.experiment)
+    except ConfigError as error:
+        print(error, file=sys.stderr)
+        return EXIT_FAILED
+    seed = file.experiment.seed if arguments.seed is None else arguments.seed
+    carry_out = carry_out_in_real_time if arguments.real_time else carry_out_in_virtual_time
+    try:
+        arguments.out.mkdir(parents=True)
+        result = carry_out(file, seed, arguments.out, lambda line: print(line, flush=True))
+    except FileExistsError:
+        print(f"{arguments.out} is there already: name a new folder", file=sys.stderr)
+        return EXIT_FAILED
+    except (TrialError, OSError) as error:
+        print(error, file=sys.stderr)
+        return EXIT_FAILED
+    print(table_text(result.cycles))
+    if not arguments.no_report:
+        print(write_report(arguments.out))
+    return EXIT_OK

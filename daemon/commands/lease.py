@@ -1,0 +1,79 @@
+"""`tentacled lease`: hold the lease in this terminal, so that commands in others may command."""
+
+import argparse
+import asyncio
+import sys
+from pathlib import Path
+from typing import Final
+
+from daemon.cli import EXIT_FAILED, EXIT_OK
+from daemon.remote.client import RobotClient
+from daemon.remote.client_errors import ClientError, RefusedError
+from daemon.remote.command_line import add_target_arguments, address, lease_file, run_talk
+from daemon.remote.messages import Answer
+from daemon.remote.token_file import StoredLease, forget_lease, store_lease
+from daemon.stop_signals import StopSignals
+
+_LOOK_EVERY_S: Final = 0.1
+_TRY_AGAIN_S: Final = 0.5
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_target_arguments(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    async def talk(client: RobotClient) -> int:
+        target = address(arguments)
+        return await _hold(client, lease_file(target), target.user)
+
+    return run_talk(arguments, talk)
+
+
+async def _hold(client: RobotClient, path: Path, user: str) -> int:
+    stop = StopSignals()
+    told = asyncio.create_task(stop.wait(None))
+    answer = await client.acquire()
+    try:
+        store_lease(path, StoredLease(user, answer.token))
+        print(f"{client.me.robot}: the lease is yours; Ctrl-C gives it back", flush=True)
+        while not told.done():
+            if client.lease_lost is not None:
+                print(f"{client.lease_lost}; trying to get it back", file=sys.stderr, flush=True)
+                taken = await _take_again(client, told)
+                if taken is None:
+                    break
+                store_lease(path, StoredLease(user, taken.token))
+                print("the lease is yours again", flush=True)
+            await asyncio.wait((told,), timeout=_LOOK_EVERY_S)
+        return await _give_back(client)
+    except OSError as error:
+        print(f"the lease cannot be kept in {path}: {error.strerror}", file=sys.stderr)
+        return EXIT_FAILED
+    finally:
+        told.cancel()
+        forget_lease(path)
+
+
+async def _take_again(client: RobotClient, told: asyncio.Task[None]) -> Answer | None:
+    """The lease, as soon as it can be had; None: told to end."""
+    while not told.done():
+        try:
+            return await client.acquire()
+        except ClientError:
+            await asyncio.wait((told,), timeout=_TRY_AGAIN_S)
+    return None
+
+
+async def _give_back(client: RobotClient) -> int:
+    if client.lease_lost is not None:
+        return EXIT_FAILED
+    try:
+        await client.release()
+    except RefusedError as error:
+        print(
+            f"the lease is not given back but runs out: {error}",
+            file=sys.stderr,
+        )
+        return EXIT_FAILED
+    return EXIT_OK

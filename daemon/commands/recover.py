@@ -1,0 +1,27 @@
+"""`tentacled recover [DIR]`: recordings that a crash has left unfinished are made whole."""
+
+import argparse
+from pathlib import Path
+
+from daemon.cli import EXIT_FAILED, EXIT_OK
+from daemon.recording.recovery import recover_unfinished
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "directory",
+        type=Path,
+        nargs="?",
+        default=Path("runs"),
+        metavar="DIR",
+        help="a run's folder, or the folder of all runs (default: runs)",
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    outcomes = recover_unfinished(arguments.directory)
+    for outcome in outcomes:
+        print(outcome)
+    if not outcomes:
+        print(f"no unfinished recording in {arguments.directory}")
+    return EXIT_FAILED if any(outcome.problem for outcome in outcomes) else EXIT_OK

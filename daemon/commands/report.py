@@ -1,0 +1,32 @@
+"""`tentacled report RUN`: one HTML file that shows what happened in a run."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from daemon.cli import EXIT_FAILED, EXIT_OK
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "run", type=Path, metavar="RUN", help="a run's folder, or its run.mcap (or run.mcap.part)"
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE", help="default: report.html in the run's folder"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    # matplotlib is slow to come: `--help` does without.
+    from daemon.recording.report import write_report
+    from daemon.recording.run_reader import UnreadableRunError
+
+    try:
+        print(write_report(arguments.run, arguments.out))
+    except UnreadableRunError as error:
+        print(error, file=sys.stderr)
+        return EXIT_FAILED
+    except OSError as error:
+        print(f"{error.filename or arguments.run}: {error.strerror}", file=sys.stderr)
+        return EXIT_FAILED
+    return EXIT_OK

@@ -1,0 +1,141 @@
+"""`tentacled run ROBOT.yaml`: the daemon. It comes up with the power off, and waits for clients."""
+
+import argparse
+import asyncio
+import sys
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+
+from daemon.cli import EXIT_FAILED, EXIT_OK
+from daemon.clock import MonotonicClock, run_in_real_time
+from daemon.connections import RealConnections
+from daemon.lab_client import LabRefusedError, LabUnreachableError, ask
+from daemon.loop.real_time import RealTime
+from daemon.recording.flight_recorder import FlightRecorder
+from daemon.recording.recovery import recover_unfinished
+from daemon.recording.run_folder import describe_run, new_run
+from daemon.remote.discovery import FolderError, SecondDaemonError
+from daemon.remote.server import RemoteOpenError, RemoteServer
+from daemon.robot_argument import CheckedRobot, add_robot_argument, robot_or_explain
+from daemon.runtime_directory import default_runtime_directory, uses_lab, with_lab_ports
+from daemon.service.operator import Operator
+from daemon.service.robot_service import RobotService, Surroundings
+from daemon.service.run_recording import MakeFolder, RunRecording
+from daemon.stop_signals import StopSignals
+from drivers.canopen.object_dictionary import EdsError
+from drivers.clock import WallClock
+from safety.risk_source import NoModel
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_robot_argument(parser)
+    parser.add_argument(
+        "--runtime-dir",
+        type=Path,
+        metavar="DIR",
+        help="where clients find the daemon, and where the emulated lab has its ports",
+    )
+    parser.add_argument(
+        "--runs", type=Path, default=Path("runs"), metavar="DIR", help="where recordings go"
+    )
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of controllers")
+    parser.add_argument(
+        "--no-real-time",
+        action="store_true",
+        help="ask the operating system for no priority and no locked memory",
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    checked = robot_or_explain(arguments.robot)
+    if checked is None:
+        return EXIT_FAILED
+    for recovered in recover_unfinished(arguments.runs):
+        print(recovered)
+    try:
+        run_in_real_time(_serve(checked, arguments))
+    except (EdsError, SecondDaemonError, FolderError, RemoteOpenError) as error:
+        print(error, file=sys.stderr)
+        return EXIT_FAILED
+    return EXIT_OK
+
+
+async def _serve(checked: CheckedRobot, arguments: argparse.Namespace) -> None:
+    stop, clock = StopSignals(), MonotonicClock()
+    robot = checked.file.robot
+    directory = arguments.runtime_dir or default_runtime_directory(robot.robot)
+    simulated = uses_lab(robot)
+    surroundings = Surroundings(
+        RealConnections(clock),
+        clock,
+        FlightRecorder(),
+        NoModel(),
+        simulated,
+        None if arguments.no_real_time else RealTime(),
+    )
+    if surroundings.real_time is not None:
+        surroundings.real_time.prepare()
+    service = RobotService(checked.file, with_lab_ports(robot, directory), surroundings)
+    make_folder = _folder_maker(checked, arguments.runs, clock, arguments.seed)
+    recording = RunRecording(service, make_folder, arguments.seed)
+    inject = _injector(directory) if simulated else None
+    operator = Operator(service, recording, arguments.seed, inject)
+    server = RemoteServer(
+        robot.robot,
+        robot.remote,
+        directory,
+        operator,
+        simulated=simulated,
+        version=service.version,
+        robot_file_dir=checked.file.path.parent,
+    )
+    await server.open()
+    surroundings.listeners.append(server.publish)
+    try:
+        await _live(service, recording, stop, f"{robot.robot} in {directory}")
+    finally:
+        await server.close()
+
+
+async def _live(
+    service: RobotService, recording: RunRecording, stop: StopSignals, what: str
+) -> None:
+    """Until somebody ends it, or the devices' own tasks fail; then one way down."""
+    devices = asyncio.create_task(service.run())
+    ending = asyncio.create_task(stop.wait(None))
+    print(f"{what}: Ctrl-C ends it", flush=True)
+    try:
+        await asyncio.wait((devices, ending), return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        await service.rest()
+        devices.cancel()
+        ending.cancel()
+        outcome = (await asyncio.gather(devices, ending, return_exceptions=True))[0]
+        await recording.end()
+    if isinstance(outcome, Exception):
+        raise outcome
+
+
+def _folder_maker(checked: CheckedRobot, runs: Path, clock: WallClock, seed: int) -> MakeFolder:
+    """Makes folders in a thread of its own: neither disk nor git may hold the loop."""
+
+    def make() -> Path:
+        robot, wall_ns = checked.file.robot, clock.wall_time_ns()
+        folder = new_run(runs, robot.robot, wall_ns)
+        describe_run(folder, robot, checked.file.path, wall_ns, seed)
+        return folder
+
+    async def make_folder() -> Path:
+        return await asyncio.to_thread(make)
+
+    return make_folder
+
+
+def _injector(directory: Path) -> Callable[[str], Awaitable[None]]:
+    async def inject(fault: str) -> None:
+        try:
+            await asyncio.to_thread(ask, directory, {"do": "inject", "fault": fault})
+        except (LabRefusedError, LabUnreachableError) as error:
+            raise ValueError(str(error)) from None
+
+    return inject

@@ -1,0 +1,81 @@
+"""`tentacled status`: the robot at a glance, once or live, for people or for programs."""
+
+import argparse
+import asyncio
+from typing import Final
+
+import msgspec
+
+from daemon.cli import EXIT_OK
+from daemon.remote.client import RobotClient
+from daemon.remote.client_errors import ClientError
+from daemon.remote.command_line import add_target_arguments, run_talk
+from daemon.remote.messages import Status
+from daemon.stop_signals import StopSignals
+
+_EVERY_S: Final = 0.25
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_target_arguments(parser)
+    parser.add_argument(
+        "--json", action="store_true", help="the status message as JSON, one a line"
+    )
+    parser.add_argument("--watch", action="store_true", help="live, until Ctrl-C")
+    parser.add_argument(
+        "--every", type=float, default=_EVERY_S, metavar="S", help="with --watch: how often"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    async def talk(client: RobotClient) -> int:
+        if not arguments.watch:
+            _show_once(await client.status(), arguments.json)
+        elif arguments.json:
+            await _write(client, arguments.every)
+        else:
+            await _watch(client, arguments.every)
+        return EXIT_OK
+
+    return run_talk(arguments, talk)
+
+
+def _show_once(status: Status, as_json: bool) -> None:
+    if as_json:
+        _print_json(status)
+        return
+    from rich.console import Console
+
+    from daemon.remote.status_view import status_view
+
+    Console().print(status_view(status))
+
+
+def _print_json(status: Status) -> None:
+    print(msgspec.json.encode(status).decode(), flush=True)
+
+
+async def _write(client: RobotClient, every_s: float) -> None:
+    told = asyncio.create_task(StopSignals().wait(None))
+    while not told.done():
+        _print_json(await client.status())
+        await asyncio.wait((told,), timeout=every_s)
+
+
+async def _watch(client: RobotClient, every_s: float) -> None:
+    """Goes on while the daemon is away: the connection comes back by itself."""
+    from rich.live import Live
+
+    from daemon.remote.status_view import gone_view, status_view
+
+    told = asyncio.create_task(StopSignals().wait(None))
+    loop = asyncio.get_running_loop()
+    last, last_s = None, loop.time()
+    with Live(auto_refresh=False) as live:
+        while not told.done():
+            try:
+                last, last_s = await client.status(), loop.time()
+                live.update(status_view(last), refresh=True)
+            except ClientError as error:
+                live.update(gone_view(last, str(error), loop.time() - last_s), refresh=True)
+            await asyncio.wait((told,), timeout=every_s)

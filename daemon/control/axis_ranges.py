@@ -1,0 +1,49 @@
+"""What a controller knows of the axes: how far and how fast they go."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from config.axis import Axis, TubeRotation
+from config.robot import Robot
+from drivers.pose import Vector
+
+
+@dataclass(frozen=True)
+class AxisRanges:
+    """Limits of all axes, each (m,) in mm or rad and per second."""
+
+    names: tuple[str, ...]
+    lowest: Vector
+    highest: Vector
+    max_velocity: Vector
+
+    @classmethod
+    def of(cls, robot: Robot) -> "AxisRanges":
+        limits = np.array([_limits(axis) for axis in robot.axes], dtype=np.float64)
+        names = tuple(axis.name for axis in robot.axes)
+        return cls(names, limits[:, 0], limits[:, 1], limits[:, 2])
+
+    @property
+    def count(self) -> int:
+        return len(self.names)
+
+    @property
+    def travel(self) -> Vector:
+        """(m,) from lowest to highest."""
+        return self.highest - self.lowest
+
+    def room(self, targets: Vector) -> tuple[Vector, Vector]:
+        """(m,) lowest and highest step within the travel; an axis outside may only come back."""
+        return np.minimum(self.lowest - targets, 0.0), np.maximum(self.highest - targets, 0.0)
+
+    def slowed(self, step: Vector, dt_s: float) -> Vector:
+        """The step, as a whole shortened until no axis is faster than it may be."""
+        fastest = float(np.max(np.abs(step) / self.max_velocity))
+        return np.asarray(step if fastest <= dt_s else step * (dt_s / fastest))
+
+
+def _limits(axis: Axis) -> tuple[float, float, float]:
+    if isinstance(axis, TubeRotation):
+        return (*axis.travel_rad, axis.max_velocity_rad_s)
+    return (*axis.travel_mm, axis.max_velocity_mm_s)

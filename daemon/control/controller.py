@@ -1,0 +1,82 @@
+"""What every controller is to the loop: it sees measurements and a reference, and proposes steps.
+
+A controller knows no bus, no gate and no clock. What it proposes may be shortened or refused; what
+became of it shows in the next observation.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from drivers.pose import Vector
+
+
+class ControllerError(RuntimeError):
+    """The controller cannot go on. Says why and what helps."""
+
+
+class ModelError(ValueError):
+    """A file that cannot be loaded: not a model, or not one of this robot's."""
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What is known at one control step. Axes in mm or rad, tip in the base sensor's frame."""
+
+    t_ns: int
+    dt_s: float
+    """Measured time since the last step."""
+    u: Vector
+    """(m,) where the axes are."""
+    targets: Vector
+    """(m,) where they were last told to be."""
+    tip_mm: Vector
+    tip_velocity_mm_s: Vector
+    reference_mm: Vector
+    reference_velocity_mm_s: Vector
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """What the controller would do in this step."""
+
+    delta_u: Vector
+    """(m,) change to add to the targets."""
+    note: str = ""
+    """What it is doing, for people: empty while it simply follows."""
+
+
+class Controller(Protocol):
+    """Turns a reference for the tip into steps of the axes."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def ready(self) -> bool:
+        """False while it explores: the reference waits, and it proposes motions of its own."""
+        ...
+
+    def reset(self, observation: Observation) -> None:
+        """Motion begins from here; nothing may jump."""
+        ...
+
+    def observe(self, observation: Observation) -> None:
+        """Learn from one frame. Called for every believed frame, moving or not."""
+        ...
+
+    def propose(self, observation: Observation) -> Proposal:
+        """The next step. Raises ControllerError where it cannot go on."""
+        ...
+
+    def learn(self, budget_s: float) -> None:
+        """Work that can wait, in idle time."""
+        ...
+
+    def save(self, path: Path) -> None:
+        """Write what was learnt. Raises OSError."""
+        ...
+
+    def load(self, path: Path) -> None:
+        """Go on from what was learnt before. Raises ModelError or OSError; nothing changes then."""
+        ...

@@ -1,0 +1,175 @@
+"""The tip between the tracker and the controller: smoothed, checked for outliers, extrapolated.
+
+A measurement that does not fit the prediction is not believed. Several in a row that fit each
+other are: the tip has moved, and the filter begins again from them. So it does at the start, when
+there is nothing to compare with, and after a gap too long to bridge.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from math import hypot, sqrt
+
+import numpy as np
+
+from config.control import PoseFilterSettings
+from daemon.estimation.orientation_filter import OrientationFilter
+from daemon.estimation.position_filter import PositionFilter
+from drivers.pose import Pose, Vector, conjugate, multiply
+
+FRAMES_FOR_QUALITY = 40
+_NS_PER_S = 1e9
+_UNIT_WITHIN = 0.05
+_FARTHEST_MM = 1e5
+_TURN_RAD_S = 1.0
+
+
+@dataclass(frozen=True)
+class TipEstimate:
+    """The tip at one time, in the base sensor's frame."""
+
+    t_ns: int
+    position_mm: Vector
+    """(3,)"""
+    velocity_mm_s: Vector
+    """(3,)"""
+    quaternion: Vector
+    """(4,) unit, scalar first; its sign never flips from one estimate to the next."""
+    position_std_mm: float
+    """Standard deviation of one coordinate, as the filter sees it."""
+    age_s: float
+    """Since the newest measurement that was believed."""
+    quality: float
+    """Share of the last frames that were there and believed, 0 to 1."""
+
+
+class PoseFilter:
+    """Two Kalman filters, position and orientation, that live and die together."""
+
+    def __init__(self, settings: PoseFilterSettings) -> None:
+        self._settings = settings
+        self._position = PositionFilter(
+            settings.position_noise_mm, settings.acceleration_mm_s2, self._restart_speed
+        )
+        self._orientation = OrientationFilter(
+            settings.orientation_noise_rad, settings.angular_acceleration_rad_s2, _TURN_RAD_S
+        )
+        self._frames: deque[bool] = deque(maxlen=FRAMES_FOR_QUALITY)
+        self._candidates: list[tuple[int, Pose]] = []
+        self._predict_for_ns = round(settings.predict_for_s * _NS_PER_S)
+        self._newest_ns: int | None = None
+        self._state_ns = 0
+        self._believed_ns: int | None = None
+        """None while the filter has not begun."""
+        self._last_believed_ns: int | None = None
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._frames.clear()
+        self._candidates.clear()
+        self._newest_ns = None
+        self._believed_ns = self._last_believed_ns = None
+
+    def update(self, t_ns: int, pose: Pose | None) -> bool:
+        """Take one frame, with or without a measurement. True if its measurement was believed.
+
+        A frame that is not newer than the last one is ignored.
+        """
+        if self._newest_ns is not None and t_ns <= self._newest_ns:
+            return False
+        self._newest_ns = t_ns
+        believed = pose is not None and _sound(pose) and self._take(t_ns, pose)
+        self._frames.append(believed)
+        return believed
+
+    def estimate(self, t_ns: int) -> TipEstimate | None:
+        """The tip at `t_ns`, extrapolated at constant velocity; None if that is too long ago."""
+        if self._believed_ns is None or t_ns - self._believed_ns > self._predict_for_ns:
+            return None
+        t_ns = max(t_ns, self._state_ns)
+        ahead_s = (t_ns - self._state_ns) / _NS_PER_S
+        return TipEstimate(
+            t_ns,
+            self._position.position(ahead_s),
+            self._position.velocity(),
+            self._orientation.quaternion(ahead_s),
+            self._position.standard_deviation(ahead_s),
+            (t_ns - self._believed_ns) / _NS_PER_S,
+            self.quality,
+        )
+
+    def age_s(self, t_ns: int) -> float | None:
+        """Since the newest measurement that was believed; None before the first."""
+        last_ns = self._last_believed_ns
+        return None if last_ns is None else (t_ns - last_ns) / _NS_PER_S
+
+    @property
+    def quality(self) -> float:
+        """Share of the last frames that were there and believed; 0 before the first."""
+        return sum(self._frames) / len(self._frames) if self._frames else 0.0
+
+    @property
+    def _restart_speed(self) -> float:
+        """mm/s that the tip may have when the filter begins: what it could gain in a gap."""
+        return self._settings.acceleration_mm_s2 * self._settings.predict_for_s
+
+    def _take(self, t_ns: int, pose: Pose) -> bool:
+        if self._believed_ns is None or t_ns - self._believed_ns > self._predict_for_ns:
+            self._believed_ns = None
+            return self._begin(t_ns, pose)
+        ahead_s = (t_ns - self._state_ns) / _NS_PER_S
+        gate = self._settings.outlier_sigma**2
+        if not (
+            self._position.surprise(pose.position_mm, ahead_s) <= gate
+            and self._orientation.surprise(pose.quaternion, ahead_s) <= gate
+        ):
+            return self._begin(t_ns, pose)
+        self._correct(t_ns, pose)
+        self._candidates.clear()
+        return True
+
+    def _correct(self, t_ns: int, pose: Pose) -> None:
+        ahead_s = (t_ns - self._state_ns) / _NS_PER_S
+        self._position.update(pose.position_mm, ahead_s)
+        self._orientation.update(pose.quaternion, ahead_s)
+        self._state_ns = self._believed_ns = self._last_believed_ns = t_ns
+
+    def _begin(self, t_ns: int, pose: Pose) -> bool:
+        """Collect measurements that agree with each other; begin again when they are enough."""
+        if self._candidates and not self._agree(self._candidates[-1], (t_ns, pose)):
+            self._candidates.clear()
+        self._candidates.append((t_ns, pose))
+        if len(self._candidates) < self._settings.outliers_in_a_row:
+            return False
+        self._state_ns, first = self._candidates[0]
+        self._position.begin(first.position_mm)
+        self._orientation.begin(first.quaternion)
+        for then_ns, candidate in self._candidates[1:]:
+            self._correct(then_ns, candidate)
+        self._candidates.clear()
+        return True
+
+    def _agree(self, before: tuple[int, Pose], after: tuple[int, Pose]) -> bool:
+        """Whether one tip could have been measured at both."""
+        (t0, one), (t1, other) = before, after
+        if t1 - t0 > self._predict_for_ns:
+            return False
+        settings, dt_s = self._settings, (t1 - t0) / _NS_PER_S
+        moved = other.position_mm - one.position_mm
+        may_move = hypot(sqrt(2) * settings.position_noise_mm, self._restart_speed * dt_s)
+        turned = _angle(one.quaternion, other.quaternion)
+        may_turn = hypot(sqrt(2) * settings.orientation_noise_rad, _TURN_RAD_S * dt_s)
+        near = settings.outlier_sigma
+        return float(np.linalg.norm(moved)) <= near * may_move and turned <= near * may_turn
+
+
+def _sound(pose: Pose) -> bool:
+    """A place in this room, and a rotation. NaN is neither."""
+    if not all(abs(value) <= _FARTHEST_MM for value in pose.position_mm.tolist()):
+        return False
+    q = pose.quaternion.tolist()
+    return all(abs(c) <= 2.0 for c in q) and abs(hypot(*q) - 1.0) <= _UNIT_WITHIN
+
+
+def _angle(one: Vector, other: Vector) -> float:
+    q0, q1, q2, q3 = multiply(conjugate(one), other).tolist()
+    return 2.0 * float(np.arctan2(sqrt(q1 * q1 + q2 * q2 + q3 * q3), abs(q0)))

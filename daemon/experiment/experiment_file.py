@@ -1,0 +1,75 @@
+"""Reads an experiment file, and the robot file that it names: sound, or every problem at once."""
+
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from config.emulation import Emulation
+from config.experiment import Experiment
+from config.loader import RobotFile
+from config.problems import ConfigError, Problem
+from config.robot import Robot
+from config.schema_errors import schema_problems
+from config.yaml_document import YamlDocument, read_yaml
+from daemon.robot_argument import check_robot
+
+_BUILTIN = "builtin:"
+
+
+@dataclass(frozen=True)
+class ExperimentFile:
+    """A sound experiment, with its robot, whose plant is already the overridden one."""
+
+    path: Path
+    experiment: Experiment
+    file: RobotFile
+    robot: Robot
+
+
+def load_experiment(path: Path) -> ExperimentFile:
+    """Raises ConfigError with every problem of the file."""
+    document = read_yaml(path)
+    problems = list(document.problems)
+    if not problems:
+        try:
+            experiment = Experiment.model_validate(document.value)
+        except ValidationError as error:
+            problems += schema_problems(document, Experiment, error)
+        else:
+            return _with_robot(path, document, experiment)
+    raise ConfigError(problems)
+
+
+def _with_robot(path: Path, document: YamlDocument, experiment: Experiment) -> ExperimentFile:
+    robot_path = _robot_path(experiment.robot, path)
+    if not robot_path.is_file():
+        raise ConfigError([document.problem(("robot",), f"there is no file {robot_path}")])
+    file = check_robot(robot_path).file
+    if file.robot.emulation is None:
+        text = "experiments need an emulated robot, and this one has no 'emulation'"
+        raise ConfigError([document.problem(("robot",), text)])
+    overridden = _overridden(document, file.robot.emulation, experiment)
+    robot = file.robot.model_copy(update={"emulation": overridden})
+    return ExperimentFile(path, experiment, file, robot)
+
+
+def _robot_path(name: str, path: Path) -> Path:
+    if name.startswith(_BUILTIN):
+        return Path(str(files("config") / "robots" / f"{name.removeprefix(_BUILTIN)}.yaml"))
+    return path.parent / name
+
+
+def _overridden(document: YamlDocument, emulation: Emulation, experiment: Experiment) -> Emulation:
+    plant = emulation.plant
+    try:
+        other = type(plant).model_validate({**plant.model_dump(), **experiment.plant})
+    except ValidationError as error:
+        problems: list[Problem] = [
+            document.problem(("plant", *map(str, details["loc"])), details["msg"], at_key=True)
+            for details in error.errors()
+        ]
+        raise ConfigError(problems) from None
+    update = {"plant": other, "tip_load_g": experiment.tip_load_g}
+    return emulation.model_copy(update=update)

@@ -1,0 +1,128 @@
+"""One experiment, carried out: the same service and operator as under a remote client."""
+
+import asyncio
+from collections.abc import Callable
+from typing import Final
+
+from config.experiment import Experiment
+from daemon.control.trajectories import Trajectory
+from daemon.experiment.happenings import Happenings, LabControl
+from daemon.remote.messages import Acquire, Answer, Arm, Disarm, Message, Refusal, Tip
+from daemon.service.operator import Operator, RefusedError
+from daemon.service.robot_service import RobotService
+from safety.states import OperatingState
+
+_USER: Final = "experiment"
+_READY_WITHIN_S: Final = 120.0
+_RENEWALS_PER_LEASE: Final = 4
+_LOOK_EVERY_S: Final = 0.05
+_MOST_RESUMPTIONS: Final = 1000
+
+
+class TrialError(RuntimeError):
+    """The experiment could not be carried out; the text says why."""
+
+
+class Trial:
+    """Takes the lease, arms, follows the trajectory to its end, disarms."""
+
+    def __init__(
+        self,
+        experiment: Experiment,
+        trajectory: Trajectory,
+        service: RobotService,
+        operator: Operator,
+        lab: LabControl,
+        tell: Callable[[str], None],
+    ) -> None:
+        self.resumptions = 0
+        """How often the motion had to be resumed after something had held it."""
+        self._experiment = experiment
+        self._trajectory = trajectory
+        self._service = service
+        self._operator = operator
+        self._tell = tell
+        self._token = ""
+        self._happenings = Happenings(
+            experiment.happenings, experiment.tip_load_g, lab, self._happened
+        )
+        self._last_ns: int | None = None
+        service.surroundings.listeners.append(self._step)
+
+    async def run(self) -> None:
+        """Raises TrialError; the robot is then left to `RobotService.rest`."""
+        await self._ready()
+        await self._acquire()
+        renewing = asyncio.create_task(self._keep_lease())
+        try:
+            await self._operator.load(self._trajectory, self._experiment.controller)
+            self._carried_out(await self._operator.handle(_USER, Arm(token=self._token)))
+            self._operator.start(self._experiment.blend_speed_mm_s)
+            async with asyncio.timeout(self._experiment.longest_s):
+                await self._follow()
+            self._carried_out(await self._operator.handle(_USER, Disarm(token=self._token)))
+        except RefusedError as refused:
+            raise TrialError(refused.text) from None
+        except TimeoutError:
+            raise TrialError(
+                f"the trajectory was not finished within {self._experiment.longest_s:g} s"
+            ) from None
+        finally:
+            renewing.cancel()
+            await asyncio.gather(renewing, return_exceptions=True)
+
+    async def _ready(self) -> None:
+        supervisor = self._service.supervisor
+        try:
+            async with asyncio.timeout(_READY_WITHIN_S):
+                while supervisor.state is not OperatingState.READY:
+                    await asyncio.sleep(_LOOK_EVERY_S)
+        except TimeoutError:
+            raise TrialError(f"the robot did not get ready: {self._why()}") from None
+
+    async def _acquire(self) -> None:
+        answer = self._carried_out(await self._operator.handle(_USER, Acquire(token=self._token)))
+        self._token = answer.token
+
+    async def _keep_lease(self) -> None:
+        while True:
+            await asyncio.sleep(self._service.robot.supervision.lease_s / _RENEWALS_PER_LEASE)
+            await self._acquire()
+
+    async def _follow(self) -> None:
+        """To the trajectory's end, going on whenever what held the motion is over."""
+        supervisor, loop = self._service.supervisor, self._service.loop
+        while True:
+            await asyncio.sleep(_LOOK_EVERY_S)
+            if supervisor.running:
+                continue
+            if loop.reference is not None and loop.reference.finished:
+                return
+            if not supervisor.state.energised:
+                raise TrialError(f"the robot is {supervisor.state.value}: {self._why()}")
+            if self.resumptions >= _MOST_RESUMPTIONS:
+                raise TrialError(f"the motion was held too often: {self._why()}")
+            self._operator.try_to_resume()
+            self.resumptions += supervisor.running
+
+    def _step(self, message: Message) -> None:
+        """Listens to the steps: happenings go by the trajectory's own time."""
+        if not isinstance(message, Tip):
+            return
+        dt_s = 0.0 if self._last_ns is None else (message.t_ns - self._last_ns) * 1e-9
+        self._last_ns = message.t_ns
+        self._happenings.step(self._operator.elapsed_s, message.cycle, dt_s)
+
+    def _happened(self, what: str) -> None:
+        self._service.tell("note", "happening", what, subject="lab")
+        self._tell(what)
+
+    def _carried_out(self, outcome: Answer | Refusal) -> Answer:
+        if isinstance(outcome, Answer):
+            return outcome
+        reasons = "; ".join(f"{r.name} ({r.subject}): {r.text}" for r in outcome.reasons)
+        raise TrialError(": ".join(filter(None, (outcome.text, reasons))))
+
+    def _why(self) -> str:
+        reasons = self._service.supervisor.reasons
+        return "; ".join(f"{r.cause.name} ({r.subject}): {r.detail}" for r in reasons) or "?"

@@ -1,0 +1,311 @@
+"""The control step, paced by tracker frames: from a measurement to targets on the bus."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from config.robot import Robot
+from daemon.control.controller import Controller, ControllerError, Observation
+from daemon.estimation.pose_filter import PoseFilter, TipEstimate
+from daemon.loop.actuation_history import ActuationHistory
+from daemon.loop.frame_statistics import FrameStatistics
+from daemon.loop.reference import Aim, Reference
+from daemon.loop.timekeeping import Timekeeping
+from daemon.remote.messages import Axes, Message, Risk, Tip
+from daemon.supervision.supervisor import Supervisor
+from drivers.aurora.frame import TrackerFrame
+from drivers.axis_scale import tension_range_n
+from drivers.cia402.axis_channel import AxisChannel
+from drivers.cia402.drive_bus import DriveBus
+from drivers.clock import Clock
+from drivers.pose import Vector
+from safety.gate import RISK, RISK_UNAVAILABLE, Decision, Gate, Measured
+from safety.permit import PermittedStep
+from safety.states import Request
+
+FRAME_PERIOD_NS: Final = {"normal": 25_000_000, "fast": 15_151_515}
+_LONGEST_DT_S: Final = 0.1
+_ASKED_ABOVE: Final = 1e-3
+"""mm or rad: what is less is a few counts."""
+_STUCK_BELOW: Final = 0.02
+"""Share of a proposal under which the gate lets practically nothing through."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sensed:
+    """What the devices say at one step."""
+
+    frame: TrackerFrame
+    dt_s: float
+    u: Vector
+    """(m,) at the time of the frame."""
+    targets: Vector
+    """(m,) where the axes are told to be now."""
+    measured: Measured
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """What the controller would do."""
+
+    aim: Aim
+    delta_u: Vector
+    note: str
+
+
+class ControlLoop:
+    """Carries out one step for every frame. Made for one robot; follows one reference at a time."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        buses: Sequence[DriveBus],
+        gate: Gate,
+        supervisor: Supervisor,
+        timekeeping: Timekeeping,
+        clock: Clock,
+        publish: Callable[[Message], None],
+        risk_source: str,
+    ) -> None:
+        """publish: hears of every step. risk_source: the name of whom the gate asks."""
+        self.filter = PoseFilter(robot.pose_filter)
+        self.history = ActuationHistory(len(robot.axes))
+        self.frames = FrameStatistics()
+        self.controller: Controller | None = None
+        self.reference: Reference | None = None
+        self.steps = self.refusals = 0
+        self.tip: TipEstimate | None = None
+        self.aim: Aim | None = None
+        self.decision: Decision | None = None
+        self.channels = _in_order(buses)
+        self._buses = buses
+        self._gate = gate
+        self._supervisor = supervisor
+        self._timekeeping = timekeeping
+        self._clock = clock
+        self._publish_message = publish
+        self._duration_ns = FRAME_PERIOD_NS[robot.tracker.frame_rate]
+        self._threshold = robot.risk.threshold
+        self._tendons = [tension_range_n(axis) is not None for axis in robot.axes]
+        self._risk_source = risk_source
+        self._last_step: PermittedStep | None = None
+        self._last_frame_ns: int | None = None
+        self._begun = False
+
+    def step(self, frame: TrackerFrame) -> None:
+        """Sense, estimate, decide, gate, act, publish."""
+        self.frames.add(frame.t_ns, frame.received_ns)
+        sensed = self._sense(frame)
+        if sensed is None:
+            return
+        believed = self._estimate(sensed)
+        wish = self._decide(sensed)
+        decision = self._pass_the_gate(sensed, wish)
+        self._act(decision)
+        self._publish(sensed, believed, wish, decision)
+        self._timekeeping.step_ended(frame.received_ns, self._clock.now_ns())
+
+    def settle(self) -> None:
+        """The axes stand where they are, newly energised: nothing before counts."""
+        self._gate.settle([channel.position_counts for channel in self.channels])
+        self._last_step = None
+        self._begun = False
+
+    def begin(self) -> None:
+        """Follow the reference from here with the next step."""
+        self._begun = False
+
+    def target(self, channel: AxisChannel, now_ns: int) -> float | None:
+        """Where an axis is told to be, in its own unit; None while it is told nothing."""
+        if not self._supervisor.state.energised or channel.received_ns is None:
+            return None
+        return channel.scale.position(self.target_counts(channel, now_ns))
+
+    @property
+    def error_mm(self) -> float | None:
+        """Distance of the tip from its reference, at the last step."""
+        if self.tip is None or self.aim is None:
+            return None
+        return math.dist(self.tip.position_mm, self.aim.position_mm)
+
+    # The parts of a step, in their order.
+
+    def _sense(self, frame: TrackerFrame) -> Sensed | None:
+        """None: before the axes have told where they are, there is no step."""
+        last_ns, self._last_frame_ns = self._last_frame_ns, frame.t_ns
+        if last_ns is None or any(channel.received_ns is None for channel in self.channels):
+            self.filter.update(frame.t_ns, frame.tip)
+            self.tip = self.filter.estimate(frame.t_ns)
+            return None
+        dt_s = min((frame.t_ns - last_ns) * 1e-9, _LONGEST_DT_S)
+        counts: list[int | None] = [channel.position_counts for channel in self.channels]
+        tensions = [
+            channel.scale.force(channel.torque_permille) if tendon else None
+            for channel, tendon in zip(self.channels, self._tendons, strict=True)
+        ]
+        now_ns = self._clock.now_ns()
+        targets = [
+            channel.scale.position(self.target_counts(channel, now_ns)) for channel in self.channels
+        ]
+        u = self.history.at(frame.t_ns)
+        return Sensed(frame, dt_s, u, np.array(targets), Measured(counts, tensions))
+
+    def target_counts(self, channel: AxisChannel, now_ns: int) -> int:
+        """Where an axis is told to be; where it is, while it is told nothing."""
+        if self._last_step is None or not self._supervisor.state.energised:
+            return channel.position_counts
+        return self._last_step.target(channel.index, now_ns)
+
+    def _estimate(self, sensed: Sensed) -> bool:
+        believed = self.filter.update(sensed.frame.t_ns, sensed.frame.tip)
+        self.tip = self.filter.estimate(sensed.frame.t_ns)
+        return believed
+
+    def _decide(self, sensed: Sensed) -> Wish | None:
+        """What the controller wants; None: to stand still."""
+        controller, reference, tip = self.controller, self.reference, self.tip
+        if controller is None or reference is None or tip is None:
+            return None
+        running = self._supervisor.running
+        if running and not self._begun:
+            reference.begin(tip.position_mm)
+        if running and controller.ready and self._begun:
+            aim = reference.advance(sensed.frame.t_ns, sensed.dt_s)
+        elif running:
+            aim = reference.wait()
+        else:
+            aim = Aim(tip.position_mm, np.zeros(3), -1)
+        observation = Observation(
+            sensed.frame.t_ns,
+            sensed.dt_s,
+            sensed.u,
+            sensed.targets,
+            tip.position_mm,
+            tip.velocity_mm_s,
+            aim.position_mm,
+            aim.velocity_mm_s,
+        )
+        self.aim = aim if running else None
+        try:
+            return self._ask(controller, observation, running, aim)
+        except ControllerError as error:
+            self._supervisor.raise_cause("controller_failed", sensed.frame.received_ns, str(error))
+            return None
+
+    def _ask(
+        self, controller: Controller, observation: Observation, running: bool, aim: Aim
+    ) -> Wish | None:
+        if running and not self._begun:
+            controller.reset(observation)
+            self._begun = True
+        controller.observe(observation)
+        if not running:
+            return None
+        proposal = controller.propose(observation)
+        if not np.isfinite(proposal.delta_u).all():
+            raise ControllerError("the controller proposed something that is not a number")
+        return Wish(aim, proposal.delta_u, proposal.note)
+
+    def _pass_the_gate(self, sensed: Sensed, wish: Wish | None) -> Decision | None:
+        """What may be done; None: the drives hold by themselves."""
+        if not self._supervisor.state.energised:
+            return None
+        now_ns = self._clock.now_ns()
+        if wish is None:
+            return self._gate.hold(sensed.measured, now_ns, self._duration_ns)
+        wanted = (sensed.targets + wish.delta_u).tolist()
+        targets = [
+            position * channel.scale.counts_per_unit
+            for position, channel in zip(wanted, self.channels, strict=True)
+        ]
+        decision = self._gate.decide(targets, sensed.measured, now_ns, self._duration_ns)
+        self._tell_supervisor(decision, wish, now_ns)
+        return decision
+
+    def _act(self, decision: Decision | None) -> None:
+        self.decision = decision
+        self.steps += 1
+        if decision is not None and decision.step is not None:
+            self._last_step = decision.step
+            for bus in self._buses:
+                bus.write(decision.step)
+        reference, running = self.reference, self._supervisor.running
+        if running and reference is not None and reference.finished:
+            self._supervisor.request(Request.FINISHED, self._clock.now_ns())
+
+    def _tell_supervisor(self, decision: Decision, wish: Wish, now_ns: int) -> None:
+        """A step that was refused, or cut to nothing again and again, is a reason to hold."""
+        supervisor = self._supervisor
+        self.refusals += bool(decision.refused)
+        too_high, unknown = decision.refused == RISK, decision.refused == RISK_UNAVAILABLE
+        told = decision.risk_detail
+        supervisor.failsafe.set("risk_too_high", too_high, now_ns, "gate", told)
+        supervisor.failsafe.set("risk_unavailable", unknown, now_ns, "gate", told)
+        asked = bool(np.any(np.abs(wish.delta_u) > _ASKED_ABOVE))
+        stuck = asked and not (too_high or unknown) and decision.scale < _STUCK_BELOW
+        told = decision.refused or ", ".join(decision.limits) if stuck else ""
+        supervisor.failsafe.set("gate_refused", stuck, now_ns, "gate", told)
+
+    def _publish(
+        self, sensed: Sensed, believed: bool, wish: Wish | None, decision: Decision | None
+    ) -> None:
+        frame, tip, aim = sensed.frame, self.tip, self.aim
+        state = self._supervisor.state.value
+        self._publish_message(
+            Tip(
+                sequence=self.steps,
+                t_ns=frame.t_ns,
+                state=state,
+                measured_mm=None if frame.tip is None else frame.tip.position_mm.tolist(),
+                tip_mm=None if tip is None else tip.position_mm.tolist(),
+                velocity_mm_s=None if tip is None else tip.velocity_mm_s.tolist(),
+                quaternion=None if tip is None else tip.quaternion.tolist(),
+                reference_mm=None if aim is None else aim.position_mm.tolist(),
+                error_mm=self.error_mm,
+                cycle=-1 if aim is None else aim.cycle,
+                age_s=0.0 if tip is None else tip.age_s,
+                believed=believed,
+            )
+        )
+        permitted = None
+        if decision is not None and decision.step is not None:
+            step = decision.step
+            permitted = [
+                channel.scale.position(end - start)
+                for channel, start, end in zip(
+                    self.channels, step.from_counts, step.to_counts, strict=True
+                )
+            ]
+        self._publish_message(
+            Axes(
+                sequence=self.steps,
+                t_ns=frame.t_ns,
+                actual=sensed.u.tolist(),
+                target=sensed.targets.tolist(),
+                proposed=None if wish is None else wish.delta_u.tolist(),
+                permitted=permitted,
+                force=[c.scale.force(c.torque_permille) for c in self.channels],
+            )
+        )
+        if decision is not None and wish is not None:
+            self._publish_message(
+                Risk(
+                    sequence=self.steps,
+                    t_ns=frame.t_ns,
+                    source=self._risk_source,
+                    contact_risk=decision.risk,
+                    body_point_risk=decision.body_point_risk,
+                    threshold=self._threshold,
+                    scale=decision.scale,
+                    reasons=list(decision.limits),
+                    detail=decision.risk_detail,
+                )
+            )
+
+
+def _in_order(buses: Sequence[DriveBus]) -> list[AxisChannel]:
+    """All axes, in the order of the actuation vector."""
+    return sorted((channel for bus in buses for channel in bus.channels), key=lambda c: c.index)

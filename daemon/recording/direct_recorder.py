@@ -1,0 +1,78 @@
+"""The recorder of virtual time: writes within the process, because waiting costs nothing there."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import msgspec
+
+from daemon.recording.can_batches import CanBatches
+from daemon.recording.channels import RAW_TRACKER, TOPICS, message_time_ns, tracker_payload
+from daemon.recording.disk_space import free_mb
+from daemon.recording.flight_recorder import RecorderStatus, RecordingError
+from daemon.recording.run_files import RUN_FILE
+from daemon.recording.run_writer import RunWriter
+from daemon.remote.messages import Message
+
+
+class DirectRecorder:
+    """The same calls give the same file, byte for byte."""
+
+    def __init__(self) -> None:
+        self._encoder = msgspec.json.Encoder()
+        self._writer: RunWriter | None = None
+        self._batches = CanBatches(self._write)
+        self._status = RecorderStatus(False, None, 0, "", None, 0)
+
+    async def start(self, folder: Path, header: Mapping[str, str], t_ns: int, wall_ns: int) -> None:
+        if self._writer is not None:
+            raise RecordingError(f"already recording in {self._writer.path.parent}")
+        try:
+            self._writer = RunWriter(folder / RUN_FILE, header, wall_ns - t_ns)
+        except OSError as error:
+            raise RecordingError(f"cannot record in {folder}: {error.strerror}") from error
+        self._batches = CanBatches(self._write)
+
+    def message(self, message: Message) -> None:
+        topic = TOPICS.get(type(message))
+        if self._writer is not None and topic is not None:
+            self._writer.write(topic, message_time_ns(message), self._encoder.encode(message))
+
+    def tracker_traffic(self, direction: str, data: bytes, t_ns: int) -> None:
+        self._write(RAW_TRACKER, t_ns, tracker_payload(direction, data))
+
+    def can_frame(self, bus: str, can_id: int, data: bytes, t_ns: int) -> None:
+        if self._writer is not None:
+            self._batches.add(bus, can_id, data, t_ns)
+
+    def urgent(self) -> None:
+        if self._writer is not None:
+            self._batches.flush()
+            self._writer.sync()
+
+    async def stop(self) -> None:
+        if self._writer is not None:
+            self._batches.flush()
+            self._writer.finish()
+            self._status = self._described(self._writer, recording=False)
+            self._writer = None
+
+    @property
+    def status(self) -> RecorderStatus:
+        if self._writer is None:
+            return self._status
+        return self._described(self._writer, recording=True)
+
+    def _write(self, topic: str, t_ns: int, payload: bytes) -> None:
+        if self._writer is not None:
+            self._writer.write(topic, t_ns, payload)
+
+    def _described(self, writer: RunWriter, recording: bool) -> RecorderStatus:
+        folder = writer.path.parent
+        return RecorderStatus(
+            recording,
+            folder if recording else None,
+            writer.dropped,
+            writer.failed,
+            free_mb(folder),
+            writer.bytes_written,
+        )

@@ -1,0 +1,29 @@
+"""The files of a run's folder: their names, and how they are written."""
+
+import os
+from pathlib import Path
+from typing import Final
+
+RUN_FILE: Final = "run.mcap"
+ROBOT_FILE: Final = "robot.yaml"
+PROVENANCE_FILE: Final = "provenance.json"
+RESULT_FILE: Final = "result.json"
+REPORT_FILE: Final = "report.html"
+
+
+def unfinished(path: Path) -> Path:
+    """Where a recording stands until it is finished."""
+    return path.with_name(path.name + ".part")
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file that is either there with all of `data`, or not there. Raises OSError."""
+    beside = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with beside.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        beside.replace(path)
+    finally:
+        beside.unlink(missing_ok=True)

@@ -1,0 +1,138 @@
+"""A run's folder: made under a name that tells robot and date, with all that explains the run."""
+
+import hashlib
+import platform
+import subprocess
+from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
+from itertools import count
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+import yaml
+
+from config.loader import eds_path
+from config.robot import Robot
+from daemon.recording.run_files import PROVENANCE_FILE, ROBOT_FILE, write_whole
+
+_CHECKOUT: Final = Path(__file__).parents[2]
+_BUILTIN: Final = "builtin:"
+_GIT_WITHIN_S: Final = 5.0
+_PACKAGES: Final = ("numpy", "scipy", "numba", "mcap", "eclipse-zenoh")
+
+
+class Provenance(msgspec.Struct, frozen=True, kw_only=True):
+    """`provenance.json`: what made the run, as far as it can be told."""
+
+    robot: str
+    started: str
+    """Date and time, UTC."""
+    version: str
+    commit: str | None
+    """Of the checkout that the code ran from; None: it was installed."""
+    modified: bool | None
+    """Whether the checkout differed from its commit."""
+    python: str
+    system: str
+    packages: dict[str, str]
+    seed: int | None
+    config_sha256: str
+    """Of `robot.yaml`."""
+    models_sha256: dict[str, str]
+    """Of the files of learned models, by name."""
+
+
+def new_run(root: Path, robot: str, wall_ns: int) -> Path:
+    """Make an empty folder `<robot>-<UTC date and time>[-n]` under `root`. Raises OSError."""
+    name = f"{robot}-{utc_text(wall_ns).replace(':', '-')}"
+    root.mkdir(parents=True, exist_ok=True)
+    for number in count(1):
+        folder = root / (name if number == 1 else f"{name}-{number}")
+        try:
+            folder.mkdir()
+        except FileExistsError:
+            continue
+        return folder
+    raise AssertionError("there are more numbers than folders")
+
+
+def describe_run(
+    folder: Path,
+    robot: Robot,
+    robot_path: Path,
+    wall_ns: int,
+    seed: int | None = None,
+    models: Mapping[str, Path] | None = None,
+) -> Provenance:
+    """Write `robot.yaml` and `provenance.json`. Raises OSError.
+
+    robot_path: of the file that `robot` was read from. models: files by name.
+    """
+    text = robot_yaml(robot, robot_path).encode()
+    write_whole(folder / ROBOT_FILE, text)
+    commit, modified = _checkout()
+    provenance = Provenance(
+        robot=robot.robot,
+        started=utc_text(wall_ns),
+        version=version("tentacled"),
+        commit=commit,
+        modified=modified,
+        python=platform.python_version(),
+        system=f"{platform.system()} {platform.release()} {platform.machine()}",
+        packages={name: told for name in _PACKAGES if (told := _version(name))},
+        seed=seed,
+        config_sha256=hashlib.sha256(text).hexdigest(),
+        models_sha256={
+            name: hashlib.sha256(path.read_bytes()).hexdigest()
+            for name, path in sorted((models or {}).items())
+        },
+    )
+    write_whole(folder / PROVENANCE_FILE, formatted_json(provenance))
+    return provenance
+
+
+def robot_yaml(robot: Robot, robot_path: Path) -> str:
+    """The robot as one file that stands alone: all defaults written out, all paths absolute."""
+    values: dict[str, Any] = robot.model_dump(mode="json")
+    for axis in values["axes"]:
+        reference = axis["drive"]["eds"]
+        if not reference.startswith(_BUILTIN):
+            axis["drive"]["eds"] = str(eds_path(reference, robot_path).absolute())
+    return yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=100)
+
+
+def utc_text(wall_ns: int) -> str:
+    """A date as in `2020-01-01T00:00:00Z`."""
+    return f"{np.datetime64(wall_ns // 1_000_000_000, 's')}Z"
+
+
+def formatted_json(value: msgspec.Struct) -> bytes:
+    """JSON that people read too."""
+    return msgspec.json.format(msgspec.json.encode(value), indent=2) + b"\n"
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
+def _checkout() -> tuple[str | None, bool | None]:
+    """Commit of the checkout that this file is in, and whether files differ from it."""
+    if not (_CHECKOUT / ".git").exists():
+        return None, None
+    command = ["git", "-C", str(_CHECKOUT), "describe", "--always", "--dirty", "--abbrev=40"]
+    try:
+        told = subprocess.run(
+            [*command, "--exclude=*"],
+            capture_output=True,
+            text=True,
+            timeout=_GIT_WITHIN_S,
+            check=True,
+        ).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return None, None
+    return told.removesuffix("-dirty"), told.endswith("-dirty")

@@ -1,0 +1,119 @@
+"""Writes a recording: an MCAP file whose finished part is readable whatever happens afterwards."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import IO, Final, cast
+
+from mcap.writer import CompressionType, Writer
+
+from daemon.recording.channels import TIP_POSE, TOPICS, channel_format, tip_pose
+from daemon.recording.patient_file import PatientFile, sync_folder
+from daemon.recording.run_files import unfinished
+from daemon.remote.messages import Tip
+
+LIBRARY: Final = "tentacled"
+HEADER: Final = "run"
+"""Name of the metadata record that says what was recorded."""
+ENDING: Final = "ending"
+"""Name of the metadata record that only a recording that was ended properly has."""
+
+_CHUNK_BYTES: Final = 1 << 20
+_PENDING_AT_MOST: Final = 16 << 20
+_TIP: Final = TOPICS[Tip]
+
+
+class RunWriter:
+    """One recording. A full disk raises nothing here: see `failed`.
+
+    The same messages give the same bytes: there is no date, version or random number in the file
+    but those handed in.
+    """
+
+    def __init__(self, path: Path, header: Mapping[str, str], wall_offset_ns: int) -> None:
+        """path: of the finished file; until then it has `.part` added.
+
+        wall_offset_ns: to be added to a monotonic time to get the date. Raises OSError.
+        """
+        self.path = path
+        self.dropped = 0
+        """Messages that were not kept because the disk did not take them."""
+        self._wall_offset_ns = wall_offset_ns
+        self._channels: dict[str, int] = {}
+        self._sequences: dict[str, int] = {}
+        self._file = PatientFile(unfinished(path))
+        self._mcap = start_mcap(self._file)
+        self._mcap.add_metadata(HEADER, {**header, "wall_offset_ns": str(wall_offset_ns)})
+
+    @property
+    def failed(self) -> str:
+        """What keeps the file from being written; empty: all is well."""
+        return self._file.failed
+
+    @property
+    def bytes_written(self) -> int:
+        """Bytes that are in the file."""
+        return self._file.written
+
+    def write(self, topic: str, t_ns: int, payload: bytes) -> None:
+        """Add a message. t_ns: monotonic. Raises ValueError where the topic is unknown."""
+        if self._file.pending > _PENDING_AT_MOST:
+            self.dropped += 1
+            return
+        wall_ns = max(0, t_ns + self._wall_offset_ns)
+        self._add(topic, wall_ns, payload)
+        if topic == _TIP:
+            pose = tip_pose(payload, wall_ns)
+            if pose is not None:
+                self._add(TIP_POSE, wall_ns, pose)
+
+    def flush(self) -> None:
+        """End the chunk: what was written so far can be read from now on, whatever happens."""
+        self._mcap.flush()  # type: ignore[no-untyped-call]
+
+    def sync(self) -> None:
+        """Flush, and wait until the disk has it."""
+        self.flush()
+        self._file.sync()
+
+    def finish(self, dropped_before: int = 0) -> bool:
+        """Write the index and give the file its name. False: it did not all fit, and stays `.part`.
+
+        dropped_before: messages that were lost on the way to here; the file tells how many.
+        """
+        self._mcap.flush()  # type: ignore[no-untyped-call]
+        self._mcap.add_metadata(ENDING, {"dropped": str(dropped_before + self.dropped)})
+        self._mcap.finish()  # type: ignore[no-untyped-call]
+        self._file.flush()
+        self._file.sync()
+        complete = not self._file.failed
+        if complete:
+            unfinished(self.path).rename(self.path)
+            sync_folder(self.path.parent)
+        self._file.close()
+        return complete
+
+    def _add(self, topic: str, wall_ns: int, payload: bytes) -> None:
+        channel = self._channels.get(topic)
+        if channel is None:
+            channel = self._register(topic)
+        sequence = self._sequences[topic]
+        self._sequences[topic] = sequence + 1
+        self._mcap.add_message(channel, wall_ns, payload, wall_ns, sequence)
+
+    def _register(self, topic: str) -> int:
+        kind = channel_format(topic)
+        schema = 0
+        if kind.schema_name:
+            schema = self._mcap.register_schema(kind.schema_name, "jsonschema", kind.schema)
+        self._channels[topic] = self._mcap.register_channel(topic, kind.message_encoding, schema)
+        self._sequences[topic] = 0
+        return self._channels[topic]
+
+
+def start_mcap(file: PatientFile) -> Writer:
+    """An MCAP file that begins in `file`."""
+    writer = Writer(
+        cast(IO[bytes], file), chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD
+    )
+    writer.start(library=LIBRARY)
+    return writer

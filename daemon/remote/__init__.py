@@ -1,0 +1,1 @@
+"""How programs outside talk to the daemon: keys, messages, access, server and client."""

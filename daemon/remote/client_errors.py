@@ -1,0 +1,44 @@
+"""Why a client does not get what it wants: reasons in place of zenoh's silence."""
+
+from daemon.remote.messages import Refusal
+
+
+class ClientError(RuntimeError):
+    """Base of all. The text says what is wrong and what to do."""
+
+
+class DaemonNotRunningError(ClientError):
+    """Nobody is there."""
+
+
+class AccessDeniedError(ClientError):
+    """The daemon is there, and does not know this user or does not let it do that."""
+
+
+class DisconnectedError(ClientError):
+    """The daemon has gone, or the way to it."""
+
+
+class TimedOutError(ClientError):
+    """The daemon is there and has not answered in time."""
+
+
+class VersionMismatchError(ClientError):
+    """Client and daemon speak different versions of the messages."""
+
+
+class BadAnswerError(ClientError):
+    """What came back is not what the daemon answers."""
+
+
+class LeaseLostError(ClientError):
+    """The lease ran out, or somebody else has it."""
+
+
+class RefusedError(ClientError):
+    """The daemon has refused, and said why."""
+
+    def __init__(self, refusal: Refusal) -> None:
+        reasons = [f"  {r.subject}: {r.text} ({r.remedy})" for r in refusal.reasons]
+        super().__init__("\n".join([refusal.text or refusal.name, *reasons]))
+        self.refusal = refusal

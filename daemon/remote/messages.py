@@ -1,0 +1,365 @@
+"""Everything that is said over the wire, and recorded: one struct per kind of message.
+
+The tag names kind and version (`status/1`); within a version, fields are only added, and have a
+default. Lengths are mm (rad for rotating axes), times s, and `t_ns` is the daemon's monotonic
+clock. A vector is a list of as many numbers as its frame or the robot has.
+"""
+
+from typing import Any
+
+import msgspec
+
+
+class Message(msgspec.Struct, frozen=True, kw_only=True):
+    """Base of all; a subclass sets its tag."""
+
+
+# What the daemon tells.
+
+
+class Reason(msgspec.Struct, frozen=True, kw_only=True):
+    """Why the robot is not doing what somebody might want of it."""
+
+    name: str
+    """As in the table of causes."""
+    severity: str
+    subject: str
+    """What it is about: `tracker`, `can0/3`, `loop`."""
+    text: str
+    remedy: str
+    detail: str = ""
+    since_s: float = 0.0
+    """How long it has been so."""
+    latched: bool = False
+    """Gone by itself, but waits for a deliberate clear."""
+
+
+class TrackerStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """The tracker, as the loop sees it."""
+
+    state: str
+    rate_hz: float
+    age_s: float | None
+    """Since the newest accepted measurement was made."""
+    quality: float
+    """Share of recent frames that were there and were believed, 0 to 1."""
+    latency_s: float | None
+    """From measurement to the loop, median."""
+
+
+class AxisStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """One axis."""
+
+    name: str
+    unit: str
+    actual: float | None
+    target: float | None
+    drive_state: str
+    node_state: str
+    force: float | None
+    """Tension of a tendon, thrust of a screw, torque of a rotation."""
+    force_unit: str
+    volume_ml: float | None = None
+
+
+class LoopStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """How well the loop keeps its time."""
+
+    rate_hz: float
+    """Control steps per second."""
+    cycle_rate_hz: float
+    lateness_p50_s: float
+    lateness_p99_s: float
+    lateness_max_s: float
+    missed: int
+    """Bus cycles that were skipped because the loop came too late."""
+    step_p50_s: float
+    """Time from a frame's arrival to its targets' being ready."""
+    step_p99_s: float
+    last_overrun: str = ""
+    """What the last late cycle was spent on."""
+    real_time: str = ""
+    """What of the real-time set-up is in force."""
+
+
+class RiskStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """What the gate was told about the last step."""
+
+    source: str
+    contact_risk: float | None
+    """Probability that any part of the body touches something, along the step."""
+    body_point_risk: float | None
+    """Probability that a random point of the body is in an obstacle: not the same, and smaller."""
+    threshold: float
+    scale: float
+    """Share of the last proposal that was let through, 0 to 1."""
+    detail: str = ""
+
+
+class LeaseStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """Who may command."""
+
+    holder: str | None
+    expires_in_s: float | None
+
+
+class ReferenceStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """What is being followed."""
+
+    trajectory: str
+    controller: str
+    elapsed_s: float
+    duration_s: float | None
+    cycle: int
+    """From 0; -1 while the tip is led to the start."""
+    cycles: int | None
+
+
+class Status(Message, frozen=True, kw_only=True, tag="status/1"):
+    """The whole robot at a glance."""
+
+    robot: str
+    state: str
+    reasons: list[Reason]
+    t_ns: int
+    sequence: int
+    tip_mm: list[float] | None
+    reference_mm: list[float] | None
+    error_mm: float | None
+    tracker: TrackerStatus
+    axes: list[AxisStatus]
+    risk: RiskStatus
+    loop: LoopStatus
+    lease: LeaseStatus
+    recording: str | None
+    """Folder of the run; None: nothing is being recorded."""
+    simulated: bool
+    reference: ReferenceStatus | None = None
+    version: str = ""
+
+
+class Tip(Message, frozen=True, kw_only=True, tag="tip/1"):
+    """One control step: where the tip is, and where it should be. Base sensor's frame."""
+
+    sequence: int
+    t_ns: int
+    """When this was measured."""
+    state: str
+    measured_mm: list[float] | None
+    """As the tracker gave it; None where this frame had none."""
+    tip_mm: list[float] | None
+    """Filtered."""
+    velocity_mm_s: list[float] | None
+    quaternion: list[float] | None
+    """Scalar first."""
+    reference_mm: list[float] | None
+    error_mm: float | None
+    cycle: int = -1
+    age_s: float = 0.0
+    believed: bool = True
+    """Whether the filter took this frame for a measurement and not for an outlier."""
+
+
+class Axes(Message, frozen=True, kw_only=True, tag="axes/1"):
+    """One control step: the actuation vector u, each element in its axis' own unit."""
+
+    sequence: int
+    t_ns: int
+    actual: list[float]
+    target: list[float]
+    """Where the drives are told to be now."""
+    proposed: list[float] | None
+    """The change that the controller asked for in this step."""
+    permitted: list[float] | None
+    """The change that the gate let through."""
+    force: list[float]
+
+
+class Risk(Message, frozen=True, kw_only=True, tag="risk/1"):
+    """One control step: what the gate was told and what it did."""
+
+    sequence: int
+    t_ns: int
+    source: str
+    contact_risk: float | None
+    body_point_risk: float | None
+    threshold: float
+    scale: float
+    reasons: list[str]
+    """Which limits made it reduce the step."""
+    detail: str = ""
+
+
+class Loop(Message, frozen=True, kw_only=True, tag="loop/1"):
+    """One second of the loop's time keeping."""
+
+    t_ns: int
+    status: LoopStatus
+
+
+class Event(Message, frozen=True, kw_only=True, tag="event/1"):
+    """Something happened."""
+
+    sequence: int
+    t_ns: int
+    kind: str
+    """`state`, `cause`, `condition`, `command`, `note`."""
+    name: str
+    subject: str
+    present: bool
+    """For what comes and goes: whether it came."""
+    text: str
+    severity: str = ""
+    detail: str = ""
+
+
+class WhoAmI(Message, frozen=True, kw_only=True, tag="whoami/1"):
+    """Answer to `whoami`: that the daemon is there, and what the asker may do."""
+
+    robot: str
+    version: str
+    role: str
+    simulated: bool
+
+
+# What clients ask for. All but `acquire` and `stop` need the lease.
+
+
+class Command(Message, frozen=True, kw_only=True):
+    """Base of commands."""
+
+    request: str = ""
+    """The client's own identifier of this request; comes back in the answer."""
+    token: str = ""
+    """Of the lease."""
+
+
+class Acquire(Command, frozen=True, kw_only=True, tag="acquire/1"):
+    """Take the lease, or renew it with its token. Renewals must come several times within it."""
+
+
+class Release(Command, frozen=True, kw_only=True, tag="release/1"):
+    """Give the lease back. Refused while drives are energised."""
+
+
+class Arm(Command, frozen=True, kw_only=True, tag="arm/1"):
+    """Energise the drives where they stand. Refused with all unmet conditions."""
+
+
+class Disarm(Command, frozen=True, kw_only=True, tag="disarm/1"):
+    """Stop, take the drives' power off, go to STANDBY."""
+
+
+class Load(Command, frozen=True, kw_only=True, tag="load/1"):
+    """Make a trajectory and a controller ready. Keys as in experiment files."""
+
+    trajectory: dict[str, Any]
+    controller: dict[str, Any] | None = None
+    cycles: int | None = None
+
+
+class Start(Command, frozen=True, kw_only=True, tag="start/1"):
+    """Follow what was loaded, from its beginning."""
+
+
+class Teleoperate(Command, frozen=True, kw_only=True, tag="teleoperate/1"):
+    """Follow the set-point stream."""
+
+    controller: dict[str, Any] | None = None
+
+
+class Hold(Command, frozen=True, kw_only=True, tag="hold/1"):
+    """Stand still, energised; `resume` goes on."""
+
+
+class Resume(Command, frozen=True, kw_only=True, tag="resume/1"):
+    """Go on from where `hold`, or a cause that is over, has stopped the motion."""
+
+
+class Stop(Command, frozen=True, kw_only=True, tag="stop/1"):
+    """Quick stop, then power off. All who may command may stop. Not an emergency stop circuit."""
+
+
+class Clear(Command, frozen=True, kw_only=True, tag="clear/1"):
+    """Acknowledge latched faults and reset the drives'. In FAULT or STANDBY only."""
+
+
+class Inject(Command, frozen=True, kw_only=True, tag="inject/1"):
+    """Make an emulated device misbehave. Refused on real hardware."""
+
+    fault: str
+
+
+class Answer(Message, frozen=True, kw_only=True, tag="answer/1"):
+    """What every command that was carried out gets."""
+
+    request: str
+    state: str
+    """After it."""
+    text: str = ""
+    token: str = ""
+    """Of the lease, after `acquire`."""
+    expires_in_s: float | None = None
+    confirmed: bool = True
+    """For stop and disarm: whether the drives have said that they did it."""
+
+
+class Refusal(Message, frozen=True, kw_only=True, tag="refusal/1"):
+    """Why a command was not carried out: all reasons at once."""
+
+    request: str
+    state: str
+    name: str
+    """`no_lease`, `wrong_state`, `not_ready`, `bad_payload`, `unreachable`, `busy`, ..."""
+    text: str
+    reasons: list[Reason] = []
+
+
+class Setpoint(Message, frozen=True, kw_only=True, tag="setpoint/1"):
+    """Where the tip shall be now. A stream of puts; the newest counts while it is valid."""
+
+    token: str
+    sequence: int
+    """Rising; a set-point that is not newer than the last is dropped."""
+    position_mm: list[float]
+    valid_s: float
+    """For how long after its arrival it may be followed."""
+    velocity_mm_s: list[float] | None = None
+
+
+class SetpointRefused(Message, frozen=True, kw_only=True, tag="setpoint_refused/1"):
+    """Published as an event when a set-point is dropped."""
+
+    sequence: int
+    """-1 where it could not be read."""
+    reason: str
+    user: str = ""
+    """Whose set-point it was."""
+
+
+TELEMETRY = (Status, Tip, Axes, Risk, Loop, Event)
+COMMANDS = (
+    Acquire,
+    Release,
+    Arm,
+    Disarm,
+    Load,
+    Start,
+    Teleoperate,
+    Hold,
+    Resume,
+    Stop,
+    Clear,
+    Inject,
+)
+
+
+def verb(command: Command | type[Command]) -> str:
+    """The word under which a command is asked for: the last part of its key."""
+    kind = command if isinstance(command, type) else type(command)
+    return tag(kind).split("/")[0]
+
+
+def tag(kind: type[msgspec.Struct]) -> str:
+    """Kind and version, as on the wire."""
+    return str(kind.__struct_config__.tag)

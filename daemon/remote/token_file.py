@@ -1,0 +1,46 @@
+"""The lease that `tentacled lease` holds, for the same user's other commands."""
+
+import os
+from contextlib import suppress
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+_NAME: Final = "lease.json"
+
+
+class StoredLease(msgspec.Struct, frozen=True):
+    """Whose, and with which token."""
+
+    user: str
+    token: str
+
+
+def token_file(folder: Path, user: str) -> Path:
+    """Where the lease of `user` is kept in `folder`."""
+    return folder / f"{user}.{_NAME}"
+
+
+def store_lease(path: Path, lease: StoredLease) -> None:
+    """Keep it where nobody else can read it. Raises OSError."""
+    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    new = path.with_name(f".{path.name}.{os.getpid()}")
+    new.unlink(missing_ok=True)
+    descriptor = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
+    with os.fdopen(descriptor, "wb") as file:
+        file.write(msgspec.json.encode(lease))
+    new.replace(path)
+
+
+def stored_token(path: Path) -> str:
+    """The token that is kept there; empty where there is none."""
+    with suppress(OSError, msgspec.MsgspecError):
+        return msgspec.json.decode(path.read_bytes(), type=StoredLease).token
+    return ""
+
+
+def forget_lease(path: Path) -> None:
+    """Nobody holds it any more."""
+    with suppress(OSError):
+        path.unlink(missing_ok=True)

@@ -1,0 +1,146 @@
+"""Messages to bytes and back. What comes in is believed only when all of it is sound."""
+
+import math
+from collections.abc import Iterator
+from enum import Enum
+from functools import cache
+from typing import Any, Final, TypeVar, cast
+
+import msgspec
+
+from daemon.remote.messages import Command, Load, Message, Setpoint, Teleoperate, tag
+
+M = TypeVar("M", bound=Message)
+
+_MOST_BYTES: Final[dict[type[Message], int]] = {Load: 65536, Teleoperate: 16384, Setpoint: 1024}
+_MOST_COMMAND_BYTES: Final = 4096
+LARGEST_MESSAGE_BYTES: Final = 65536
+_DEEPEST: Final = 16
+
+
+class Format(Enum):
+    """How a message is written."""
+
+    MSGPACK = "application/msgpack"
+    JSON = "application/json"
+
+
+class WireError(ValueError):
+    """A payload that is not what it should be. `name` is that of a Refusal."""
+
+    def __init__(self, name: str, text: str, request: str = "") -> None:
+        super().__init__(text)
+        self.name = name
+        self.request = request
+        """The sender's identifier of the request, where it could be read."""
+
+
+def asked_format(encoding: object) -> Format:
+    """The format that an encoding names; msgpack where it names none."""
+    return Format.JSON if str(encoding).startswith(Format.JSON.value) else Format.MSGPACK
+
+
+def encoding_of(kind: type[Message] | Message, form: Format = Format.MSGPACK) -> str:
+    """What a message's encoding says: format, kind and version."""
+    return _encoding(kind if isinstance(kind, type) else type(kind), form)
+
+
+@cache
+def _encoding(kind: type[Message], form: Format) -> str:
+    return f"{form.value};tentacled.{tag(kind)}"
+
+
+def encode(message: Message, form: Format = Format.MSGPACK) -> bytes:
+    """The message as bytes."""
+    if form is Format.JSON:
+        return msgspec.json.encode(message)
+    return msgspec.msgpack.encode(message)
+
+
+def most_bytes(kind: type[Message]) -> int:
+    """The size above which a message to the daemon is not looked at."""
+    fallback = _MOST_COMMAND_BYTES if issubclass(kind, Command) else LARGEST_MESSAGE_BYTES
+    return _MOST_BYTES.get(kind, fallback)
+
+
+def decode(payload: bytes, kind: type[M], form: Format = Format.MSGPACK) -> M:
+    """The message of this kind in `payload`. Raises WireError."""
+    return cast(M, decode_one_of(payload, (kind,), form))
+
+
+def decode_one_of(
+    payload: bytes, kinds: tuple[type[Message], ...], form: Format = Format.MSGPACK
+) -> Message:
+    """The message in `payload`, which is one of these kinds. Raises WireError."""
+    raw = _raw(payload, max(most_bytes(kind) for kind in kinds), form)
+    request = str(raw.get("request", ""))[:64]
+    kind = _kind(raw.get("type"), kinds, request)
+    for path, problem in _problems(raw):
+        raise WireError("bad_payload", f"{problem} at {path}", request)
+    try:
+        return msgspec.convert(raw, kind)
+    except (msgspec.ValidationError, OverflowError) as error:
+        raise WireError("bad_payload", str(error).replace("`", ""), request) from None
+
+
+def _raw(payload: bytes, most: int, form: Format) -> dict[str, Any]:
+    if not payload:
+        raise WireError("bad_payload", "the payload is empty")
+    if len(payload) > most:
+        raise WireError("bad_payload", f"{len(payload)} bytes are more than {most}")
+    try:
+        decoder = msgspec.json.decode if form is Format.JSON else msgspec.msgpack.decode
+        raw = decoder(payload)
+    except RecursionError:
+        raise WireError("bad_payload", "nested too deeply") from None
+    except (msgspec.MsgspecError, UnicodeDecodeError, TypeError, ValueError) as error:
+        raise WireError("bad_payload", f"this is no {form.value}: {error}") from None
+    if not isinstance(raw, dict):
+        raise WireError("bad_payload", "a message is a map")
+    return raw
+
+
+def _kind(told: object, kinds: tuple[type[Message], ...], request: str) -> type[Message]:
+    for kind in kinds:
+        if told == tag(kind):
+            return kind
+    spoken = " or ".join(f"'{tag(kind)}'" for kind in kinds)
+    if not isinstance(told, str):
+        raise WireError("bad_payload", f"$.type is missing: {spoken} belongs here", request)
+    name, _, version = told[:64].partition("/")
+    for kind in kinds:
+        ours, _, our_version = tag(kind).partition("/")
+        if name == ours:
+            text = f"version {our_version} of '{ours}' is spoken here, not {version or 'none'}"
+            raise WireError("bad_version", text, request)
+    raise WireError("bad_payload", f"{spoken} belongs here, not '{told[:64]}'", request)
+
+
+def _problems(raw: object) -> Iterator[tuple[str, str]]:
+    """Everything that must not be anywhere in a message, with where it is."""
+    waiting: list[tuple[str, object, int]] = [("$", raw, 0)]
+    while waiting:
+        path, value, depth = waiting.pop()
+        if isinstance(value, float):
+            if not math.isfinite(value):
+                yield path, f"{value} is not a finite number"
+        elif isinstance(value, dict):
+            for key, inner in value.items():
+                if not isinstance(key, str):
+                    yield path, "a map's keys are words, which is not so"
+                waiting.append((f"{path}.{key}", inner, depth + 1))
+        elif isinstance(value, list):
+            waiting.extend((f"{path}[{n}]", inner, depth + 1) for n, inner in enumerate(value))
+        elif value is not None and not isinstance(value, (bool, int, str)):
+            yield path, f"a {type(value).__name__} has no place"
+        if depth > _DEEPEST:
+            yield path, "nested too deeply"
+
+
+def json_schema(kind: type[Message]) -> dict[str, Any]:
+    """The JSON Schema of a kind of message, its root an object and not a reference."""
+    schema = msgspec.json.schema(kind)
+    parts: dict[str, Any] = schema.pop("$defs", {})
+    root = parts.pop(kind.__name__)
+    flat = {"$schema": "https://json-schema.org/draft/2020-12/schema", **root}
+    return {**flat, "$defs": parts} if parts else flat

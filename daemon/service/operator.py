@@ -1,0 +1,424 @@
+"""What clients ask of the robot: who may, whether it is possible now, and what then happens."""
+
+import asyncio
+from collections.abc import Awaitable, Callable, Sequence
+from math import isfinite
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from config.controllers import Broyden, ControllerOptions, load_controller_options
+from config.options import OptionsError
+from config.trajectory import TrajectoryOptions, load_trajectory_options
+from daemon.control.controller import Controller, ControllerError
+from daemon.control.make_controller import make_controller
+from daemon.control.reachability import HasKinematics, looks
+from daemon.control.trajectories import Trajectory, make_trajectory
+from daemon.control.waypoints import WaypointError
+from daemon.loop.reference import TeleoperationReference, TrajectoryReference
+from daemon.recording.flight_recorder import RecordingError
+from daemon.remote.messages import (
+    Acquire,
+    Answer,
+    Arm,
+    Clear,
+    Command,
+    Disarm,
+    Hold,
+    Inject,
+    Load,
+    Reason,
+    ReferenceStatus,
+    Refusal,
+    Release,
+    Resume,
+    Setpoint,
+    SetpointRefused,
+    Start,
+    Status,
+    Stop,
+    Teleoperate,
+    verb,
+)
+from daemon.service.robot_service import RobotService
+from daemon.service.run_recording import RunRecording
+from daemon.supervision.explained import explained
+from safety.causes import Severity
+from safety.failsafe import ActiveReason
+from safety.states import OperatingState, Request
+
+BLEND_SPEED_MM_S: Final = 5.0
+_TELEOPERATION_SPEED_MM_S: Final = 15.0
+_LONGEST_VALIDITY_S: Final = 1.0
+_LOOK_EVERY_S: Final = 0.002
+_AT_REST_WITHIN_S: Final = 3.5
+
+
+class Loaded(NamedTuple):
+    """What `start` will follow."""
+
+    trajectory: Trajectory
+    controller: Controller
+
+
+class RefusedError(Exception):
+    """A command that is not carried out."""
+
+    def __init__(self, name: str, text: str, reasons: Sequence[ActiveReason] = ()) -> None:
+        super().__init__(text)
+        self.name = name
+        self.text = text
+        self.reasons = reasons
+
+
+class Operator:
+    """Carries commands out. Implements the remote server's CommandHandler."""
+
+    def __init__(
+        self,
+        service: RobotService,
+        recording: RunRecording,
+        seed: int,
+        inject: Callable[[str], Awaitable[None]] | None,
+    ) -> None:
+        """seed: of controllers. inject: makes an emulated device misbehave; raises ValueError."""
+        self.loaded: Loaded | None = None
+        self._service = service
+        self._recording = recording
+        self._seed = seed
+        self._inject_fault = inject
+        self._teleoperation: TeleoperationReference | None = None
+        self._last_setpoint = -1
+        self._following: TrajectoryReference | None = None
+        service.reference_status = self._reference_status
+        service.setpoint_age_s = self._setpoint_age_s
+        self._verbs: dict[type[Command], Callable[[str, Any], Awaitable[Answer]]] = {
+            Acquire: self._acquire,
+            Release: self._release,
+            Arm: self._arm,
+            Disarm: self._disarm,
+            Load: self._load,
+            Start: self._start,
+            Teleoperate: self._teleoperate,
+            Hold: self._hold,
+            Resume: self._resume,
+            Stop: self._stop,
+            Clear: self._clear,
+            Inject: self._inject,
+        }
+
+    async def handle(self, user: str, command: Command) -> Answer | Refusal:
+        """Carry `command` out, or say why not."""
+        if not self._is_renewal(user, command):
+            self._service.tell("command", verb(command), f"{user} asks for it", subject=user)
+        try:
+            if not isinstance(command, Acquire | Stop):
+                self._check_lease(user, command)
+            return await self._verbs[type(command)](user, command)
+        except RefusedError as refused:
+            now_ns = self._service.clock.now_ns()
+            reasons = [explained(reason, now_ns) for reason in refused.reasons]
+            return self._refusal(command, refused, reasons)
+
+    def setpoint(self, user: str, setpoint: Setpoint) -> SetpointRefused | None:
+        """Take a set-point, or say why it is dropped."""
+        now_ns = self._service.clock.now_ns()
+        why = self._unwanted(user, setpoint, now_ns)
+        if why:
+            return SetpointRefused(sequence=setpoint.sequence, reason=why)
+        assert self._teleoperation is not None
+        self._last_setpoint = setpoint.sequence
+        velocity = setpoint.velocity_mm_s
+        self._teleoperation.set(
+            now_ns,
+            np.array(setpoint.position_mm, dtype=np.float64),
+            setpoint.valid_s,
+            None if velocity is None else np.array(velocity, dtype=np.float64),
+        )
+        return None
+
+    def status(self) -> Status:
+        return self._service.status()
+
+    async def load(self, trajectory: Trajectory, options: ControllerOptions) -> None:
+        """Make ready what `start` will follow. Raises RefusedError."""
+        robot = self._service.robot
+        try:
+            controller = make_controller(options, robot, self._seed)
+        except ControllerError as error:
+            raise RefusedError("bad_controller", str(error)) from None
+        model = controller.kinematics if isinstance(controller, HasKinematics) else None
+        for why in looks(trajectory, robot.workspace, model):
+            if why is not None:
+                raise RefusedError("unreachable", why)
+            await asyncio.sleep(0)  # the bus cycle goes on in between
+        self.loaded = Loaded(trajectory, controller)
+
+    # The verbs.
+
+    async def _acquire(self, user: str, command: Acquire) -> Answer:
+        service, now_ns = self._service, self._service.clock.now_ns()
+        token = service.lease.acquire(user, command.token, now_ns)
+        if token is None:
+            holder = service.lease.holder(now_ns)
+            raise RefusedError("lease_taken", f"{holder} has the lease; it ends when not renewed")
+        return self._answer(command, token=token, expires_in_s=service.lease.expires_in_s(now_ns))
+
+    async def _release(self, user: str, command: Release) -> Answer:
+        if self._service.supervisor.energised:
+            raise RefusedError("wrong_state", "the drives are energised: disarm first")
+        self._service.lease.release(command.token, user, self._service.clock.now_ns())
+        return self._answer(command)
+
+    async def _arm(self, user: str, command: Arm) -> Answer:
+        del user
+        supervisor = self._service.supervisor
+        if supervisor.energised:
+            raise RefusedError("wrong_state", f"the robot is {supervisor.state.value} already")
+        if not supervisor.power.at_rest:
+            raise RefusedError("wrong_state", "the drives are still being switched off")
+        if supervisor.state is not OperatingState.READY:
+            text = "not everything is ready" if supervisor.blocking else "it is not ready yet"
+            raise RefusedError("not_ready", text, supervisor.blocking)
+        try:
+            await self._recording.begin()
+        except RecordingError as error:
+            raise RefusedError("not_recording", str(error)) from None
+        self._service.hurry()
+        await asyncio.sleep(0)
+        supervisor.arm(self._service.clock.now_ns())
+        while supervisor.arming:
+            await asyncio.sleep(_LOOK_EVERY_S)
+        if not supervisor.state.energised:
+            raise RefusedError("not_armed", "the drives were not enabled", supervisor.blocking)
+        return self._answer(command)
+
+    async def _disarm(self, user: str, command: Disarm) -> Answer:
+        del user
+        return await self._bring_to_rest(Request.DISARM, command)
+
+    async def _stop(self, user: str, command: Stop) -> Answer:
+        del user
+        return await self._bring_to_rest(Request.STOP, command)
+
+    async def _load(self, user: str, command: Load) -> Answer:
+        del user
+        if self._service.supervisor.running:
+            raise RefusedError("wrong_state", "the robot is moving: hold or stop it first")
+        trajectory = _trajectory(command)
+        await self.load(trajectory, _controller(command.controller))
+        return self._answer(command, text=f"{trajectory.kind}, {trajectory.duration_s:g} s")
+
+    async def _start(self, user: str, command: Start) -> Answer:
+        del user
+        if self.loaded is None:
+            raise RefusedError("nothing_loaded", "load a trajectory first")
+        self.start()
+        return self._answer(command)
+
+    def start(self, blend_speed_mm_s: float = BLEND_SPEED_MM_S) -> None:
+        """Follow what was loaded. Raises RefusedError."""
+        assert self.loaded is not None
+        self._check_can_move()
+        self._following = TrajectoryReference(self.loaded.trajectory, blend_speed_mm_s)
+        self._teleoperation = None
+        self._service.loop.reference = self._following
+        self._service.loop.controller = self.loaded.controller
+        self._service.supervisor.request(Request.START, self._service.clock.now_ns())
+
+    async def _teleoperate(self, user: str, command: Teleoperate) -> Answer:
+        del user
+        self._check_can_move()
+        options = _controller(command.controller)
+        try:
+            controller = make_controller(options, self._service.robot, self._seed)
+        except ControllerError as error:
+            raise RefusedError("bad_controller", str(error)) from None
+        now_ns = self._service.clock.now_ns()
+        self._teleoperation = TeleoperationReference(_TELEOPERATION_SPEED_MM_S, now_ns)
+        self._following, self._last_setpoint = None, -1
+        self._service.loop.reference = self._teleoperation
+        self._service.loop.controller = controller
+        self._service.supervisor.request(Request.START, now_ns)
+        return self._answer(command)
+
+    async def _hold(self, user: str, command: Hold) -> Answer:
+        del user
+        if not self._service.supervisor.running:
+            raise RefusedError("wrong_state", "the robot does not move")
+        self._service.supervisor.request(Request.HOLD, self._service.clock.now_ns())
+        return self._answer(command)
+
+    async def _resume(self, user: str, command: Resume) -> Answer:
+        del user
+        supervisor = self._service.supervisor
+        if supervisor.state not in (OperatingState.HOLD, OperatingState.ARMED):
+            raise RefusedError("wrong_state", f"the robot is {supervisor.state.value}")
+        reference = self._service.loop.reference
+        if reference is None or reference.finished:
+            raise RefusedError("nothing_to_resume", "nothing was held: load and start")
+        self.try_to_resume()
+        if not supervisor.running:
+            raise RefusedError("held", "what stopped the motion still holds", supervisor.blocking)
+        return self._answer(command)
+
+    def try_to_resume(self) -> None:
+        """Go on, if what stopped the motion is over."""
+        self._service.supervisor.request(Request.RESUME, self._service.clock.now_ns())
+
+    @property
+    def elapsed_s(self) -> float:
+        """Along the trajectory that is being followed; 0 without one."""
+        return 0.0 if self._following is None else self._following.elapsed_s
+
+    async def _clear(self, user: str, command: Clear) -> Answer:
+        del user
+        supervisor = self._service.supervisor
+        if supervisor.energised:
+            raise RefusedError("wrong_state", "the drives are energised: stop first")
+        if not supervisor.power.at_rest:
+            raise RefusedError("wrong_state", "the drives are still being switched off")
+        left = supervisor.clear(self._service.clock.now_ns())
+        await asyncio.sleep(0.2)  # what a fault reset has done shows in the drives' next answers
+        left = supervisor.clear(self._service.clock.now_ns()) if left else left
+        if left:
+            raise RefusedError("still_wrong", "the cause has to go first", left)
+        return self._answer(command)
+
+    async def _inject(self, user: str, command: Inject) -> Answer:
+        del user
+        if self._inject_fault is None:
+            raise RefusedError("real_hardware", "faults are for emulated devices only")
+        try:
+            await self._inject_fault(command.fault)
+        except ValueError as error:
+            raise RefusedError("bad_fault", str(error)) from None
+        return self._answer(command)
+
+    # What the verbs share.
+
+    async def _bring_to_rest(self, request: Request, command: Command) -> Answer:
+        """Quick stop at once; the answer waits for the drives to say that they did it."""
+        supervisor = self._service.supervisor
+        supervisor.request(request, self._service.clock.now_ns())
+        try:
+            async with asyncio.timeout(_AT_REST_WITHIN_S):
+                while not supervisor.power.at_rest:
+                    await asyncio.sleep(_LOOK_EVERY_S)
+        except TimeoutError:
+            pass
+        confirmed = supervisor.power.at_rest and supervisor.power.confirmed
+        text = "the drives have stopped" if confirmed else "NOT confirmed by the drives"
+        return self._answer(command, text=text, confirmed=confirmed)
+
+    def _is_renewal(self, user: str, command: Command) -> bool:
+        now_ns = self._service.clock.now_ns()
+        return isinstance(command, Acquire) and self._service.lease.holds(
+            command.token, user, now_ns
+        )
+
+    def _check_lease(self, user: str, command: Command) -> None:
+        lease, now_ns = self._service.lease, self._service.clock.now_ns()
+        if lease.holds(command.token, user, now_ns):
+            return
+        holder = lease.holder(now_ns)
+        text = (
+            "nobody has the lease: acquire it first"
+            if holder is None
+            else f"the lease is {holder}'s, and this is not its token"
+        )
+        raise RefusedError("no_lease", text)
+
+    def _check_can_move(self) -> None:
+        supervisor = self._service.supervisor
+        if supervisor.state is not OperatingState.ARMED:
+            raise RefusedError(
+                "wrong_state", f"the robot is {supervisor.state.value}: it must be ARMED"
+            )
+        if supervisor.severity >= Severity.HOLD:
+            raise RefusedError("not_ready", "something must go first", supervisor.blocking)
+
+    def _unwanted(self, user: str, setpoint: Setpoint, now_ns: int) -> str:
+        """Why a set-point is not followed; empty if it is."""
+        workspace = self._service.robot.workspace
+        velocity = setpoint.velocity_mm_s
+        if not self._service.lease.holds(setpoint.token, user, now_ns):
+            return "its token is not the lease's"
+        if self._teleoperation is None or self._teleoperation is not self._service.loop.reference:
+            return "the robot is not teleoperated: ask for `teleoperate` first"
+        if setpoint.sequence <= self._last_setpoint:
+            return f"it is not newer than number {self._last_setpoint}"
+        if len(setpoint.position_mm) != 3 or (velocity is not None and len(velocity) != 3):
+            return "position and velocity have three numbers"
+        if not all(map(isfinite, [*setpoint.position_mm, *(velocity or ())])):
+            return "it is not finite"
+        if not 0.0 < setpoint.valid_s <= _LONGEST_VALIDITY_S:
+            return f"valid_s must be more than 0 and at most {_LONGEST_VALIDITY_S:g}"
+        if workspace is not None:
+            ranges = (workspace.x_mm, workspace.y_mm, workspace.z_mm)
+            for name, value, (low, high) in zip("xyz", setpoint.position_mm, ranges, strict=True):
+                if not low <= value <= high:
+                    return f"{name} = {value:.1f} mm is outside the workspace [{low:g}, {high:g}]"
+        return ""
+
+    def _setpoint_age_s(self, now_ns: int) -> float | None:
+        teleoperation = self._teleoperation
+        if teleoperation is None or teleoperation is not self._service.loop.reference:
+            return None
+        return teleoperation.age_s(now_ns)
+
+    def _reference_status(self) -> ReferenceStatus | None:
+        loop = self._service.loop
+        name = "" if loop.controller is None else loop.controller.name
+        if self._following is not None and loop.reference is self._following:
+            trajectory = self._following.trajectory
+            return ReferenceStatus(
+                trajectory=trajectory.kind,
+                controller=name,
+                elapsed_s=self._following.elapsed_s,
+                duration_s=trajectory.duration_s,
+                cycle=-1 if loop.aim is None else loop.aim.cycle,
+                cycles=trajectory.cycles,
+            )
+        if self._teleoperation is None:
+            return None
+        return ReferenceStatus(
+            trajectory="set-points",
+            controller=name,
+            elapsed_s=0.0,
+            duration_s=None,
+            cycle=-1,
+            cycles=None,
+        )
+
+    def _answer(self, command: Command, **more: Any) -> Answer:
+        state = self._service.supervisor.state.value
+        return Answer(request=command.request, state=state, **more)
+
+    def _refusal(self, command: Command, refused: RefusedError, reasons: list[Reason]) -> Refusal:
+        state = self._service.supervisor.state.value
+        return Refusal(
+            request=command.request,
+            state=state,
+            name=refused.name,
+            text=refused.text,
+            reasons=reasons,
+        )
+
+
+def _trajectory(command: Load) -> Trajectory:
+    try:
+        options: TrajectoryOptions = load_trajectory_options(command.trajectory)
+        return make_trajectory(options, Path.cwd(), command.cycles)
+    except (OptionsError, WaypointError, ValueError) as error:
+        raise RefusedError("bad_trajectory", str(error)) from None
+
+
+def _controller(options: dict[str, Any] | None) -> ControllerOptions:
+    if options is None:
+        return Broyden(kind="broyden")
+    try:
+        return load_controller_options(options)
+    except OptionsError as error:
+        raise RefusedError("bad_controller", str(error)) from None

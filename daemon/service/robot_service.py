@@ -1,0 +1,374 @@
+"""The robot while the daemon runs: devices, loop, supervisor and gate, wired to each other.
+
+Nothing here knows who is listening. What happens is told to `listeners` as messages; what is asked
+for comes in through `operator.Operator`.
+"""
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from typing import Final
+
+from config.loader import RobotFile
+from config.robot import Robot
+from daemon.hardware import Connections, Hardware, Listeners
+from daemon.loop.control_step import ControlLoop
+from daemon.loop.real_time import RealTime
+from daemon.loop.time_spent import TimeSpent
+from daemon.loop.timekeeping import Timekeeping
+from daemon.periodic_timer import Tick
+from daemon.recording.flight_recorder import Recorder
+from daemon.remote.lease import Lease
+from daemon.remote.messages import (
+    Event,
+    LeaseStatus,
+    Loop,
+    Message,
+    ReferenceStatus,
+    Status,
+)
+from daemon.status import StatusReport
+from daemon.supervision.following_error import FollowingError
+from daemon.supervision.supervisor import Supervisor
+from drivers.aurora.frame import TrackerFrame
+from drivers.aurora.tracker import TrackerState
+from drivers.axis_scale import axis_scale, count_limits, tension_range_n
+from drivers.cia402.drive_bus import DriveBus, TrafficTap
+from drivers.clock import WallClock
+from drivers.conditions import ConditionChange
+from safety.failsafe import ActiveReason
+from safety.gate import Gate
+from safety.risk_source import RiskSource
+from safety.states import OperatingState, Request
+
+_STATUS_EVERY_NS: Final = 100_000_000
+_LOOP_EVERY_NS: Final = 1_000_000_000
+_AT_REST_WITHIN_S: Final = 3.0
+
+
+@dataclass
+class Surroundings:
+    """What the service runs in: the same robot lives in real and in virtual time."""
+
+    connections: Connections
+    clock: WallClock
+    recorder: Recorder
+    risk: RiskSource
+    simulated: bool
+    real_time: RealTime | None = None
+    """None: nothing is asked of the operating system."""
+    new_token: Callable[[], str] | None = None
+    """For leases; None: as unguessable as can be."""
+    listeners: list[Callable[[Message], None]] = field(default_factory=list)
+    """Hear of every message. Called in the loop: they must be quick and must not fail."""
+
+
+class RobotService:
+    """One robot. `run` until cancelled, then `rest` and it has let go of everything."""
+
+    def __init__(self, file: RobotFile, robot: Robot, surroundings: Surroundings) -> None:
+        """robot: the file's, with its ports as they are to be opened. Raises EdsError."""
+        self.robot = robot
+        self.file = file
+        self.surroundings = surroundings
+        self.clock = surroundings.clock
+        self.version = version("tentacled")
+        self.holds = 0
+        """How often the motion was held, by anything but the operator."""
+        self.reference_status: Callable[[], ReferenceStatus | None] = lambda: None
+        self.setpoint_age_s: Callable[[int], float | None] = lambda _: None
+        """For as long as set-points are being followed; None: they are not."""
+        token = {} if surroundings.new_token is None else {"new_token": surroundings.new_token}
+        self.lease = Lease(robot.supervision.lease_s, **token)
+        self.hardware = self._make_hardware(file)
+        buses = self.hardware.buses
+        self.supervisor = Supervisor(robot.supervision, buses, self._state_changed)
+        self.gate = self._make_gate()
+        self._spent = TimeSpent(self.clock)
+        self.timekeeping = Timekeeping(round(buses[0].bus.cycle_period_s * 1e9), self._spent)
+        self.loop = ControlLoop(
+            robot,
+            buses,
+            self.gate,
+            self.supervisor,
+            self.timekeeping,
+            self.clock,
+            self.publish,
+            surroundings.risk.name,
+        )
+        self.report = StatusReport(
+            robot,
+            self.hardware.tracker,
+            buses,
+            self.loop,
+            surroundings.risk.name,
+            self.supervisor,
+            self.timekeeping,
+            surroundings.real_time,
+            surroundings.simulated,
+            self.version,
+        )
+        self._following_error = FollowingError(self.loop.channels)
+        self._tendons = [
+            (channel, limits)
+            for channel in self.loop.channels
+            if (limits := tension_range_n(channel.axis)) is not None
+        ]
+        self.at_rest: list[Callable[[], None]] = [self.relax]
+        """Called whenever the drives have come to rest and are off."""
+        self._was_at_rest = True
+        self._reasons: tuple[ActiveReason, ...] = ()
+        self._events = 0
+        self._status_due_ns = self._loop_due_ns = 0
+        self._synced_ns = 0
+        self._healthy = True
+
+    async def run(self) -> None:
+        """Keep the devices connected and the loop going, until cancelled."""
+        self._spent.watch_collector()
+        try:
+            await self.hardware.run()
+        finally:
+            self._spent.close()
+            self.relax()
+
+    async def rest(self) -> None:
+        """Bring the drives to rest, from whatever state. Bounded in time; safe to call twice."""
+        self.supervisor.request(Request.STOP, self.clock.now_ns())
+        try:
+            async with asyncio.timeout(_AT_REST_WITHIN_S):
+                while not self.supervisor.power.at_rest:
+                    await asyncio.sleep(self.hardware.buses[0].bus.cycle_period_s)
+        except TimeoutError:
+            pass  # `run` closes the buses next, and then the drives' own watchdogs act
+        self.relax()
+
+    def hurry(self) -> None:
+        """Ask the operating system for what moving drives need."""
+        real_time = self.surroundings.real_time
+        if real_time is None:
+            return
+        real_time.enter()
+        self.timekeeping.forgive()
+        now_ns = self.clock.now_ns()
+        refused = real_time.refused
+        self.supervisor.failsafe.set(
+            "real_time_degraded", bool(refused), now_ns, "loop", "; ".join(refused)
+        )
+
+    def relax(self) -> None:
+        """Give it back."""
+        if self.surroundings.real_time is not None:
+            self.surroundings.real_time.leave()
+
+    def status(self) -> Status:
+        """The robot at a glance."""
+        now_ns = self.clock.now_ns()
+        lease = LeaseStatus(
+            holder=self.lease.holder(now_ns), expires_in_s=self.lease.expires_in_s(now_ns)
+        )
+        folder = self.surroundings.recorder.status.folder
+        return self.report.status(
+            now_ns, lease, None if folder is None else str(folder), self.reference_status()
+        )
+
+    def publish(self, message: Message) -> None:
+        """Tell everybody."""
+        for listener in self.surroundings.listeners:
+            listener(message)
+
+    def tell(
+        self,
+        kind: str,
+        name: str,
+        text: str,
+        *,
+        subject: str = "",
+        present: bool = True,
+        severity: str = "",
+        detail: str = "",
+    ) -> None:
+        """Publish an event."""
+        self._events += 1
+        self.publish(
+            Event(
+                sequence=self._events,
+                t_ns=self.clock.now_ns(),
+                kind=kind,
+                name=name,
+                subject=subject,
+                present=present,
+                text=text,
+                severity=severity,
+                detail=detail,
+            )
+        )
+
+    # What the devices and the timer tell.
+
+    def _on_frame(self, frame: TrackerFrame) -> None:
+        try:
+            self.loop.step(frame)
+        except Exception as error:  # whatever it is, the drives must be stopped and it be told
+            self._broken("control step", error)
+
+    def _on_condition(self, change: ConditionChange) -> None:
+        self.supervisor.condition_changed(change)
+        condition = change.active.condition
+        self.tell(
+            "condition",
+            condition.name,
+            condition.text,
+            subject=change.active.subject,
+            present=change.present,
+            detail=change.active.detail,
+        )
+
+    def _on_cycle(self, bus: DriveBus, tick: Tick) -> None:
+        now_ns = self.clock.now_ns()
+        paces = bus is self.hardware.buses[0]
+        if paces:
+            self.timekeeping.cycle_begins(tick, now_ns)
+            self._healthy = self._supervise(now_ns)
+        # Where supervision has failed, the heartbeat is kept back and the drives stop themselves.
+        bus.tick(now_ns, self._healthy)
+        if paces:
+            self._after_cycle(now_ns)
+
+    def _supervise(self, now_ns: int) -> bool:
+        """Whether the supervision itself is sound."""
+        try:
+            self._look_around(now_ns)
+            timekeeping = self.timekeeping
+            gap_s = timekeeping.last_gap_ns * 1e-9
+            self.supervisor.cycle(now_ns, gap_s, timekeeping.last_overrun)
+            self._tell_of_reasons()
+        except Exception as error:
+            self._broken("supervision", error)
+            return False
+        return True
+
+    def _look_around(self, now_ns: int) -> None:
+        watched, loop, lease = self.supervisor.watched, self.loop, self.lease
+        watched.tracking = self.hardware.tracker.status.state is TrackerState.TRACKING
+        watched.tip_age_s = loop.filter.age_s(now_ns)
+        watched.tip_quality = loop.filter.quality
+        watched.lease_missing_s = lease.unheld_s(now_ns)
+        watched.lease_held = watched.lease_missing_s <= 0.0
+        watched.setpoint_age_s = self.setpoint_age_s(now_ns)
+        watched.tensions_n = [
+            (channel.axis.name, channel.scale.force(channel.torque_permille), *limits)
+            for channel, limits in self._tendons
+        ]
+        for place, channel in enumerate(loop.channels):
+            target = loop.target_counts(channel, now_ns)
+            behind = self._following_error.behind(place, target, now_ns)
+            self.supervisor.failsafe.set(
+                "drive_following_error", behind, now_ns, channel.axis.name, "it does not move"
+            )
+        recorder = self.surroundings.recorder.status
+        watched.recorder_failed = recorder.failed
+        watched.recordings_dropped = recorder.dropped
+        watched.disk_free_mb = recorder.free_mb
+
+    def _after_cycle(self, now_ns: int) -> None:
+        channels = self.loop.channels
+        if self._synced_ns and all(channel.received_ns is not None for channel in channels):
+            # Drives sample their positions at SYNC, and answer within the cycle that it begins.
+            u = [channel.scale.position(channel.position_counts) for channel in channels]
+            self.loop.history.add(self._synced_ns, u)
+        self._synced_ns = now_ns
+        self._look_for_rest()
+        if now_ns >= self._loop_due_ns:
+            self._loop_due_ns = now_ns + _LOOP_EVERY_NS
+            self.publish(Loop(t_ns=now_ns, status=self.report.loop_status(now_ns)))
+            if self.surroundings.real_time is not None:
+                self.surroundings.real_time.collect_young()
+        if now_ns >= self._status_due_ns:
+            self._status_due_ns = now_ns + _STATUS_EVERY_NS
+            self.publish(self.status())
+
+    def _look_for_rest(self) -> None:
+        at_rest = self.supervisor.power.at_rest and not self.supervisor.energised
+        if at_rest and not self._was_at_rest:
+            for listener in self.at_rest:
+                listener()
+        self._was_at_rest = at_rest
+
+    def _state_changed(self, before: OperatingState, after: OperatingState, t_ns: int) -> None:
+        del t_ns
+        if after is OperatingState.ARMED and not before.energised:
+            self.loop.settle()
+        if after is OperatingState.RUNNING:
+            self.loop.begin()
+        worst = self.supervisor.reasons[0] if self.supervisor.reasons else None
+        if after is OperatingState.HOLD and worst is not None:
+            self.holds += worst.cause.name != "operator_hold"
+        if after in (OperatingState.FAULT, OperatingState.ESTOP):
+            self.surroundings.recorder.urgent()
+        self.tell(
+            "state",
+            after.value,
+            f"{before.value} → {after.value}",
+            subject="robot",
+            detail="" if worst is None else f"{worst.cause.name}: {worst.cause.text}",
+        )
+        self.publish(self.status())
+
+    def _tell_of_reasons(self) -> None:
+        reasons = self.supervisor.reasons
+        if reasons is self._reasons:
+            return
+        before = {(r.cause.name, r.subject): r for r in self._reasons}
+        after = {(r.cause.name, r.subject): r for r in reasons}
+        self._reasons = reasons
+        gone = [key for key in before if key not in after]
+        come = [key for key in after if key not in before]
+        for key in gone + come:
+            reason = after.get(key) or before[key]
+            self.tell(
+                "cause",
+                reason.cause.name,
+                reason.cause.text,
+                subject=reason.subject,
+                present=key in after,
+                severity=reason.cause.severity.name.lower(),
+                detail=reason.detail,
+            )
+
+    def _broken(self, part: str, error: Exception) -> None:
+        """Something that cannot happen has happened: stop, and say what."""
+        detail = f"{part}: {type(error).__name__}: {error}"
+        self.supervisor.raise_cause("internal_error", self.clock.now_ns(), detail)
+
+    # Putting it together.
+
+    def _make_hardware(self, file: RobotFile) -> Hardware:
+        surroundings, recorder = self.surroundings, self.surroundings.recorder
+
+        def tap(bus: str) -> TrafficTap:
+            def frame(can_id: int, data: bytes, t_ns: int) -> None:
+                recorder.can_frame(bus, can_id, data, t_ns)
+
+            return frame
+
+        listeners = Listeners(
+            self._on_frame,
+            self._on_condition,
+            recorder.tracker_traffic,
+            {name: tap(name) for name in self.robot.buses},
+            self._on_cycle,
+        )
+        return Hardware(file, self.robot, surroundings.connections, self.clock, listeners)
+
+    def _make_gate(self) -> Gate:
+        axes, risk = self.robot.axes, self.robot.risk
+        return Gate(
+            [count_limits(axis) for axis in axes],
+            [axis_scale(axis).counts_per_unit for axis in axes],
+            [tension_range_n(axis) for axis in axes],
+            self.surroundings.risk,
+            risk.threshold,
+            risk.latest_after_s,
+        )

@@ -1,0 +1,91 @@
+"""The power of all drives, as one: on together, and off by a quick stop first."""
+
+from collections.abc import Sequence
+from enum import Enum
+from typing import Final
+
+from drivers.cia402.drive_bus import DriveBus
+from drivers.cia402.power_state import PowerGoal
+
+_STOPS_WITHIN_NS: Final = 1_500_000_000
+_OFF_WITHIN_NS: Final = 1_000_000_000
+
+
+class Phase(Enum):
+    """What the drives are being led to."""
+
+    LEFT_ALONE = "left alone"
+    ENABLING = "enabling"
+    ENABLED = "enabled"
+    STOPPING = "stopping"
+    SWITCHING_OFF = "switching off"
+
+
+class Power:
+    """Leads the drives of all buses through their power states, a cycle at a time."""
+
+    def __init__(self, buses: Sequence[DriveBus]) -> None:
+        self.phase = Phase.LEFT_ALONE
+        self.confirmed = True
+        """Whether the drives said that they did what the last stop asked."""
+        self._buses = buses
+        self._since_ns = 0
+
+    def enable(self, t_ns: int) -> None:
+        """Energise all drives where they stand."""
+        self._enter(Phase.ENABLING, t_ns)
+        for bus in self._buses:
+            bus.set_goal(PowerGoal.ENABLED)
+
+    def stop(self, t_ns: int) -> None:
+        """Quick stop on the bus at once, then power off. While that goes on, this does nothing."""
+        if self.phase in (Phase.STOPPING, Phase.SWITCHING_OFF):
+            return
+        self.confirmed = False
+        self._enter(Phase.STOPPING, t_ns)
+        for bus in self._buses:
+            bus.stop_now()
+
+    def cycle(self, t_ns: int) -> None:
+        """Go on, if the drives have done what they were told, or had time enough for it."""
+        if self.phase is Phase.ENABLING and all(bus.following for bus in self._buses):
+            self._enter(Phase.ENABLED, t_ns)
+        elif self.phase is Phase.STOPPING and self._done(t_ns, _STOPS_WITHIN_NS):
+            self._switch_off(t_ns)
+        elif self.phase is Phase.SWITCHING_OFF and self._done(t_ns, _OFF_WITHIN_NS):
+            self.confirmed = all(bus.connected and bus.known_unpowered for bus in self._buses)
+            self._enter(Phase.LEFT_ALONE, t_ns)
+            for bus in self._buses:
+                bus.set_goal(None)
+        elif self.phase is Phase.LEFT_ALONE and any(bus.energised for bus in self._buses):
+            # A drive that was lost when the others were switched off, or left by another master.
+            self._switch_off(t_ns)
+
+    def since_s(self, t_ns: int) -> float:
+        """How long the present phase has lasted."""
+        return (t_ns - self._since_ns) * 1e-9
+
+    @property
+    def wanted(self) -> bool:
+        """Whether the drives are, or are to be, energised."""
+        return self.phase in (Phase.ENABLING, Phase.ENABLED)
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether nothing is asked of the drives."""
+        return self.phase is Phase.LEFT_ALONE
+
+    @property
+    def _reached(self) -> bool:
+        return all(bus.connected and bus.goal_reached for bus in self._buses)
+
+    def _done(self, t_ns: int, within_ns: int) -> bool:
+        return self._reached or t_ns - self._since_ns > within_ns
+
+    def _switch_off(self, t_ns: int) -> None:
+        self._enter(Phase.SWITCHING_OFF, t_ns)
+        for bus in self._buses:
+            bus.set_goal(PowerGoal.OFF)
+
+    def _enter(self, phase: Phase, t_ns: int) -> None:
+        self.phase, self._since_ns = phase, t_ns

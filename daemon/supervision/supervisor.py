@@ -1,0 +1,141 @@
+"""Who decides what state the robot is in: causes, operator's requests, and the drives' power."""
+
+from collections.abc import Callable, Sequence
+
+from config.control import Supervision
+from daemon.supervision.condition_causes import CAUSE_OF_CONDITION, ONCE
+from daemon.supervision.power import Phase, Power
+from daemon.supervision.watchdogs import Watchdogs, Watched
+from drivers.cia402.drive_bus import DriveBus
+from drivers.conditions import ConditionChange
+from safety.causes import Severity
+from safety.failsafe import ActiveReason, Failsafe
+from safety.states import OperatingState, Request, next_state
+
+StateListener = Callable[[OperatingState, OperatingState, int], None]
+
+
+class Supervisor:
+    """The robot's operating state. All methods are called from the event loop."""
+
+    def __init__(
+        self, settings: Supervision, buses: Sequence[DriveBus], on_state: StateListener
+    ) -> None:
+        """on_state: hears of every change: before, after, when."""
+        self.state = OperatingState.STANDBY
+        self.failsafe = Failsafe()
+        self.power = Power(buses)
+        self.watched = Watched()
+        self.arming = False
+        """The drives are being enabled."""
+        self._buses = buses
+        self._watchdogs = Watchdogs(self.failsafe, settings, buses, self.power)
+        self._on_state = on_state
+        self._verdict = self.failsafe.evaluate(0, False)
+
+    @property
+    def energised(self) -> bool:
+        """Whether drives are, or are being, powered."""
+        return self.arming or self.state.energised
+
+    @property
+    def running(self) -> bool:
+        """Whether a reference is being followed."""
+        return self.state is OperatingState.RUNNING
+
+    @property
+    def reasons(self) -> tuple[ActiveReason, ...]:
+        """Everything that is not as it should be, worst first."""
+        return self._verdict.reasons
+
+    @property
+    def blocking(self) -> tuple[ActiveReason, ...]:
+        """What stands in the way of arming."""
+        return tuple(reason for reason in self.reasons if reason.severity >= Severity.NOT_READY)
+
+    @property
+    def severity(self) -> Severity:
+        """Of the worst of them."""
+        return self._verdict.severity
+
+    # What happens.
+
+    def cycle(self, t_ns: int, gap_s: float, why_late: str) -> None:
+        """Once per bus cycle, before anything is sent."""
+        self._watchdogs.check_gap(gap_s, t_ns, why_late)
+        self._watchdogs.check(self.watched, t_ns, self.energised, self.running)
+        self.power.cycle(t_ns)
+        if self.arming and self.power.phase is Phase.ENABLED:
+            self.arming = False
+            self._go(t_ns, Request.ARMED)
+        self._go(t_ns, None)
+
+    def condition_changed(self, change: ConditionChange) -> None:
+        """A driver says that something is wrong, or is no longer."""
+        name = CAUSE_OF_CONDITION[change.active.condition]
+        # Several conditions may raise one cause about one subject: each is kept apart.
+        subject = f"{change.active.subject} {change.active.condition.name}"
+        detail = ": ".join(filter(None, (change.active.condition.text, change.active.detail)))
+        self.failsafe.set(name, change.present, change.t_ns, subject, detail)
+        if change.active.condition in ONCE:
+            self.failsafe.set(name, False, change.t_ns, subject)
+
+    def raise_cause(self, name: str, t_ns: int, detail: str = "", subject: str = "loop") -> None:
+        """Something went wrong here and now."""
+        self.failsafe.set(name, True, t_ns, subject, detail)
+        self._go(t_ns, None)
+
+    def drop_cause(self, name: str, t_ns: int, subject: str = "loop") -> None:
+        """It is over."""
+        self.failsafe.set(name, False, t_ns, subject)
+
+    # What operators ask for. Whether they may is the service's business.
+
+    def arm(self, t_ns: int) -> None:
+        """Energise the drives where they stand; ARMED when they all follow."""
+        self.arming = True
+        self.power.enable(t_ns)
+
+    def request(self, request: Request, t_ns: int) -> None:
+        """Carry out a request that is possible in this state."""
+        if request is Request.RESUME:
+            self.drop_cause("operator_hold", t_ns, "operator")
+            self.failsafe.resume()
+        elif request is Request.HOLD:
+            self.failsafe.set("operator_hold", True, t_ns, "operator")
+        elif request in (Request.STOP, Request.DISARM):
+            self.arming = False
+            self.power.stop(t_ns)
+        self._go(t_ns, request)
+
+    def clear(self, t_ns: int) -> tuple[ActiveReason, ...]:
+        """Acknowledge what is latched and take the drives out of their faults.
+
+        Returns what still holds.
+        """
+        for bus in self._buses:
+            bus.reset_faults()
+        left = self.failsafe.clear()
+        self._go(t_ns, Request.CLEAR)
+        return left
+
+    @property
+    def _comes_to_rest(self) -> bool:
+        """The drives were told to stop, and are not off yet."""
+        return not self.power.at_rest and not self.power.wanted
+
+    def _go(self, t_ns: int, request: Request | None) -> None:
+        """Work out the state anew; more than one step where one leads to the next."""
+        self._verdict = self.failsafe.evaluate(t_ns, self.energised)
+        blocked = self._verdict.severity >= Severity.NOT_READY or self._comes_to_rest
+        if self.arming and self._verdict.severity >= Severity.DISARM:
+            self.arming = False
+            self.power.stop(t_ns)
+        while (
+            after := next_state(self.state, request, self._verdict.severity, blocked)
+        ) is not self.state:
+            before, self.state = self.state, after
+            request = None
+            if before.energised and not after.energised:
+                self.power.stop(t_ns)
+            self._on_state(before, after, t_ns)

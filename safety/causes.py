@@ -1,0 +1,223 @@
+"""Everything that can be wrong with the robot, in one table: how bad it is, and what helps.
+
+A cause is set by whoever sees it; `safety.failsafe` decides from this table what follows.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+from typing import Final
+
+
+class Severity(IntEnum):
+    """What a cause does to the robot. The worst one wins."""
+
+    NONE = 0
+    WARNING = 1
+    """Told, and nothing else."""
+    NOT_READY = 2
+    """No arming; a robot that is energised goes on."""
+    HOLD = 3
+    """Stand still, energised."""
+    DISARM = 4
+    """Stop, then power off. Arming again is possible at once."""
+    FAULT = 5
+    """Quick stop, then power off, until somebody clears it."""
+    ESTOP = 6
+    """The external chain is open: it has been observed that power is gone."""
+
+
+class ClearRule(Enum):
+    """What takes a cause away."""
+
+    BY_ITSELF = "by itself"
+    """Goes when the condition goes."""
+    BY_RESUME = "by resuming"
+    """Stays after the condition is gone until the operator resumes, or the power is off.
+
+    For what is over in a moment, or would vanish just because the robot stands still.
+    """
+    DELIBERATELY = "by clearing"
+    """Stays after the condition is gone until it is cleared, if it came while energised."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One row of the table."""
+
+    name: str
+    severity: Severity
+    debounce_s: float
+    """So long the condition must hold; a condition that flaps adds its times up."""
+    clears: ClearRule
+    text: str
+    remedy: str
+
+
+_W, _N, _H = Severity.WARNING, Severity.NOT_READY, Severity.HOLD
+_D, _F, _E = Severity.DISARM, Severity.FAULT, Severity.ESTOP
+_SELF, _RESUME, _CLEAR = ClearRule.BY_ITSELF, ClearRule.BY_RESUME, ClearRule.DELIBERATELY
+
+# fmt: off
+CAUSES: Final[tuple[Cause, ...]] = (
+    Cause("tracker_warning", _W, 0.5, _SELF,
+          "the tracker measures, but not as it should",
+          "see the detail; keep metal away and the sensors inside the measurement volume"),
+    Cause("bus_degraded", _W, 0.5, _SELF,
+          "the CAN bus works, but with errors or too much traffic",
+          "check plugs, cable length and both terminating resistors; see the detail"),
+    Cause("drive_warning", _W, 0.2, _SELF,
+          "a drive warns",
+          "look at its display or its manual before it becomes a fault"),
+    Cause("drive_limit", _W, 0.2, _SELF,
+          "a drive holds back because of one of its own limits",
+          "compare travel, velocity and torque in the drive with the robot file"),
+    Cause("loop_slow", _W, 1.0, _SELF,
+          "the control loop often misses its time",
+          "end other programs on this computer; see what the last late cycle was spent on"),
+    Cause("real_time_degraded", _W, 0.0, _SELF,
+          "the operating system does not give the loop its real-time rights",
+          "`tentacled doctor` names what is missing and how to grant it"),
+    Cause("recording_dropped", _W, 0.0, _SELF,
+          "the recorder cannot keep up: parts of the recording are missing",
+          "record to a faster disk, or end other programs that write to it"),
+
+    Cause("tracker_not_ready", _N, 0.0, _SELF,
+          "the tracker is not measuring",
+          "see the detail; plug it in and switch it on"),
+    Cause("node_not_ready", _N, 0.0, _SELF,
+          "a drive is not set up",
+          "see the detail; check its power, its plug and its node number"),
+    Cause("bus_not_open", _N, 0.0, _SELF,
+          "the CAN interface is not open",
+          "plug the adapter in and bring the interface up; see the detail"),
+    Cause("no_lease", _N, 0.0, _SELF,
+          "nobody has taken control",
+          "take the lease first: only its holder can arm"),
+    Cause("recorder_failed", _N, 0.0, _SELF,
+          "the recorder does not run: nothing would be recorded",
+          "see its log; start the daemon again"),
+    Cause("disk_low", _N, 0.0, _SELF,
+          "little space is left where recordings go",
+          "delete or move old recordings"),
+    Cause("not_initialised", _N, 0.0, _SELF,
+          "the start-up is not finished",
+          "wait; if it stays, see the log for what is missing"),
+
+    Cause("tracker_late", _H, 0.0, _SELF,
+          "no believed measurement of the tip for too long",
+          "look for metal or a cable in the way; resume when it is back"),
+    Cause("tracker_quality", _H, 0.1, _SELF,
+          "too many measurements of the tip are missing or not believed",
+          "bring the sensors closer to the field generator and away from metal, then resume"),
+    Cause("bus_queue_full", _H, 0.05, _SELF,
+          "the CAN interface does not get its frames sent",
+          "check plugs and terminating resistors; lengthen cycle_period_s or raise the bit rate"),
+    Cause("drive_emergency", _H, 0.0, _RESUME,
+          "a drive reports an error",
+          "the code is named; its manual says more; then resume"),
+    Cause("loop_late", _H, 0.0, _SELF,
+          "the control loop came much too late",
+          "see what the time was spent on; end other programs, then resume"),
+    Cause("lease_lost", _H, 0.0, _SELF,
+          "whoever controlled the robot no longer renews the lease",
+          "connect again and take the lease, then resume"),
+    Cause("setpoint_late", _H, 0.0, _SELF,
+          "no valid set-point for too long",
+          "check the client and the network, then resume"),
+    Cause("risk_too_high", _H, 0.2, _RESUME,
+          "going on would probably touch something",
+          "follow another reference; or move what is in the way, load its new place, and resume"),
+    Cause("risk_unavailable", _H, 0.1, _RESUME,
+          "the risk of collision is not known: its model is missing, late or outside what it knows",
+          "see the detail; resume when the model answers in time"),
+    Cause("gate_refused", _H, 1.0, _RESUME,
+          "the limits leave nothing of what the controller asks for",
+          "see which limit; resume with a reference that the robot can reach"),
+    Cause("controller_failed", _H, 0.0, _RESUME,
+          "the controller gave no usable answer",
+          "see the detail; choose another controller or model, then resume"),
+    Cause("out_of_workspace", _H, 0.1, _SELF,
+          "the tip is outside its workspace",
+          "stop, and bring it back by hand or by a reference that leads inside"),
+    Cause("tendon_slack", _H, 0.2, _SELF,
+          "a tendon has gone slack",
+          "check that it is on its spool; tension it, then resume"),
+    Cause("disk_full", _H, 0.0, _SELF,
+          "no space is left where recordings go",
+          "delete or move old recordings, then resume"),
+    Cause("operator_hold", _H, 0.0, _RESUME,
+          "the operator has asked for a hold",
+          "resume, or stop"),
+
+    Cause("tracker_gone", _D, 0.0, _SELF,
+          "the tracker has been silent for so long that it will not come back soon",
+          "check its power and its cable, then arm again"),
+    Cause("lease_abandoned", _D, 0.0, _SELF,
+          "the robot was energised and nobody was in control",
+          "take the lease, then arm again"),
+    Cause("arming_failed", _D, 0.0, _SELF,
+          "the drives did not all come on in time",
+          "see which one; look at its display, then arm again"),
+    Cause("teardown", _D, 0.0, _SELF,
+          "the daemon is ending",
+          "start it again: it comes up with the power off"),
+
+    Cause("bus_gone", _F, 0.0, _CLEAR,
+          "the CAN interface went away while the drives were on",
+          "plug the adapter in again; it is reopened by itself; then clear"),
+    Cause("bus_off", _F, 0.0, _CLEAR,
+          "the CAN interface has taken itself off the bus after too many errors",
+          "check cable, bit rate and terminating resistors, then clear"),
+    Cause("drive_fault", _F, 0.0, _CLEAR,
+          "a drive has switched itself off",
+          "the code is named; remove the cause, then clear"),
+    Cause("drive_following_error", _F, 0.0, _CLEAR,
+          "an axis does not follow its target",
+          "look for something that blocks it, check its load, then clear"),
+    Cause("drive_not_enabled", _F, 0.0, _CLEAR,
+          "a drive does not do what it is told",
+          "look for an open enable input or brake, or a fault at its display, then clear"),
+    Cause("node_lost", _F, 0.0, _CLEAR,
+          "a drive is no longer heard",
+          "check its power and its plug, then clear"),
+    Cause("node_reset", _F, 0.0, _CLEAR,
+          "a drive has started anew by itself",
+          "check its supply for dips, then clear; it is set up again by itself"),
+    Cause("loop_stalled", _F, 0.0, _CLEAR,
+          "the control loop stood still for so long that the drives had to stop by themselves",
+          "see what the time was spent on, then clear"),
+    Cause("tendon_over_tension", _F, 0.05, _CLEAR,
+          "a tendon is pulled harder than it may be",
+          "release it by hand, look for what blocks the body, then clear"),
+    Cause("internal_error", _F, 0.0, _CLEAR,
+          "the daemon has met an error of its own",
+          "keep the recording and report it with the detail; then clear"),
+
+    Cause("drive_no_voltage", _E, 0.0, _CLEAR,
+          "the motor voltage is gone: the external chain is open, or the supply failed",
+          "make sure that it is safe, close the chain or switch the supply on, then clear"),
+)
+# fmt: on
+
+_BY_NAME: Final = {row.name: row for row in CAUSES}
+
+
+def cause(name: str) -> Cause:
+    """The cause of that name. Raises KeyError."""
+    return _BY_NAME[name]
+
+
+def causes_as_markdown(causes: Iterable[Cause] = CAUSES) -> str:
+    """The table as people read it, worst first."""
+    rows = [
+        "| cause | severity | after | goes | what it means | what helps |",
+        "|---|---|---|---|---|---|",
+    ]
+    for row in sorted(causes, key=lambda one: -one.severity):
+        after = f"{row.debounce_s:g} s" if row.debounce_s else "at once"
+        rows.append(
+            f"| `{row.name}` | {row.severity.name} | {after} | {row.clears.value} "
+            f"| {row.text} | {row.remedy} |"
+        )
+    return "\n".join(rows) + "\n"

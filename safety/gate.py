@@ -1,0 +1,326 @@
+"""The gate: what a controller wants goes through here, and only what comes out may move.
+
+It may only reduce: scale, hold, refuse. Hard limits come first and last, the risk of touching
+something in between; braking is always allowed.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isfinite
+from typing import Final
+
+from safety import shaping
+from safety.limits import CountLimits
+from safety.permit import PermittedHoming, PermittedStep, permit, permit_homing
+from safety.risk_source import RiskAnswer, RiskSource, ask
+from safety.shaping import AxisMotion
+
+RISK: Final = "risk"
+RISK_UNAVAILABLE: Final = "risk unavailable"
+_SMALLER_SHARES: Final = (0.5, 0.25)
+"""Of the change, tried one after the other where the risk of all of it is too high."""
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """What the drives say. One element per axis; None where an axis says nothing."""
+
+    position_counts: Sequence[int | None]
+    tension_n: Sequence[float | None]
+    """Only asked for where an axis has tension limits."""
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """What the gate made of a proposal."""
+
+    step: PermittedStep | None
+    """None: nothing may be sent, and the drives stay at the end of their last step."""
+    scale: float
+    """Share of the proposed change that is let through, of the axis that keeps least of it."""
+    limits: tuple[str, ...]
+    """What made the step another than proposed, each with its axis: `velocity: axis 2`."""
+    risk: float | None
+    """What the decision is made on; None: not asked, as in a hold."""
+    body_point_risk: float | None
+    risk_detail: str
+    refused: str
+    """Why nothing of the proposal is let through, and the step only brakes; empty if it is."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Start:
+    """What a step begins with."""
+
+    motions: list[AxisMotion]
+    positions: list[int]
+    tensions: Sequence[float | None]
+    begins_ns: int
+    duration_ns: int
+
+
+class Gate:
+    """Of one robot. Remembers the last step it permitted: the next one begins where that one is.
+
+    A velocity counts as going on until half a step after the end of its step, because frames come
+    early and late; after that the axis counts as standing, and starts from there.
+    """
+
+    def __init__(
+        self,
+        limits: Sequence[CountLimits],
+        counts_per_unit: Sequence[float],
+        tension_limits_n: Sequence[tuple[float, float] | None],
+        risk: RiskSource,
+        threshold: float,
+        latest_after_s: float,
+    ) -> None:
+        """One element per axis; a positive change of u pulls a tendon, whatever its counts do.
+
+        threshold: the highest risk that may be taken. latest_after_s: what all answers about one
+        step may take together. Raises ValueError where these do not fit together.
+        """
+        if not len(limits) == len(counts_per_unit) == len(tension_limits_n):
+            raise ValueError("the gate needs limits, a scale and tension limits for each axis")
+        if not all(isfinite(scale) and scale for scale in counts_per_unit):
+            raise ValueError("a scale is finite and not zero")
+        if not 0.0 <= threshold <= 1.0:
+            raise ValueError(f"the risk threshold {threshold} is not a probability")
+        self._limits = tuple(limits)
+        self._counts_per_unit = tuple(counts_per_unit)
+        self._tension_limits_n = tuple(tension_limits_n)
+        self._risk = risk
+        self._threshold = threshold
+        self._latest_after_s = latest_after_s
+        self._settled: tuple[int, ...] | None = None
+        self._last: PermittedStep | None = None
+
+    def settle(self, position_counts: Sequence[int]) -> None:
+        """Begin anew, at rest, from where the axes are: whenever the drives did not follow.
+
+        Raises ValueError where there is not one position per axis.
+        """
+        if len(position_counts) != len(self._limits):
+            raise ValueError(f"{len(position_counts)} positions for {len(self._limits)} axes")
+        self._settled, self._last = tuple(position_counts), None
+
+    def decide(
+        self, targets: Sequence[float], measured: Measured, begins_ns: int, duration_ns: int
+    ) -> Decision:
+        """The step towards where a controller wants the axes, in counts, at the step's end."""
+        unusable = self._unusable(measured, duration_ns)
+        if unusable:
+            return _decision(None, 0.0, (), None, unusable)
+        start = self._start(measured, begins_ns, duration_ns)
+        if len(targets) != len(self._limits):
+            return self._brake(start, f"{len(targets)} targets for {len(self._limits)} axes")
+        for axis, target in enumerate(targets):
+            if not isfinite(target):
+                return self._brake(start, f"the target is {target}: axis {axis}")
+        limited: list[str] = []
+        changes = self._shaped(self._wanted(targets, start, limited), start, limited)
+        changes, answer = self._weighed(changes, start, limited)
+        if answer.doubt:
+            return self._brake(start, RISK_UNAVAILABLE, limited, answer)
+        if answer.risk > self._threshold:
+            return self._brake(start, RISK, limited, answer)
+        step = self._permit(changes, start)
+        if isinstance(step, str):
+            return self._brake(start, step, limited, answer)
+        scale = _share_of(targets, changes, start.motions)
+        return _decision(step, scale, limited, answer, "")
+
+    def hold(self, measured: Measured, begins_ns: int, duration_ns: int) -> Decision:
+        """Come to rest as fast as the limits allow, or stay there."""
+        unusable = self._unusable(measured, duration_ns)
+        if unusable:
+            return _decision(None, 0.0, (), None, unusable)
+        return self._brake(self._start(measured, begins_ns, duration_ns))
+
+    def permit_homing(self, axis: int) -> PermittedHoming:
+        """Leave for one drive to look for its zero. Raises ValueError where there is no such axis.
+
+        Where it ends is not where the gate left it: `settle` before the next step.
+        """
+        if not 0 <= axis < len(self._limits):
+            raise ValueError(f"there is no axis {axis}")
+        return permit_homing(axis)
+
+    # Where a step begins.
+
+    def _unusable(self, measured: Measured, duration_ns: int) -> str:
+        count = len(self._limits)
+        if duration_ns <= 0:
+            return "the step has no duration"
+        if not len(measured.position_counts) == len(measured.tension_n) == count:
+            return f"not one measurement for each of {count} axes"
+        for axis, position in enumerate(measured.position_counts):
+            if position is None:
+                return f"not measured: axis {axis}"
+        return ""
+
+    def _start(self, measured: Measured, begins_ns: int, duration_ns: int) -> _Start:
+        positions = [position for position in measured.position_counts if position is not None]
+        last = self._last
+        if last is None:
+            motions = [
+                AxisMotion(at, 0.0, duration_ns, duration_ns) for at in self._settled or positions
+            ]
+        else:
+            length_ns = last.ends_ns - last.begins_ns
+            per_s = 1e9 / length_ns if 2 * (begins_ns - last.ends_ns) < length_ns else 0.0
+            since_ns = max(0, begins_ns - last.begins_ns)
+            motions = [
+                AxisMotion(
+                    last.target(axis, begins_ns),
+                    (last.to_counts[axis] - last.from_counts[axis]) * per_s,
+                    duration_ns,
+                    since_ns,
+                )
+                for axis in range(len(positions))
+            ]
+        return _Start(motions, positions, measured.tension_n, begins_ns, duration_ns)
+
+    # What it may be.
+
+    def _wanted(self, targets: Sequence[float], start: _Start, limited: list[str]) -> list[int]:
+        """The changes towards the targets: inside the travel, and all scaled by the same factor."""
+        ways, factor, slowed = [], 1.0, ""
+        for axis, (target, motion, limits) in enumerate(
+            zip(targets, start.motions, self._limits, strict=True)
+        ):
+            lowest, highest = min(limits.lowest, motion.start), max(limits.highest, motion.start)
+            inside = max(lowest, min(highest, target))
+            if inside != target:
+                limited.append(f"position: axis {axis}")
+            way = inside - motion.start
+            largest = shaping.largest_change(limits, start.duration_ns)
+            if abs(way) * factor > largest:
+                factor, slowed = largest / abs(way), f"velocity: axis {axis}"
+            ways.append(way)
+        if slowed:
+            limited.append(slowed)
+        return [
+            self._allowed_by_sensors(axis, round(way * factor), start, limited)
+            for axis, way in enumerate(ways)
+        ]
+
+    def _allowed_by_sensors(self, axis: int, change: int, start: _Start, limited: list[str]) -> int:
+        """What tension and measured position leave of a change."""
+        tension_limits_n = self._tension_limits_n[axis]
+        if tension_limits_n is not None:
+            up_pulls = self._counts_per_unit[axis] > 0
+            tense = shaping.within_tension(change, start.tensions[axis], tension_limits_n, up_pulls)
+            if tense != change:
+                limited.append(f"tension: axis {axis}")
+                change = tense
+        near = shaping.within_lag(
+            change, start.motions[axis], start.positions[axis], self._limits[axis]
+        )
+        if near != change:
+            limited.append(f"distance from measured: axis {axis}")
+        return near
+
+    def _shaped(self, wanted: Sequence[int], start: _Start, limited: list[str]) -> list[int]:
+        """The changes that acceleration and braking distance leave. To want 0 is to brake."""
+        changes = []
+        for axis, (change, motion, limits) in enumerate(
+            zip(wanted, start.motions, self._limits, strict=True)
+        ):
+            reached = shaping.within_acceleration(change, motion, limits)
+            if reached != change:
+                limited.append(f"acceleration: axis {axis}")
+            stoppable = shaping.within_travel(reached, motion, limits)
+            if stoppable != reached:
+                limited.append(f"braking distance: axis {axis}")
+            changes.append(stoppable)
+        return changes
+
+    # What it risks.
+
+    def _weighed(
+        self, changes: list[int], start: _Start, limited: list[str]
+    ) -> tuple[list[int], RiskAnswer]:
+        """The largest share of the changes whose risk may be taken; the smallest if none may."""
+        tried, left_s = changes, self._latest_after_s
+        answer = self._risk_of(tried, start, left_s)
+        for share in _SMALLER_SHARES:
+            if answer.doubt or answer.risk <= self._threshold:
+                break
+            left_s -= answer.took_s
+            smaller = [round(change * share) for change in changes]
+            tried = self._shaped(smaller, start, [])
+            answer = self._risk_of(tried, start, left_s)
+        if tried is not changes:
+            limited.append(RISK)
+        return tried, answer
+
+    def _risk_of(self, changes: Sequence[int], start: _Start, latest_after_s: float) -> RiskAnswer:
+        """Of the way from where the body is to where it would stop after such a step."""
+        u_from = [
+            position / scale
+            for position, scale in zip(start.positions, self._counts_per_unit, strict=True)
+        ]
+        u_to = [
+            shaping.stops_at(change, motion, limits) / scale
+            for change, motion, limits, scale in zip(
+                changes, start.motions, self._limits, self._counts_per_unit, strict=True
+            )
+        ]
+        return ask(self._risk, u_from, u_to, start.begins_ns, latest_after_s)
+
+    # What comes out.
+
+    def _permit(self, changes: Sequence[int], start: _Start) -> PermittedStep | str:
+        """The last check; the words of what it finds, if it finds something."""
+        from_counts = [motion.start for motion in start.motions]
+        result = permit(
+            from_counts=from_counts,
+            to_counts=[at + change for at, change in zip(from_counts, changes, strict=True)],
+            measured_counts=start.positions,
+            velocities_before=[motion.velocity for motion in start.motions],
+            begins_ns=start.begins_ns,
+            duration_ns=start.duration_ns,
+            limits=self._limits,
+        )
+        if not isinstance(result, PermittedStep):
+            return "; ".join(str(violation) for violation in result)
+        self._last = result
+        return result
+
+    def _brake(
+        self,
+        start: _Start,
+        refused: str = "",
+        limited: Sequence[str] = (),
+        answer: RiskAnswer | None = None,
+    ) -> Decision:
+        step = self._permit(self._shaped([0] * len(self._limits), start, []), start)
+        if isinstance(step, str):
+            return _decision(None, 0.0, limited, answer, refused or step)
+        return _decision(step, 0.0 if refused else 1.0, limited, answer, refused)
+
+
+def _share_of(
+    targets: Sequence[float], changes: Sequence[int], motions: Sequence[AxisMotion]
+) -> float:
+    """How much of what was proposed is left, of the axis that keeps least of it."""
+    share = 1.0
+    for target, change, motion in zip(targets, changes, motions, strict=True):
+        proposed = target - motion.start
+        if round(change - proposed) and proposed:
+            share = min(share, max(0.0, change / proposed))
+    return share
+
+
+def _decision(
+    step: PermittedStep | None,
+    scale: float,
+    limited: Sequence[str],
+    answer: RiskAnswer | None,
+    refused: str,
+) -> Decision:
+    risk, body_point_risk, detail = None, None, ""
+    if answer is not None:
+        risk, body_point_risk, detail = answer.risk, answer.body_point_risk, answer.detail
+    return Decision(step, scale, tuple(limited), risk, body_point_risk, detail, refused)

@@ -1,0 +1,105 @@
+"""The risk of touching something, as the gate asks for it, and when an answer is believed."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isfinite
+from typing import Final, Protocol
+
+MAXIMUM_RISK: Final = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class RiskReading:
+    """What a source says about one straight way of the actuation vector."""
+
+    contact_risk: float
+    """Probability that any part of the body touches something, anywhere along the way."""
+    body_point_risk: float | None
+    """Probability that a random point of the body is in an obstacle; None: not computed."""
+    took_s: float
+    """How long the answer took."""
+    source: str
+    detail: str = ""
+
+
+class RiskSource(Protocol):
+    """Knows the body and its surroundings."""
+
+    @property
+    def name(self) -> str:
+        """What it is, for people."""
+        ...
+
+    def assess(
+        self, u_from: Sequence[float], u_to: Sequence[float], t_ns: int
+    ) -> RiskReading | None:
+        """The risk of the straight way between two actuation vectors, each in its axes' units.
+
+        None where it cannot tell, for instance outside what its model has learned.
+        """
+        ...
+
+
+class NoModel:
+    """Stands in where there is no model: says always the same, and that it is no model."""
+
+    def __init__(self, contact_risk: float = 0.0) -> None:
+        self._reading = RiskReading(contact_risk, None, 0.0, self.name, "nothing is computed")
+
+    @property
+    def name(self) -> str:
+        return "no model"
+
+    def assess(
+        self, u_from: Sequence[float], u_to: Sequence[float], t_ns: int
+    ) -> RiskReading | None:
+        del u_from, u_to, t_ns
+        return self._reading
+
+
+@dataclass(frozen=True, slots=True)
+class RiskAnswer:
+    """A reading that can be acted on."""
+
+    risk: float
+    body_point_risk: float | None
+    took_s: float
+    detail: str
+    doubt: str
+    """Why the maximum stands here and not what was said; empty if it is what was said."""
+
+
+def believed(reading: RiskReading | None, latest_after_s: float) -> tuple[float, str]:
+    """The risk to act on, and why it is not what was said; empty if it is.
+
+    What is missing, late, not finite or not a probability counts as the maximum.
+    """
+    if reading is None:
+        return MAXIMUM_RISK, "no answer"
+    if not 0.0 <= reading.contact_risk <= 1.0:
+        return MAXIMUM_RISK, f"{reading.contact_risk} is not a probability"
+    if not 0.0 <= reading.took_s <= latest_after_s:
+        return MAXIMUM_RISK, f"late: it took {reading.took_s * 1e3:.3g} ms"
+    return reading.contact_risk, ""
+
+
+def ask(
+    source: RiskSource,
+    u_from: Sequence[float],
+    u_to: Sequence[float],
+    t_ns: int,
+    latest_after_s: float,
+) -> RiskAnswer:
+    """What the source says of one way, made safe: whatever goes wrong is the maximum risk."""
+    try:
+        reading = source.assess(u_from, u_to, t_ns)
+        risk, doubt = believed(reading, latest_after_s)
+    except Exception as error:  # a model must not end the loop
+        doubt = f"{source.name} failed: {type(error).__name__}: {error}"
+        return RiskAnswer(MAXIMUM_RISK, None, 0.0, doubt, doubt)
+    if reading is None:
+        return RiskAnswer(risk, None, 0.0, doubt, doubt)
+    beside = reading.body_point_risk
+    if beside is not None and not isfinite(beside):
+        beside = None
+    return RiskAnswer(risk, beside, reading.took_s, doubt or reading.detail, doubt)

@@ -1,0 +1,102 @@
+"""How far one axis may go in one step, in counts: what the gate makes of a wanted change.
+
+Nothing here permits anything: `safety.permit` checks the outcome once more.
+"""
+
+from dataclasses import dataclass
+from math import ceil, floor, isfinite, sqrt
+
+from safety.limits import CountLimits
+
+_NS2_PER_S2 = 10**18
+
+
+@dataclass(frozen=True, slots=True)
+class AxisMotion:
+    """One axis at the beginning of a step."""
+
+    start: int
+    """Where it was last told to be."""
+    velocity: float
+    """How fast it was last told to move, counts/s."""
+    duration_ns: int
+    """Of the step that begins."""
+    since_ns: int
+    """Since the last step began; frames that come in a burst must not add up to a jump."""
+
+    @property
+    def coasts(self) -> float:
+        """The change at an unchanged velocity."""
+        return self.velocity * self.duration_ns / 1e9
+
+
+def largest_change(limits: CountLimits, duration_ns: int) -> int:
+    """In a step of that length, at the highest velocity."""
+    return limits.max_velocity * duration_ns // 1_000_000_000
+
+
+def braking(limits: CountLimits, duration_ns: int) -> float:
+    """By how much the change of a step of that length may be smaller than that of the last."""
+    return limits.max_acceleration * duration_ns * duration_ns / _NS2_PER_S2
+
+
+def within_acceleration(change: int, motion: AxisMotion, limits: CountLimits) -> int:
+    """The nearest change that the acceleration allows.
+
+    Slowing down may use the whole step; getting faster only the time that has truly passed.
+    """
+    coasts, slower = motion.coasts, braking(limits, motion.duration_ns)
+    faster = slower * min(motion.since_ns, motion.duration_ns) / motion.duration_ns
+    lowest = ceil(min(coasts - faster, max(0.0, coasts - slower)))
+    highest = floor(max(coasts + faster, min(0.0, coasts + slower)))
+    if lowest > highest:  # no whole count lies between: the slower neighbour
+        return min(lowest, highest, key=abs)
+    return max(lowest, min(highest, change))
+
+
+def within_travel(change: int, motion: AxisMotion, limits: CountLimits) -> int:
+    """The nearest change from which the axis can still stop before the ends of its travel.
+
+    An axis outside its travel may only come back.
+    """
+    slower = braking(limits, motion.duration_ns)
+    up = _stoppable(max(0, limits.highest - motion.start), slower)
+    down = _stoppable(max(0, motion.start - limits.lowest), slower)
+    return max(-down, min(up, change))
+
+
+def within_lag(change: int, motion: AxisMotion, measured: int, limits: CountLimits) -> int:
+    """The nearest smaller change that leaves the target close enough to where the axis is."""
+    up = max(0, measured + limits.max_lag - motion.start)
+    down = min(0, measured - limits.max_lag - motion.start)
+    return max(down, min(up, change))
+
+
+def within_tension(
+    change: int, tension_n: float | None, allowed_n: tuple[float, float], up_pulls: bool
+) -> int:
+    """The change, or none: too tense does not pull, too slack does not release.
+
+    up_pulls: whether counting up pulls. Where the tension is not known, it does neither.
+    """
+    if tension_n is None or not isfinite(tension_n):
+        return 0
+    slack, too_much = allowed_n
+    blocked = tension_n > too_much if (change > 0) == up_pulls else tension_n < slack
+    return 0 if blocked else change
+
+
+def stops_at(change: int, motion: AxisMotion, limits: CountLimits) -> float:
+    """Where the axis comes to rest if it brakes after a step of that change."""
+    way = change * abs(change) / (2 * braking(limits, motion.duration_ns))
+    return motion.start + change + way
+
+
+def _stoppable(room: int, slower: float) -> int:
+    """The largest change that leaves, of `room`, what is needed to stop.
+
+    With v for the velocity after the step: v·T + v²/2a ≤ room. This braking distance is that of
+    infinitely short steps, so it is enough for the next steps however long they are. One count is
+    always allowed: it stops within the rounding that the permit leaves.
+    """
+    return max(int(sqrt(slower * (slower + 2 * room)) - slower), min(1, room))

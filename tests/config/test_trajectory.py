@@ -1,0 +1,94 @@
+"""Trajectory and controller options: what is refused, and in which words."""
+
+from typing import Any
+
+import pytest
+
+from config.controllers import Broyden, ConstantCurvature, load_controller_options
+from config.options import OptionsError
+from config.trajectory import Lissajous, Rectangle, load_trajectory_options
+
+RECTANGLE: dict[str, Any] = {
+    "kind": "rectangle",
+    "center_mm": [0, 0, 185],
+    "width_mm": 25,
+    "height_mm": 100.0,
+    "cycle_s": 60,
+    "cycles": 3,
+}
+
+
+def complaints(mapping: dict[str, Any]) -> tuple[str, ...]:
+    with pytest.raises(OptionsError) as caught:
+        load_trajectory_options(mapping)
+    return caught.value.problems
+
+
+def test_a_rectangle_from_a_message_is_a_rectangle() -> None:
+    options = load_trajectory_options(RECTANGLE)
+    assert isinstance(options, Rectangle)
+    assert (options.center_mm, options.plane, options.cycles) == ((0.0, 0.0, 185.0), "xy", 3)
+
+
+def test_everything_wrong_is_told_at_once_and_by_name() -> None:
+    wrong = {**RECTANGLE, "width_mm": -1, "plane": "zx", "heigth_mm": 3, "cycle_s": float("nan")}
+    text = "\n".join(complaints(wrong))
+    for part in (
+        "trajectory.width_mm: should be greater than 0",
+        "trajectory.plane: must be 'xy', 'xz' or 'yz'",
+        "trajectory.heigth_mm: unknown key (did you mean 'height_mm'?)",
+        "trajectory.cycle_s: should be a finite number",
+    ):
+        assert part in text
+
+
+def test_an_unknown_kind_is_told_with_the_nearest_known_one() -> None:
+    (text,) = complaints({"kind": "rectange"})
+    assert "did you mean 'rectangle'?" in text
+
+
+def test_a_kind_must_be_given() -> None:
+    (text,) = complaints({"center_mm": [0, 0, 0]})
+    assert text == "trajectory.kind: this key is required and is not there"
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"center_mm": [0, 0]},
+        {"center_mm": [0, 0, float("inf")]},
+        {"cycles": 0},
+        {"cycles": 1.5},
+        {"cycle_s": "60"},
+    ],
+)
+def test_numbers_are_not_guessed(change: dict[str, Any]) -> None:
+    assert len(complaints({**RECTANGLE, **change})) >= 1
+
+
+def test_a_lissajous_figure_must_move() -> None:
+    figure = {"kind": "lissajous", "center_mm": [0, 0, 185], "cycle_s": 20}
+    assert isinstance(load_trajectory_options({**figure, "amplitude_mm": [20, 20, 0]}), Lissajous)
+    for still in (
+        {"amplitude_mm": [0, 0, 0]},
+        {"amplitude_mm": [0, 0, 9], "frequencies": [1, 2, 0]},
+    ):
+        assert "nothing moves" in complaints({**figure, **still})[0]
+
+
+def test_controllers_are_chosen_by_kind() -> None:
+    assert isinstance(load_controller_options({"kind": "broyden"}), Broyden)
+    options = load_controller_options(
+        {
+            "kind": "constant_curvature",
+            "posture": [10, 10, 10, 20, 20, 20],
+            "chambers": {"kind": "volumetric", "elongation_mm_per_ml": 2.0},
+        }
+    )
+    assert isinstance(options, ConstantCurvature)
+    assert options.posture == (10.0, 10.0, 10.0, 20.0, 20.0, 20.0)
+
+
+def test_wrong_controller_options_are_told_by_name() -> None:
+    with pytest.raises(OptionsError, match=r"controller\.gain_per_s: should be greater than 0"):
+        load_controller_options({"kind": "broyden", "gain_per_s": 0})

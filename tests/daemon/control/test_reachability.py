@@ -1,0 +1,93 @@
+"""What is refused before anything moves, and the sentence that says why."""
+
+from pathlib import Path
+
+import pytest
+
+from config.control import Workspace
+from config.controllers import Broyden, ConstantCurvature
+from config.trajectory import Circle, Hold, TrajectoryOptions, Waypoints
+from daemon.control.make_controller import make_controller
+from daemon.control.reachability import HasKinematics, KinematicModel, looks, unreachable
+from daemon.control.trajectories import make_trajectory
+from tests.daemon.control.closed_loop import ROBOT, rectangle
+
+BOX = Workspace(x_mm=(-40.0, 40.0), y_mm=(-60.0, 60.0), z_mm=(150.0, 210.0))
+
+
+def model() -> KinematicModel:
+    controller = make_controller(ConstantCurvature(kind="constant_curvature"), ROBOT, seed=1)
+    assert isinstance(controller, HasKinematics)
+    return controller.kinematics
+
+
+def asked(
+    options: TrajectoryOptions, box: Workspace | None, kinematics: KinematicModel | None = None
+) -> str | None:
+    return unreachable(make_trajectory(options, Path()), box, kinematics)
+
+
+def test_what_is_within_the_workspace_and_the_travel_is_reachable() -> None:
+    assert asked(rectangle(60.0), BOX, model()) is None
+    assert asked(rectangle(60.0), None) is None
+
+
+def test_the_first_place_outside_the_workspace_is_named() -> None:
+    narrow = BOX.model_copy(update={"y_mm": (-60.0, 40.0)})
+    text = asked(rectangle(60.0), narrow)
+    assert text is not None
+    assert text == (
+        "at 27.6 s the rectangle trajectory is at (12, 40, 185) mm, 0.1 mm beyond the workspace's "
+        "y_mm [-60, 40]"
+    )
+
+
+def test_the_axis_that_is_farthest_out_is_named() -> None:
+    text = asked(Hold(kind="hold", position_mm=(41.0, 65.0, 220.0), duration_s=1.0), BOX)
+    assert text == (
+        "at 0.0 s the hold trajectory is at (41, 65, 220) mm, 10.0 mm beyond the workspace's "
+        "z_mm [150, 210]"
+    )
+
+
+def test_a_little_beyond_is_beyond() -> None:
+    circle = Circle(kind="circle", center_mm=(0.0, 0.0, 185.0), radius_mm=39.99, cycle_s=1000.0)
+    assert asked(circle, BOX) is None
+    assert asked(circle.model_copy(update={"radius_mm": 40.01}), BOX) is not None
+
+
+def test_every_waypoint_is_looked_at(tmp_path: Path) -> None:
+    lines = [f"{k * 0.01:.2f}, 0, {61 if k == 5001 else 0}, 185" for k in range(10_000)]
+    (tmp_path / "way.csv").write_text("\n".join(["t, x, y, z", *lines]))
+    trajectory = make_trajectory(Waypoints(kind="waypoints", file="way.csv"), tmp_path)
+    text = unreachable(trajectory, BOX, None)
+    assert text is not None
+    assert text.startswith(
+        "at 50.0 s the waypoints trajectory is at (0, 61, 185) mm, 1.0 mm beyond"
+    )
+
+
+def test_the_looks_can_be_spread_over_time() -> None:
+    trajectory = make_trajectory(rectangle(60.0), Path())
+    answers = list(looks(trajectory, BOX, model()))
+    assert len(answers) > 100
+    assert not any(answers)
+
+
+def test_what_the_axes_cannot_reach_is_told_with_the_miss() -> None:
+    text = asked(rectangle(60.0, z_mm=290.0), None, model())
+    assert text is not None
+    assert text.startswith(
+        "at 0.0 s the rectangle trajectory is at (-12, -50, 290) mm, and the axes' travel"
+    )
+    assert text.endswith("by the controller's model")
+
+
+def test_a_controller_without_a_model_is_not_asked() -> None:
+    controller = make_controller(Broyden(kind="broyden"), ROBOT, seed=1)
+    assert not isinstance(controller, HasKinematics)
+
+
+@pytest.mark.parametrize("z_mm", [170.0, 200.0])
+def test_what_the_arm_is_known_to_follow_is_not_refused(z_mm: float) -> None:
+    assert asked(rectangle(60.0, z_mm), None, model()) is None

@@ -1,0 +1,162 @@
+"""The law that all Jacobian controllers share."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from config.controllers import TipFollowing
+from daemon.control.axis_ranges import AxisRanges
+from daemon.control.controller import ControllerError, Observation
+from daemon.control.tip_following import TipFollower, bounded_step, damped_solution
+from drivers.pose import Vector
+from tests.daemon.control.closed_loop import DT_S, ROBOT
+
+GENERATOR = np.random.default_rng(2)
+JACOBIAN = GENERATOR.normal(size=(3, 6))
+WIDE = np.full(6, 1e6)
+NONE = np.zeros(6)
+
+
+def seen(**changes: Vector | float) -> Observation:
+    still = Observation(
+        t_ns=0,
+        dt_s=DT_S,
+        u=np.full(6, 20.0),
+        targets=np.full(6, 20.0),
+        tip_mm=np.array([0.0, 0.0, 180.0]),
+        tip_velocity_mm_s=np.zeros(3),
+        reference_mm=np.array([0.0, 0.0, 180.0]),
+        reference_velocity_mm_s=np.zeros(3),
+    )
+    return replace(still, **changes)  # type: ignore[arg-type]
+
+
+def follower(**options: object) -> TipFollower:
+    return TipFollower(TipFollowing.model_validate(options), ROBOT)
+
+
+def test_the_tip_is_asked_to_move_with_the_reference_and_to_lose_its_error() -> None:
+    law = follower(gain_per_s=4.0)
+    velocity, error = np.array([3.0, 0.0, 0.0]), np.array([0.0, 2.0, 0.0])
+    step = law.tip_step(seen(reference_velocity_mm_s=velocity, reference_mm=seen().tip_mm + error))
+    np.testing.assert_allclose(step, [3.0 * DT_S, 2.0 * 4.0 * DT_S, 0.0])
+
+
+def test_a_large_error_is_worked_off_at_a_limited_speed() -> None:
+    law = follower(max_tip_speed_mm_s=20.0)
+    step = law.tip_step(seen(reference_mm=np.array([300.0, 0.0, 580.0])))
+    assert np.linalg.norm(step) == pytest.approx(20.0 * DT_S)
+    assert step[0] == pytest.approx(step[2] * 300.0 / 400.0)
+
+
+@pytest.mark.parametrize("dt_s", [3.0, 1e9])
+def test_a_late_step_does_not_make_the_tip_leap(dt_s: float) -> None:
+    law = follower(max_tip_speed_mm_s=20.0)
+    step = law.tip_step(seen(reference_mm=np.array([300.0, 0.0, 580.0]), dt_s=dt_s))
+    assert np.linalg.norm(step) <= 20.0 * 0.1 * (1 + 1e-9)
+
+
+def test_no_axis_is_asked_to_be_faster_than_it_can_and_the_direction_stays() -> None:
+    law = follower(max_tip_speed_mm_s=1000.0, posture_gain_per_s=0.0, damping_mm=1e-6)
+    wanted = np.array([20.0, 10.0, 5.0])
+    step = law.axis_step(JACOBIAN, wanted, seen())
+    assert np.abs(step).max() == pytest.approx(10.0 * DT_S)
+    made = JACOBIAN @ step
+    np.testing.assert_allclose(made / np.linalg.norm(made), wanted / np.linalg.norm(wanted))
+
+
+def test_redundant_axes_go_to_the_posture_and_the_tip_stays() -> None:
+    law = follower(posture=[10.0, 10.0, 10.0, 30.0, 30.0, 30.0], posture_gain_per_s=1.0)
+    targets = np.full(6, 20.0)
+    for _ in range(1000):
+        step = law.axis_step(JACOBIAN, np.zeros(3), seen(targets=targets))
+        assert np.abs(JACOBIAN @ step).max() < 1e-3
+        targets = targets + step
+    posture = np.array([10.0, 10.0, 10.0, 30.0, 30.0, 30.0])
+    left = posture - targets
+    # What is left of the way is what only the tip's directions could make.
+    null_space = np.linalg.svd(JACOBIAN)[2][3:]
+    np.testing.assert_allclose(null_space @ left, 0.0, atol=1e-3)
+
+
+def test_the_posture_may_be_the_one_at_the_start() -> None:
+    law = follower(posture="start", posture_gain_per_s=1.0)
+    here = np.array([5.0, 10.0, 15.0, 20.0, 25.0, 30.0])
+    law.reset(seen(targets=here))
+    np.testing.assert_allclose(law.axis_step(JACOBIAN, np.zeros(3), seen(targets=here)), 0.0)
+
+
+def test_a_posture_must_have_one_position_per_axis() -> None:
+    with pytest.raises(ControllerError, match="posture has 2 positions, and the robot 6 axes"):
+        follower(posture=[1.0, 2.0])
+
+
+def test_an_axis_at_its_end_stays_there_and_the_others_take_over() -> None:
+    law = follower(posture_gain_per_s=0.0, damping_mm=1e-6)
+    targets = np.full(6, 20.0)
+    free = law.axis_step(JACOBIAN, np.array([0.05, 0.02, 0.03]), seen(targets=targets))
+    worst = int(np.argmax(np.abs(free)))
+    targets[worst] = 50.0 if free[worst] > 0 else 0.0
+    held = law.axis_step(JACOBIAN, np.array([0.05, 0.02, 0.03]), seen(targets=targets))
+    assert held[worst] == 0.0
+    np.testing.assert_allclose(JACOBIAN @ held, [0.05, 0.02, 0.03], atol=1e-6)
+
+
+def test_a_jacobian_that_is_not_finite_is_an_error_and_no_step() -> None:
+    broken = JACOBIAN.copy()
+    broken[1, 2] = np.nan
+    with pytest.raises(ControllerError, match="learn it anew"):
+        follower().axis_step(broken, np.ones(3), seen())
+
+
+def test_a_tip_that_is_not_a_number_is_an_error_and_no_step() -> None:
+    with pytest.raises(ControllerError, match="not a number"):
+        follower().tip_step(seen(tip_mm=np.array([0.0, np.nan, 0.0])))
+
+
+def test_without_limits_the_step_is_the_pseudo_inverse_with_a_null_space_part() -> None:
+    wanted, drawn = np.array([1.0, -2.0, 0.5]), GENERATOR.normal(size=6)
+    step = bounded_step(JACOBIAN, wanted, drawn, -WIDE, WIDE, 1e-9)
+    inverse = np.linalg.pinv(JACOBIAN)
+    expected = inverse @ wanted + (np.eye(6) - inverse @ JACOBIAN) @ drawn
+    np.testing.assert_allclose(step, expected, atol=1e-9)
+
+
+def test_a_direction_that_hardly_moves_is_given_up_gently() -> None:
+    rows = np.linalg.qr(GENERATOR.normal(size=(6, 3)))[0].T
+    jacobian = np.diag([100.0, 50.0, 0.01]) @ rows
+    step = damped_solution(jacobian, np.array([1.0, 1.0, 1.0]), 5.0)
+    np.testing.assert_allclose((jacobian @ step)[:2], [1.0, 1.0], rtol=1e-6)
+    assert np.linalg.norm(step) < 0.1
+    assert not damped_solution(np.zeros((3, 6)), np.ones(3), 5.0).any()
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    seed=st.integers(0, 10**6),
+    axes=st.integers(1, 9),
+    reach=st.floats(1e-6, 10.0),
+    room=st.floats(0.0, 1.0),
+)
+def test_a_step_is_finite_and_within_its_limits(
+    seed: int, axes: int, reach: float, room: float
+) -> None:
+    generator = np.random.default_rng(seed)
+    jacobian = generator.normal(size=(3, axes)) * 10.0 ** generator.integers(-3, 3)
+    low, high = -room * generator.random(axes), room * generator.random(axes)
+    step = bounded_step(
+        jacobian, reach * generator.normal(size=3), generator.normal(size=axes), low, high, 5.0
+    )
+    assert np.isfinite(step).all()
+    assert (low <= step).all()
+    assert (step <= high).all()
+
+
+def test_an_axis_outside_its_travel_may_come_back_and_not_go_further() -> None:
+    axes = AxisRanges.of(ROBOT)
+    lowest, highest = axes.room(np.array([-2.0, 52.0, 25.0, 0.0, 50.0, 1.0]))
+    np.testing.assert_allclose(lowest, [0.0, -52.0, -25.0, 0.0, -50.0, -1.0])
+    np.testing.assert_allclose(highest, [52.0, 0.0, 25.0, 50.0, 0.0, 49.0])

@@ -1,0 +1,125 @@
+"""What a recording contains can be read by viewers, and raw bytes come back as they were."""
+
+from typing import Any
+
+import msgspec
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from daemon.recording.can_batches import CanBatches
+from daemon.recording.channels import (
+    MESSAGES,
+    TIP_POSE,
+    channel_format,
+    read_can_payload,
+    read_tracker_payload,
+    tip_pose,
+    tracker_payload,
+)
+from daemon.remote.messages import TELEMETRY
+from drivers.can.frame import CanFrame
+from tests.daemon.recording.synthetic_run import messages
+
+SCALARS = {"boolean", "string", "number", "integer"}
+
+
+def problems(schema: dict[str, Any], place: str) -> list[str]:
+    """What Lichtblick's reader of JSON Schemas would stumble over: it takes only the plainest."""
+    kind = schema.get("type")
+    if kind == "object":
+        inner = schema["properties"].items()
+        return [text for name, part in inner for text in problems(part, f"{place}.{name}")]
+    if kind == "array":
+        return problems(schema["items"], f"{place}[]")
+    return [] if kind in SCALARS else [f"{place}: type {kind}"]
+
+
+def test_every_kind_of_telemetry_has_a_channel() -> None:
+    assert set(MESSAGES.values()) == set(TELEMETRY)
+
+
+@pytest.mark.parametrize("topic", [*MESSAGES, TIP_POSE])
+def test_schemas_use_only_what_viewers_understand(topic: str) -> None:
+    told = channel_format(topic)
+    schema = msgspec.json.decode(told.schema)
+    assert told.message_encoding == "json"
+    assert schema["type"] == "object"
+    assert problems(schema, topic) == []
+
+
+def test_schemas_name_every_field_of_what_is_recorded() -> None:
+    for message in messages(cycles=1, cycle_s=2.0):
+        topic = next(topic for topic, kind in MESSAGES.items() if isinstance(message, kind))
+        schema = msgspec.json.decode(channel_format(topic).schema)
+        recorded = msgspec.json.decode(msgspec.json.encode(message))
+        assert set(recorded) <= set(schema["properties"])
+
+
+@pytest.mark.parametrize("topic", ["", "/nothing", "/raw/can/", "/raw/canine"])
+def test_unknown_channels_are_refused(topic: str) -> None:
+    with pytest.raises(ValueError, match="there is no channel"):
+        channel_format(topic)
+
+
+@settings(deadline=None)
+@given(st.sampled_from(["from_device", "to_device"]), st.binary())
+def test_tracker_bytes_come_back(direction: str, data: bytes) -> None:
+    assert read_tracker_payload(tracker_payload(direction, data)) == (direction, data)
+
+
+@pytest.mark.parametrize("payload", [b"", b"x123"])
+def test_tracker_messages_without_direction_are_refused(payload: bytes) -> None:
+    with pytest.raises(ValueError, match="begins with"):
+        read_tracker_payload(payload)
+
+
+FRAMES = st.tuples(
+    st.sampled_from(["can0", "can1"]),
+    st.integers(0, 2**32 - 1),
+    st.binary(max_size=8),
+    st.integers(0, 30_000_000),
+)
+
+
+@settings(deadline=None)
+@given(st.lists(FRAMES, max_size=60))
+def test_frames_come_back_from_their_batches_in_order(
+    frames: list[tuple[str, int, bytes, int]],
+) -> None:
+    written: list[tuple[str, int, bytes]] = []
+    batches = CanBatches(lambda *message: written.append(message))
+    sent: dict[str, list[tuple[int, CanFrame]]] = {}
+    t_ns = 0
+    for bus, can_id, data, later_ns in frames:
+        t_ns += later_ns
+        batches.add(bus, can_id, data, t_ns)
+        sent.setdefault(f"/raw/can/{bus}", []).append((t_ns, CanFrame(can_id, data)))
+    batches.flush()
+    back: dict[str, list[tuple[int, CanFrame]]] = {}
+    for topic, first_ns, payload in written:
+        records = list(read_can_payload(payload))
+        assert records[0][0] == first_ns
+        assert records[-1][0] - first_ns < 50_000_000
+        back.setdefault(topic, []).extend(records)
+    assert back == sent
+
+
+def test_a_cut_can_message_is_refused() -> None:
+    with pytest.raises(ValueError, match="multiple of 24"):
+        list(read_can_payload(bytes(25)))
+
+
+def test_the_tip_is_a_pose_in_metres_for_3d_viewers() -> None:
+    tip = b'{"tip_mm":[1000.0,-2000.0,3.0],"quaternion":[1.0,0.1,0.2,0.3]}'
+    told = tip_pose(tip, 12_000_000_034)
+    assert told is not None
+    pose = msgspec.json.decode(told)
+    assert pose["timestamp"] == {"sec": 12, "nsec": 34}
+    assert pose["pose"]["position"] == {"x": 1.0, "y": -2.0, "z": 0.003}
+    assert pose["pose"]["orientation"] == {"w": 1.0, "x": 0.1, "y": 0.2, "z": 0.3}
+
+
+@pytest.mark.parametrize("tip", [b'{"tip_mm":null}', b'{"tip_mm":[1.0,null,2.0]}', b"{}"])
+def test_an_unknown_tip_has_no_pose(tip: bytes) -> None:
+    assert tip_pose(tip, 0) is None

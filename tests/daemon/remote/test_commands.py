@@ -1,0 +1,387 @@
+"""What an operator types, against a running daemon: what is shown, and the exit codes."""
+
+import argparse
+import asyncio
+import json
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import pytest
+from msgspec.structs import replace
+
+from config.remote import Remote
+from daemon.remote.messages import (
+    Answer,
+    AxisStatus,
+    Command,
+    Reason,
+    ReferenceStatus,
+    Refusal,
+    Status,
+    Stop,
+)
+from daemon.remote.server import RemoteServer
+from daemon.remote.token_file import StoredLease, store_lease, token_file
+from tests.daemon.remote.rig import ROBOT, WITHIN_S, FakeRobot
+
+OK, FAILED, USAGE, NO_DAEMON, REFUSED, TIMED_OUT = range(6)
+ALONE = (
+    "import argparse, importlib, sys; "
+    "command = importlib.import_module('daemon.commands.' + sys.argv[1]); "
+    "parser = argparse.ArgumentParser(); command.add_arguments(parser); "
+    "sys.exit(command.run(parser.parse_args(sys.argv[2:])))"
+)
+
+
+def tentacled(name: str, *words: str | Path) -> int:
+    """`tentacled name words`, in this process. Returns the exit code."""
+    command = import_module(f"daemon.commands.{name}")
+    parser = argparse.ArgumentParser()
+    command.add_arguments(parser)
+    return int(command.run(parser.parse_args([str(word) for word in words])))
+
+
+@contextmanager
+def started(name: str, *words: str | Path) -> Iterator[subprocess.Popen[str]]:
+    """The same in a process of its own, for what goes on until it is told to end."""
+    process = subprocess.Popen(
+        [sys.executable, "-u", "-c", ALONE, name, *map(str, words)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+        for stream in (process.stdin, process.stdout, process.stderr):
+            assert stream is not None
+            with suppress(BrokenPipeError):  # what was written last, and nobody reads
+                stream.close()
+
+
+class Daemon:
+    """A server on an event loop in a thread of its own."""
+
+    def __init__(self, folder: Path, robot: FakeRobot | None = None) -> None:
+        self.robot = robot or FakeRobot()
+        self.server = RemoteServer(
+            ROBOT, Remote(), folder, self.robot, simulated=True, version="1.2.3"
+        )
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
+
+    def __enter__(self) -> FakeRobot:
+        self._thread.start()
+        asyncio.run_coroutine_threadsafe(self.server.open(), self._loop).result(WITHIN_S)
+        return self.robot
+
+    def __exit__(self, *_: object) -> None:
+        asyncio.run_coroutine_threadsafe(self.server.close(), self._loop).result(WITHIN_S)
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
+
+
+@pytest.fixture(autouse=True)
+def root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where daemons of this test run if nobody says otherwise."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    return tmp_path / "tentacled"
+
+
+def hold_lease(folder: Path, robot: FakeRobot, user: str = "local") -> None:
+    token = robot.lease.acquire(user, "", robot.clock.now_ns())
+    assert token is not None
+    store_lease(token_file(folder, user), StoredLease(user, token))
+
+
+def test_commands_find_the_one_daemon_that_runs_and_use_the_lease_that_is_held(
+    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trajectory = tmp_path / "circle.yaml"
+    trajectory.write_text("trajectory: {kind: circle, radius_mm: 3.0}\ncontroller: {kind: x}\n")
+    with Daemon(root / ROBOT) as robot:
+        hold_lease(root / ROBOT, robot)
+        assert tentacled("arm") == OK
+        assert capsys.readouterr().out == "ARMED\n"
+        assert tentacled("load", trajectory, "--cycles", "2") == OK
+        for name in ("start", "hold", "resume", "disarm", "clear"):
+            assert tentacled(name, ROBOT) == OK
+        assert robot.verbs() == ["arm", "load", "start", "hold", "resume", "disarm", "clear"]
+        load: Any = robot.carried_out[1][1]
+        assert load.trajectory == {"kind": "circle", "radius_mm": 3.0}
+        assert (load.controller, load.cycles) == ({"kind": "x"}, 2)
+
+
+@pytest.mark.parametrize("name", ["arm", "disarm", "start", "hold", "resume", "clear"])
+def test_without_the_lease_commands_are_refused_and_say_how_to_get_it(
+    root: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    with Daemon(root / ROBOT) as robot:
+        assert tentacled(name) == REFUSED
+        assert "tentacled lease" in capsys.readouterr().err
+        assert tentacled(name, "--json") == REFUSED
+        assert json.loads(capsys.readouterr().out)["name"] == "no_lease"
+        assert robot.carried_out == []
+
+
+def test_stop_needs_no_lease_and_stops_all_robots_if_none_is_named(
+    root: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with Daemon(root / ROBOT) as one, Daemon(root / "second") as other:
+        assert tentacled("stop") == OK
+        assert capsys.readouterr().out == "STANDBY\nSTANDBY\n"
+        assert (one.verbs(), other.verbs()) == (["stop"], ["stop"])
+        assert tentacled("arm") == USAGE
+        assert "several daemons are running" in capsys.readouterr().err
+
+
+class Unsure(FakeRobot):
+    """Cannot tell whether the drives have stopped."""
+
+    async def handle(self, user: str, command: Command) -> Answer | Refusal:
+        if isinstance(command, Stop):
+            return self.answer(command, confirmed=False)
+        return await super().handle(user, command)
+
+
+def test_a_stop_that_the_drives_have_not_confirmed_is_a_failure_and_says_so(
+    root: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with Daemon(root / ROBOT, Unsure()):
+        assert tentacled("stop", "--json") == FAILED
+        assert json.loads(capsys.readouterr().out)["confirmed"] is False
+        assert tentacled("stop") == FAILED
+        assert "NOT CONFIRMED" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["arm", "stop", "status", "lease"])
+def test_without_a_daemon_the_exit_code_is_three(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    for words in ([], [ROBOT], ["--runtime-dir", str(tmp_path)]):
+        assert tentacled(name, *words) == NO_DAEMON
+        assert "no daemon is running" in capsys.readouterr().err
+
+
+def test_an_answer_that_does_not_come_has_its_own_exit_code(root: Path, tmp_path: Path) -> None:
+    robot = FakeRobot()
+    robot.slow_until = asyncio.Event()
+    trajectory = tmp_path / "circle.yaml"
+    trajectory.write_text("trajectory: {kind: circle}\n")
+    with Daemon(root / ROBOT, robot):
+        hold_lease(root / ROBOT, robot)
+        assert tentacled("load", trajectory, "--timeout", "0.3") == TIMED_OUT
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--connect", "127.0.0.1:1"],
+        ["robot", "--user", "alice"],
+        ["robot", "--certificates", "."],
+        ["robot", "--connect", "h:1", "--user", "a", "--certificates", ".", "--runtime-dir", "."],
+    ],
+)
+def test_half_an_address_is_a_mistake(words: list[str]) -> None:
+    assert tentacled("status", *words) == USAGE
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("a: [", "not YAML"),
+        ("controller: {kind: x}", "there is no trajectory"),
+        ("[]", "there is no trajectory"),
+        ("trajectory: {kind: circle}\ncontroller: 3", "a controller is written"),
+    ],
+)
+def test_a_file_that_cannot_be_loaded_is_told_before_anything_is_sent(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, message: str
+) -> None:
+    file = tmp_path / "file.yaml"
+    file.write_text(text)
+    assert tentacled("load", file) == FAILED
+    assert message in capsys.readouterr().err
+
+
+class Busy(FakeRobot):
+    """In the middle of everything."""
+
+    def status(self) -> Status:
+        reason = Reason(
+            name="tracker_lost",
+            severity="hold",
+            subject="tracker",
+            text="the tip has not been seen",
+            remedy="look at the cable",
+            detail="0.3 s",
+            since_s=0.3,
+        )
+        axis = AxisStatus(
+            name="proximal_1",
+            unit="mm",
+            actual=12.3456,
+            target=12.4,
+            drive_state="operation enabled",
+            node_state="operational",
+            force=1.5,
+            force_unit="N",
+            volume_ml=6.05,
+        )
+        following = ReferenceStatus(
+            trajectory="circle",
+            controller="broyden",
+            elapsed_s=3.0,
+            duration_s=60.0,
+            cycle=1,
+            cycles=3,
+        )
+        return replace(
+            super().status(),
+            state="hold",
+            reasons=[reason, replace(reason, subject="can0/3", latched=True)],
+            axes=[axis, replace(axis, name="distal_1", actual=None, volume_ml=None)],
+            reference=following,
+            reference_mm=[1.0, 2.0, 103.0],
+            error_mm=0.5,
+            recording="/runs/7",
+        )
+
+
+def test_the_status_for_people_shows_state_reasons_and_remedies(
+    root: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    with Daemon(root / ROBOT, Busy()):
+        assert tentacled("status") == OK
+    shown = capsys.readouterr().out
+    for text in (
+        "HOLD",
+        ROBOT,
+        "SIMULATED",
+        "tracker: the tip has not been seen (0.3 s)",
+        "look at the cable",
+        "waits for `tentacled clear`",
+        "103.50",
+        "0.50 mm",
+        "cycle 2 of 3",
+        "tracking, 40.0 frames/s",
+        "12.346 mm",
+        "6.050 mL",
+        "/runs/7",
+        "free",
+    ):
+        assert text in shown, text
+
+
+def test_the_status_for_programs_is_the_message_as_it_is(
+    root: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with Daemon(root / ROBOT) as robot:
+        assert tentacled("status", "--json") == OK
+        status = json.loads(capsys.readouterr().out)
+        assert (status["type"], status["robot"], status["simulated"]) == ("status/1", ROBOT, True)
+        assert set(status) == {"type", *robot.status().__struct_fields__}
+
+
+def test_status_can_be_watched_by_a_program_until_it_is_told_to_end(root: Path) -> None:
+    with Daemon(root / ROBOT), started("status", "--watch", "--json", "--every", "0.05") as watch:
+        assert watch.stdout is not None
+        lines = [json.loads(watch.stdout.readline()) for _ in range(3)]
+        assert {line["type"] for line in lines} == {"status/1"}
+        watch.send_signal(signal.SIGINT)
+        assert watch.wait(WITHIN_S) == OK
+
+
+def test_the_lease_is_held_in_one_terminal_and_used_in_others_and_then_given_back(
+    root: Path, tmp_path: Path
+) -> None:
+    with Daemon(root / ROBOT, FakeRobot(lease_s=8.0)) as robot:
+        with started("lease") as lease:
+            assert lease.stdout is not None
+            assert "the lease is yours" in lease.stdout.readline()
+            kept = token_file(root / ROBOT, "local")
+            assert kept.stat().st_mode & 0o777 == 0o600
+            assert tentacled("arm") == OK
+            assert tentacled("lease") == REFUSED
+            lease.send_signal(signal.SIGINT)
+            assert lease.wait(WITHIN_S) == OK
+        assert not kept.exists()
+        assert robot.verbs() == ["arm", "release"]
+        assert tentacled("arm") == REFUSED
+
+
+def test_a_lease_that_was_lost_is_taken_again_and_said_to_be(root: Path) -> None:
+    with (
+        Daemon(root / ROBOT, FakeRobot(lease_s=1.0)) as robot,
+        started("lease") as lease,
+    ):
+        assert lease.stdout is not None and lease.stderr is not None
+        assert "the lease is yours" in lease.stdout.readline()
+        lease.send_signal(signal.SIGSTOP)
+        ended = threading.Event()
+        while robot.lease.holder(robot.clock.now_ns()) is not None:
+            ended.wait(0.05)
+        lease.send_signal(signal.SIGCONT)
+        assert "the lease is lost" in lease.stderr.readline()
+        assert "the lease is yours again" in lease.stdout.readline()
+
+
+def test_positions_on_standard_input_become_set_points(root: Path) -> None:
+    with Daemon(root / ROBOT) as robot, started("teleoperate") as writing:
+        assert writing.stdin is not None
+        waiting = threading.Event()
+        for number in range(1000):
+            writing.stdin.write(f"{number} 2 100\n" if number % 2 else f"{number} 2 100 0 0 1\n")
+            writing.stdin.flush()
+            waiting.wait(0.02)
+            if len(robot.setpoints) >= 4:
+                break
+        writing.stdin.close()
+        assert writing.wait(WITHIN_S) == OK
+        assert robot.verbs()[0] == "teleoperate"
+        assert robot.verbs()[-1] == "hold"
+        positions = [setpoint.position_mm[0] for _, setpoint in robot.setpoints]
+        assert len(positions) >= 4
+        assert positions == sorted(positions)
+        assert {setpoint.velocity_mm_s is None for _, setpoint in robot.setpoints} == {True, False}
+
+
+@pytest.mark.parametrize("line", ["1 2", "1 2 x", "1 2 nan", "1 2 3 4"])
+def test_a_line_that_is_no_position_ends_teleoperation_and_holds(root: Path, line: str) -> None:
+    with Daemon(root / ROBOT) as robot, started("teleoperate") as writing:
+        assert writing.stdin is not None
+        writing.stdin.write(line + "\n")
+        writing.stdin.flush()
+        assert writing.wait(WITHIN_S) == FAILED
+        assert writing.stderr is not None
+        assert "`x y z` or `x y z vx vy vz` is wanted" in writing.stderr.read()
+        assert robot.verbs() == ["teleoperate", "hold"]
+        assert robot.setpoints == []
+
+
+def test_certificates_are_made_and_what_goes_into_the_robot_file_is_shown(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "certificates"
+    words = ["--host", "10.0.0.1", "--operator", "alice", "--viewer", "bob"]
+    assert tentacled("certificates", folder, *words) == OK
+    shown = capsys.readouterr().out
+    assert "endpoint: 10.0.0.1:7448" in shown
+    assert "    alice: operator\n    bob: viewer\n" in shown
+    assert (folder / "alice.key").exists()
+    assert tentacled("certificates", folder, *words) == FAILED
+    assert "would be overwritten" in capsys.readouterr().err
+    assert tentacled("certificates", folder, "--operator", "Alice") == USAGE
+    assert tentacled("certificates", folder) == USAGE

@@ -1,0 +1,207 @@
+"""The whole daemon but for its clients' wire, with its lab, in virtual time."""
+
+import asyncio
+import tempfile
+from collections.abc import Callable, Coroutine
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+from config.robot import Robot
+from daemon.lab_connections import LabConnections
+from daemon.recording.direct_recorder import DirectRecorder
+from daemon.remote.messages import (
+    Acquire,
+    Answer,
+    Arm,
+    Command,
+    Event,
+    Load,
+    Message,
+    Refusal,
+    Start,
+    Status,
+    Tip,
+)
+from daemon.robot_argument import check_robot
+from daemon.service.operator import Operator
+from daemon.service.robot_service import RobotService, Surroundings
+from daemon.service.run_recording import RunRecording
+from drivers.cia402.power_state import PowerState
+from safety.risk_source import NoModel, RiskSource
+from safety.states import OperatingState
+from sim_backends.lab import Lab
+from sim_backends.virtual_time import run_in_virtual_time, virtual_clock
+from tests import SOFT_ARM
+
+T = TypeVar("T", bound=Command)
+
+USER = "local"
+SMALL_CIRCLE = {
+    "kind": "circle",
+    "center_mm": [0.0, 0.0, 190.0],
+    "radius_mm": 10.0,
+    "cycle_s": 20.0,
+}
+MODEL = {"kind": "constant_curvature"}
+"""A controller that needs no exploration: motion begins at once."""
+
+
+@dataclass
+class Rig:
+    """A daemon in READY, and what it has told."""
+
+    service: RobotService
+    operator: Operator
+    recording: RunRecording
+    lab: Lab
+    told: list[Message] = field(default_factory=list)
+    token: str = ""
+    renewing: bool = True
+
+    async def ask(self, command: Command) -> Answer | Refusal:
+        """What the operator answers."""
+        return await self.operator.handle(USER, command)
+
+    async def do(self, kind: type[T], **fields: Any) -> Answer:
+        """A command that must be carried out."""
+        answer = await self.ask(kind(token=self.token, **fields))
+        assert isinstance(answer, Answer), answer
+        self.token = answer.token or self.token
+        return answer
+
+    async def refused(self, kind: type[T], **fields: Any) -> Refusal:
+        """A command that must not be."""
+        answer = await self.ask(kind(token=self.token, **fields))
+        assert isinstance(answer, Refusal), answer
+        return answer
+
+    async def armed(self) -> None:
+        await self.do(Acquire)
+        await self.do(Arm)
+        assert self.state is OperatingState.ARMED
+
+    async def running(self, trajectory: dict[str, Any] = SMALL_CIRCLE) -> None:
+        await self.armed()
+        await self.do(Load, trajectory=trajectory, controller=MODEL)
+        await self.do(Start)
+        await self.until(lambda: self.state is OperatingState.RUNNING)
+
+    async def until(self, wanted: Callable[[], bool], within_s: float = 30.0) -> float:
+        """How long it took."""
+        began_ns = self.service.clock.now_ns()
+        try:
+            async with asyncio.timeout(within_s):
+                while not wanted():
+                    await asyncio.sleep(0.001)
+        except TimeoutError:
+            raise AssertionError(f"not within {within_s} s: {self.state}, {self.causes}") from None
+        return (self.service.clock.now_ns() - began_ns) * 1e-9
+
+    async def until_state(self, *states: OperatingState, within_s: float = 30.0) -> float:
+        return await self.until(lambda: self.state in states, within_s)
+
+    @property
+    def state(self) -> OperatingState:
+        return self.service.supervisor.state
+
+    def in_state(self, *states: OperatingState) -> bool:
+        return self.state in states
+
+    @property
+    def causes(self) -> set[str]:
+        return {reason.cause.name for reason in self.service.supervisor.reasons}
+
+    @property
+    def status(self) -> Status:
+        return self.service.status()
+
+    @property
+    def tips(self) -> list[Tip]:
+        return [message for message in self.told if isinstance(message, Tip)]
+
+    def events(self, kind: str, name: str) -> list[Event]:
+        """Everything of that name that came."""
+        events = (message for message in self.told if isinstance(message, Event))
+        return [e for e in events if (e.kind, e.name) == (kind, name) and e.present]
+
+    @property
+    def power(self) -> set[PowerState]:
+        """What the drives really are, as the master hears it."""
+        return {channel.state for channel in self.service.loop.channels}
+
+    def shafts(self) -> list[float]:
+        """Where the shafts of the emulated drives really are, counts."""
+        return [axis.position_counts for drive in self.lab.drives.values() for axis in drive.axes]
+
+
+def on_a_rig(
+    scene: Callable[[Rig], Coroutine[Any, Any, None]],
+    *,
+    path: Path = SOFT_ARM,
+    change: Callable[[Robot], Robot] = lambda robot: robot,
+    risk: RiskSource | None = None,
+    folder: Path | None = None,
+) -> Rig:
+    """Play `scene` with a daemon that has become READY. Everything is taken down afterwards."""
+    with tempfile.TemporaryDirectory() as name:
+        place = folder or Path(name)
+        return run_in_virtual_time(_play(scene, path, change, risk or NoModel(), place))
+
+
+async def _play(
+    scene: Callable[[Rig], Coroutine[Any, Any, None]],
+    path: Path,
+    change: Callable[[Robot], Robot],
+    risk: RiskSource,
+    folder: Path,
+) -> Rig:
+    file = check_robot(path).file
+    robot = change(file.robot)
+    clock = virtual_clock()
+    lab = Lab(robot, path, clock, 1)
+    lab.start()
+    tokens = iter(range(1, 1_000_000))
+    surroundings = Surroundings(
+        LabConnections(lab, clock),
+        clock,
+        DirectRecorder(),
+        risk,
+        simulated=True,
+        new_token=lambda: f"token-{next(tokens)}",
+    )
+    service = RobotService(file, robot, surroundings)
+
+    async def make_folder() -> Path:
+        return folder
+
+    recording = RunRecording(service, make_folder, 1)
+    rig = Rig(service, Operator(service, recording, 1, _injector(lab)), recording, lab)
+    surroundings.listeners.append(rig.told.append)
+    devices = asyncio.create_task(service.run())
+    renewing = asyncio.create_task(_renew(rig))
+    try:
+        await rig.until_state(OperatingState.READY)
+        await scene(rig)
+    finally:
+        await service.rest()
+        for task in (devices, renewing):
+            task.cancel()
+        await asyncio.gather(devices, renewing, return_exceptions=True)
+        await recording.end()
+        lab.stop()
+    return rig
+
+
+async def _renew(rig: Rig) -> None:
+    while True:
+        await asyncio.sleep(0.5)
+        if rig.renewing and rig.token:
+            await rig.ask(Acquire(token=rig.token))
+
+
+def _injector(lab: Lab) -> Callable[[str], Coroutine[Any, Any, None]]:
+    async def inject(fault: str) -> None:
+        lab.inject(fault)
+
+    return inject

@@ -1,0 +1,177 @@
+"""Every cause in the table: what brings it about, what the robot then does, and how it recovers.
+
+In virtual time, with the real drivers and the devices' real bytes. The same rows with separate
+processes, real ports and sockets are in tests/hil.
+"""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+
+import pytest
+
+from daemon.remote.messages import Acquire, Arm, Clear, Hold, Inject, Resume
+from drivers.cia402.power_state import PowerState
+from safety.causes import Severity, cause
+from safety.states import OperatingState
+from tests.daemon.service.rig import SMALL_CIRCLE, Rig, on_a_rig
+
+S = OperatingState
+
+
+@dataclass(frozen=True)
+class Row:
+    """While the robot follows a trajectory, `fault` is injected."""
+
+    cause: str
+    fault: str
+    within_s: float = 8.0
+    recovers_within_s: float = 15.0
+
+
+WHILE_RUNNING = (
+    Row("tracker_late", "tracker.missing=0.6s"),
+    Row("tracker_late", "tracker.hang_up=1s"),
+    Row("tracker_late", "tracker.frozen=1s"),
+    Row("tracker_late", "tracker.reset"),
+    Row("tracker_gone", "tracker.missing=5s"),
+    Row("tracker_warning", "tracker.partially_out_of_volume=2s"),
+    Row("bus_gone", "bus.can0.unplug=1s"),
+    Row("bus_off", "bus.can0.down=1s"),
+    Row("bus_off", "bus.can0.off"),
+    Row("bus_degraded", "bus.can0.passive=1s"),
+    Row("drive_fault", "drive.can0/2.emergency=0x7121"),
+    Row("drive_fault", "drive.can0/1.over_temperature=1s"),
+    Row("drive_emergency", "drive.can0/2.short_emergency=0x7121"),
+    Row("drive_following_error", "drive.can0/2.blocked=15s", 15.0),
+    Row("drive_not_enabled", "drive.can0/5.power_cycle=1s"),
+    Row("node_lost", "drive.can0/1.dead=2s"),
+    Row("node_lost", "drive.can0/1.tpdo_stop=1s"),
+    Row("node_lost", "drive.can0/3.heartbeat_stop=1s"),
+    Row("node_reset", "drive.can0/6.reset"),
+    Row("drive_no_voltage", "drive.can0/3.sto=2s"),
+    Row("drive_warning", "drive.can0/3.warning=2s"),
+)
+
+
+async def look_at_outcome(rig: Rig, name: str) -> None:
+    """State and drives are as the cause's severity demands."""
+    severity = cause(name).severity
+    if severity is Severity.WARNING:
+        await asyncio.sleep(1.0)
+        assert rig.in_state(S.RUNNING)
+        return
+    if severity is Severity.HOLD:
+        await rig.until(lambda: bool(rig.events("state", S.HOLD.value)))
+        return
+    wanted = {Severity.DISARM: S.STANDBY, Severity.FAULT: S.FAULT, Severity.ESTOP: S.ESTOP}
+    states = {wanted[severity], S.FAULT} if severity is Severity.ESTOP else {wanted[severity]}
+    await rig.until_state(*states, within_s=5.0)
+    await rig.until(
+        lambda: not any(axis.state.energised for axis in rig.service.loop.channels), within_s=5.0
+    )
+
+
+async def recover(rig: Rig, row: Row) -> None:
+    """When the fault is over, what the table says leads back to a moving robot, or to READY."""
+    if cause(row.cause).severity is Severity.WARNING:
+        return
+    if cause(row.cause).severity is Severity.HOLD and rig.in_state(S.HOLD, S.ARMED):
+        await asyncio.sleep(row.recovers_within_s)
+        await rig.do(Resume)
+        assert rig.in_state(S.RUNNING)
+        return
+    if rig.in_state(S.FAULT, S.ESTOP):
+        assert (await rig.ask(Arm(token=rig.token))).state == rig.state.value  # latched: refused
+        await asyncio.sleep(row.recovers_within_s)
+        await rig.do(Clear)
+    await rig.until_state(S.READY, within_s=row.recovers_within_s)
+    await rig.do(Arm)
+    assert rig.power == {PowerState.OPERATION_ENABLED}
+
+
+@pytest.mark.parametrize("row", WHILE_RUNNING, ids=lambda row: f"{row.cause}-{row.fault}")
+def test_a_fault_while_running(row: Row) -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.running(SMALL_CIRCLE | {"radius_mm": 25.0})
+        await asyncio.sleep(12.0)
+        await rig.do(Inject, fault=row.fault)
+        await rig.until(lambda: bool(rig.events("cause", row.cause)), row.within_s)
+        told = rig.events("cause", row.cause)[0]
+        assert told.text == cause(row.cause).text
+        await look_at_outcome(rig, row.cause)
+        await recover(rig, row)
+
+    on_a_rig(scene)
+
+
+def test_a_lost_lease_holds_and_an_abandoned_robot_is_switched_off() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.running()
+        rig.renewing = False
+        await rig.until_state(S.HOLD, within_s=4.0)
+        assert "lease_lost" in rig.causes
+        await rig.until(lambda: bool(rig.events("cause", "lease_abandoned")))
+        await rig.until(lambda: rig.power == {PowerState.SWITCH_ON_DISABLED})
+        rig.token = ""
+        await rig.do(Acquire)
+        await rig.until_state(S.READY)
+        await rig.do(Arm)
+
+    on_a_rig(scene)
+
+
+def test_an_operators_hold_stays_until_the_operator_resumes() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.running()
+        await rig.do(Hold)
+        await asyncio.sleep(5.0)
+        assert rig.in_state(S.HOLD)
+        assert "operator_hold" in rig.causes
+        await rig.do(Resume)
+        assert rig.in_state(S.RUNNING)
+
+    on_a_rig(scene)
+
+
+def test_a_controller_that_breaks_holds_and_does_not_take_the_loop_down() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.running()
+        controller = rig.service.loop.controller
+        assert controller is not None
+        propose = controller.propose
+
+        def broken(observation: object) -> object:
+            raise ZeroDivisionError("a defect of its own")
+
+        controller.propose = broken  # type: ignore[method-assign,assignment]
+        await rig.until(lambda: rig.in_state(S.HOLD, S.FAULT))
+        assert rig.causes & {"controller_failed", "internal_error"}
+        controller.propose = propose  # type: ignore[method-assign]
+
+    on_a_rig(scene)
+
+
+Change = Callable[[Rig], Awaitable[None]]
+
+
+async def gap(rig: Rig, seconds: float) -> None:
+    """The loop was not run for this long, as its timer tells."""
+    rig.service.timekeeping.last_gap_ns = round(seconds * 1e9)
+    rig.service.supervisor.cycle(rig.service.clock.now_ns(), seconds, "a test")
+
+
+def test_a_late_loop_holds_and_a_stalled_one_faults() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.running()
+        await gap(rig, 0.08)
+        assert rig.events("state", S.HOLD.value)
+        await rig.until_state(S.ARMED)
+        await rig.do(Resume)
+        await gap(rig, 0.2)
+        assert rig.in_state(S.FAULT)
+        await asyncio.sleep(3.0)
+        await rig.do(Clear)
+        await rig.until_state(S.READY)
+
+    on_a_rig(scene)

@@ -1,0 +1,209 @@
+"""What a client may ask, when, and what then happens: the daemon and its lab in virtual time."""
+
+import asyncio
+
+import pytest
+
+from daemon.remote.messages import (
+    Acquire,
+    Arm,
+    Clear,
+    Disarm,
+    Hold,
+    Inject,
+    Load,
+    Release,
+    Resume,
+    Setpoint,
+    Start,
+    Stop,
+    Teleoperate,
+)
+from drivers.cia402.power_state import PowerState
+from safety.states import OperatingState
+from tests.daemon.service.rig import MODEL, SMALL_CIRCLE, USER, Rig, on_a_rig
+
+S = OperatingState
+
+
+def test_nothing_but_acquire_and_stop_is_done_without_the_lease() -> None:
+    async def scene(rig: Rig) -> None:
+        for kind in (Arm, Disarm, Start, Hold, Resume, Clear, Release):
+            refusal = await rig.refused(kind)
+            assert refusal.name == "no_lease"
+        assert rig.in_state(S.READY)
+        assert (await rig.ask(Stop())).state == S.READY.value
+
+    on_a_rig(scene)
+
+
+def test_the_lease_is_exclusive_and_a_foreign_token_commands_nothing() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.do(Acquire)
+        other = await rig.operator.handle("other", Acquire())
+        assert getattr(other, "name", "") == "lease_taken"
+        stolen = await rig.operator.handle("other", Arm(token=rig.token))
+        assert getattr(stolen, "name", "") == "no_lease"
+
+    on_a_rig(scene)
+
+
+def test_arming_energises_all_drives_where_they_stand() -> None:
+    async def scene(rig: Rig) -> None:
+        before = rig.shafts()
+        await rig.armed()
+        assert rig.power == {PowerState.OPERATION_ENABLED}
+        await asyncio.sleep(1.0)
+        assert max(abs(b - a) for a, b in zip(before, rig.shafts(), strict=True)) < 30  # counts
+        answer = await rig.do(Disarm)
+        assert answer.confirmed
+        assert rig.power == {PowerState.SWITCH_ON_DISABLED}
+
+    on_a_rig(scene)
+
+
+def test_arm_answers_with_everything_that_stands_in_the_way() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.do(Acquire)
+        for fault in ("drive.can0/2.dead=20s", "drive.can0/5.dead=20s", "tracker.hang_up=20s"):
+            await rig.do(Inject, fault=fault)
+        await rig.until(lambda: {"node_not_ready", "tracker_not_ready"} <= rig.causes)
+        refusal = await rig.refused(Arm)
+        assert refusal.name == "not_ready"
+        subjects = " ".join(reason.subject for reason in refusal.reasons)
+        assert "can0/2" in subjects
+        assert "can0/5" in subjects
+        assert any(reason.name == "tracker_not_ready" for reason in refusal.reasons)
+        assert all(reason.remedy for reason in refusal.reasons)
+        assert rig.power <= {PowerState.SWITCH_ON_DISABLED, PowerState.UNKNOWN}
+
+    on_a_rig(scene)
+
+
+def test_a_trajectory_is_followed_to_its_end_and_the_robot_stays_armed() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.running()
+        await rig.until_state(S.ARMED, within_s=60.0)
+        errors = [tip.error_mm for tip in rig.tips if tip.cycle >= 0 and tip.error_mm is not None]
+        assert len(errors) > 700
+        assert sum(errors) / len(errors) < 1.5
+        assert rig.recording.table.rows()[0].samples > 700
+
+    on_a_rig(scene)
+
+
+def test_what_cannot_be_reached_is_refused_with_place_and_amount() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.armed()
+        refusal = await rig.refused(Load, trajectory=SMALL_CIRCLE | {"radius_mm": 95.0})
+        assert refusal.name == "unreachable"
+        assert "workspace" in refusal.text
+        wrong = await rig.refused(Load, trajectory=SMALL_CIRCLE | {"radus_mm": 5.0})
+        assert wrong.name == "bad_trajectory"
+        assert "radius_mm" in wrong.text
+        assert (await rig.refused(Start)).name == "nothing_loaded"
+
+    on_a_rig(scene)
+
+
+def test_hold_stands_still_and_resume_goes_on_where_it_was() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.running()
+        await asyncio.sleep(15.0)
+        await rig.do(Hold)
+        assert rig.in_state(S.HOLD)
+        await asyncio.sleep(0.5)
+        held, elapsed_s = rig.shafts(), rig.operator.elapsed_s
+        await asyncio.sleep(2.0)
+        assert max(abs(b - a) for a, b in zip(held, rig.shafts(), strict=True)) < 30
+        await rig.do(Resume)
+        assert rig.in_state(S.RUNNING)
+        assert rig.operator.elapsed_s == elapsed_s
+        await asyncio.sleep(3.0)
+        assert rig.operator.elapsed_s > elapsed_s
+
+    on_a_rig(scene)
+
+
+def test_stop_is_answered_when_the_drives_have_said_that_they_stopped() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.running()
+        await asyncio.sleep(12.0)
+        answer = await rig.do(Stop)
+        assert answer.confirmed
+        assert rig.power == {PowerState.SWITCH_ON_DISABLED}
+        assert rig.in_state(S.READY, S.STANDBY)
+
+    on_a_rig(scene)
+
+
+def test_stop_says_so_when_a_drive_does_not_confirm() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.running()
+        await rig.do(Inject, fault="drive.can0/3.dead=20s")
+        answer = await rig.do(Stop)
+        assert not answer.confirmed
+        assert "NOT confirmed" in answer.text
+
+    on_a_rig(scene)
+
+
+def test_the_lease_cannot_be_given_back_while_energised() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.armed()
+        assert (await rig.refused(Release)).name == "wrong_state"
+        await rig.do(Disarm)
+        await rig.do(Release)
+
+    on_a_rig(scene)
+
+
+def test_teleoperation_follows_setpoints_and_holds_when_they_stop() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.armed()
+        await rig.do(Teleoperate, controller=MODEL)
+        assert rig.status.tip_mm is not None
+        x, y, z = rig.status.tip_mm
+        for sequence in range(1, 101):
+            goal = [x + 5.0, y, z]
+            setpoint = Setpoint(token=rig.token, sequence=sequence, position_mm=goal, valid_s=0.2)
+            assert rig.operator.setpoint(USER, setpoint) is None
+            await asyncio.sleep(0.05)
+            assert rig.in_state(S.RUNNING) or sequence < 3
+        assert rig.status.tip_mm is not None
+        assert rig.status.tip_mm[0] - x > 3.5
+        await rig.until_state(S.HOLD, within_s=1.0)
+        assert "setpoint_late" in rig.causes
+
+    on_a_rig(scene)
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"token": "wrong"}, "token"),
+        ({"sequence": 0}, "not newer"),
+        ({"position_mm": [0.0, 0.0]}, "three numbers"),
+        ({"position_mm": [0.0, float("nan"), 190.0]}, "finite"),
+        ({"position_mm": [0.0, 500.0, 190.0]}, "outside the workspace"),
+        ({"valid_s": 0.0}, "valid_s"),
+        ({"valid_s": 60.0}, "valid_s"),
+    ],
+)
+def test_setpoints_that_are_not_followed_are_refused_with_a_reason(
+    change: dict[str, object], why: str
+) -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.armed()
+        good = {"token": rig.token, "sequence": 1, "position_mm": [0.0, 0.0, 190.0], "valid_s": 0.2}
+        too_early = rig.operator.setpoint(USER, Setpoint(**good))  # type: ignore[arg-type]
+        assert too_early is not None
+        assert "teleoperate" in too_early.reason
+        await rig.do(Teleoperate, controller=MODEL)
+        assert rig.operator.setpoint(USER, Setpoint(**good)) is None  # type: ignore[arg-type]
+        bad = Setpoint(**(good | {"sequence": 2} | change))  # type: ignore[arg-type]
+        refused = rig.operator.setpoint(USER, bad)
+        assert refused is not None
+        assert why in refused.reason
+
+    on_a_rig(scene)
