@@ -2,9 +2,10 @@
 
 import os
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
-from config.robot import Robot
+if TYPE_CHECKING:  # `tentacled stop` must be quick, and needs no schema
+    from config.robot import Robot
 
 LAB: Final = "lab:"
 CONTROL_SOCKET: Final = "control.sock"
@@ -21,13 +22,13 @@ def lab_directories() -> list[Path]:
     return sorted(path.parent for path in _root().glob(f"*/{LAB_FILE}"))
 
 
-def uses_lab(robot: Robot) -> bool:
+def uses_lab(robot: "Robot") -> bool:
     """Whether the robot file names anything of an emulated lab."""
     names = [robot.tracker.port, *(bus.channel for bus in robot.buses.values())]
     return any(name.startswith(LAB) for name in names)
 
 
-def with_lab_ports(robot: Robot, directory: Path) -> Robot:
+def with_lab_ports(robot: "Robot", directory: Path) -> "Robot":
     """The robot with its `lab:` names turned into paths in `directory`."""
 
     def path(name: str) -> str:

@@ -1,8 +1,17 @@
 """What holds for all tests."""
 
+import os
+
 import pytest
+from hypothesis import settings
 
 RERUNS = 2
+
+# The same examples every time: what is found by chance must not decide whether a change is good.
+# HYPOTHESIS_PROFILE=explore looks further. No deadlines: a busy machine is no defect.
+settings.register_profile("suite", derandomize=True, deadline=None)
+settings.register_profile("explore", deadline=None, max_examples=2000)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "suite"))
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -72,6 +72,7 @@ async def _serve(checked: CheckedRobot, arguments: argparse.Namespace) -> None:
         NoModel(),
         simulated,
         None if arguments.no_real_time else RealTime(),
+        runs=arguments.runs,
     )
     if surroundings.real_time is not None:
         surroundings.real_time.prepare()

@@ -230,8 +230,9 @@ class ControlLoop:
         self.steps += 1
         if decision is not None and decision.step is not None:
             self._last_step = decision.step
-            for bus in self._buses:
-                bus.write(decision.step)
+            taken = [bus.write(decision.step) for bus in self._buses]
+            if not all(taken):
+                self.settle()  # an axis does not follow: what was permitted did not happen
         reference, running = self.reference, self._supervisor.running
         if running and reference is not None and reference.finished:
             self._supervisor.request(Request.FINISHED, self._clock.now_ns())

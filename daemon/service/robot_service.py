@@ -8,6 +8,7 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from importlib.metadata import version
+from pathlib import Path
 from typing import Final
 
 from config.loader import RobotFile
@@ -18,6 +19,7 @@ from daemon.loop.real_time import RealTime
 from daemon.loop.time_spent import TimeSpent
 from daemon.loop.timekeeping import Timekeeping
 from daemon.periodic_timer import Tick
+from daemon.recording.disk_space import free_mb
 from daemon.recording.flight_recorder import Recorder
 from daemon.remote.lease import Lease
 from daemon.remote.messages import (
@@ -44,6 +46,7 @@ from safety.states import OperatingState, Request
 
 _STATUS_EVERY_NS: Final = 100_000_000
 _LOOP_EVERY_NS: Final = 1_000_000_000
+_FEW_MISSED_PER_S: Final = 2
 _AT_REST_WITHIN_S: Final = 3.0
 
 
@@ -60,6 +63,8 @@ class Surroundings:
     """None: nothing is asked of the operating system."""
     new_token: Callable[[], str] | None = None
     """For leases; None: as unguessable as can be."""
+    runs: Path | None = None
+    """Where recordings will go; None: nobody minds how much room there is."""
     listeners: list[Callable[[Message], None]] = field(default_factory=list)
     """Hear of every message. Called in the loop: they must be quick and must not fail."""
 
@@ -123,6 +128,8 @@ class RobotService:
         self._status_due_ns = self._loop_due_ns = 0
         self._synced_ns = 0
         self._healthy = True
+        self._missing_cycles, self._missed_before = False, 0
+        self._free_mb = self._room_for_runs()
 
     async def run(self) -> None:
         """Keep the devices connected and the loop going, until cancelled."""
@@ -261,16 +268,15 @@ class RobotService:
             (channel.axis.name, channel.scale.force(channel.torque_permille), *limits)
             for channel, limits in self._tendons
         ]
+        self.supervisor.failsafe.set("loop_slow", self._missing_cycles, now_ns, "loop")
+        outside = self.supervisor.energised and self._is_outside_workspace()
+        self.supervisor.failsafe.set("out_of_workspace", outside, now_ns, "tip")
         for place, channel in enumerate(loop.channels):
             target = loop.target_counts(channel, now_ns)
             behind = self._following_error.behind(place, target, now_ns)
             self.supervisor.failsafe.set(
                 "drive_following_error", behind, now_ns, channel.axis.name, "it does not move"
             )
-        recorder = self.surroundings.recorder.status
-        watched.recorder_failed = recorder.failed
-        watched.recordings_dropped = recorder.dropped
-        watched.disk_free_mb = recorder.free_mb
 
     def _after_cycle(self, now_ns: int) -> None:
         channels = self.loop.channels
@@ -282,12 +288,37 @@ class RobotService:
         self._look_for_rest()
         if now_ns >= self._loop_due_ns:
             self._loop_due_ns = now_ns + _LOOP_EVERY_NS
+            self._free_mb = self._room_for_runs()
+            missed = self.timekeeping.missed
+            self._missing_cycles = missed - self._missed_before > _FEW_MISSED_PER_S
+            self._missed_before = missed
             self.publish(Loop(t_ns=now_ns, status=self.report.loop_status(now_ns)))
             if self.surroundings.real_time is not None:
                 self.surroundings.real_time.collect_young()
         if now_ns >= self._status_due_ns:
             self._status_due_ns = now_ns + _STATUS_EVERY_NS
+            self._look_at_recorder()
             self.publish(self.status())
+
+    def _is_outside_workspace(self) -> bool:
+        workspace, tip = self.robot.workspace, self.loop.tip
+        if workspace is None or tip is None:
+            return False
+        ranges = (workspace.x_mm, workspace.y_mm, workspace.z_mm)
+        places = tip.position_mm.tolist()
+        return any(
+            not low <= place <= high for place, (low, high) in zip(places, ranges, strict=True)
+        )
+
+    def _look_at_recorder(self) -> None:
+        watched, recorder = self.supervisor.watched, self.surroundings.recorder.status
+        watched.recorder_failed = recorder.failed
+        watched.recordings_dropped = recorder.dropped
+        watched.disk_free_mb = recorder.free_mb if recorder.recording else self._free_mb
+
+    def _room_for_runs(self) -> float | None:
+        runs = self.surroundings.runs
+        return None if runs is None else free_mb(runs)
 
     def _look_for_rest(self) -> None:
         at_rest = self.supervisor.power.at_rest and not self.supervisor.energised

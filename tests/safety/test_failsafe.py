@@ -53,7 +53,7 @@ def test_a_name_that_is_not_in_the_table_is_an_error(failsafe: Failsafe, present
 
 def test_the_shipped_table_is_the_default() -> None:
     failsafe = Failsafe()
-    failsafe.set("no_lease", True, 0)
+    failsafe.set("disk_low", True, 0)
     assert failsafe.evaluate(0, False).severity is Severity.NOT_READY
 
 
