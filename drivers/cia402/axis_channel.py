@@ -4,6 +4,7 @@ from typing import Final
 
 from config.axis import Axis
 from drivers.axis_scale import axis_scale, count_limits
+from drivers.cia402.modes import CYCLIC_MODES
 from drivers.cia402.pdo_plan import RPDO_LAYOUT, TPDO_LAYOUT, axis_pdos
 from drivers.cia402.power_state import (
     Control,
@@ -53,7 +54,7 @@ class AxisChannel:
         """Not to be enabled before the other axes can be: a body is not held by one."""
         self.homing = self.start_homing = False
         """In homing mode: the drive moves by itself, and targets mean nothing."""
-        self._cyclic = axis.drive.mode in ("csp", "csv")
+        self._cyclic = axis.drive.mode in CYCLIC_MODES
         self._enabled_since_ns: int | None = None
         self._fault_reset = FaultReset()
         self._target = target_of(

@@ -15,7 +15,9 @@ from drivers.canopen.codec.nmt import NmtCommand, NmtState, encode_heartbeat, en
 from drivers.canopen.object_dictionary import ObjectDictionary
 from drivers.cia402.axis_channel import AxisChannel
 from drivers.cia402.homing import Homing
+from drivers.cia402.modes import CYCLIC_MODES
 from drivers.cia402.node import Node, NodeState
+from drivers.cia402.pdo_plan import sends_steps_at_once
 from drivers.cia402.power_state import PowerGoal, PowerState
 from drivers.clock import Clock
 from drivers.conditions import Condition, ConditionChange, Conditions
@@ -87,7 +89,11 @@ class DriveBus:
             encode_heartbeat(NmtState.OPERATIONAL),
         )
         self._heartbeat_period_ns = round(bus.master_heartbeat_period_s * 1e9)
-        self._heartbeat_due_ns = self._watch_due_ns = 0
+        self._heartbeat_due_ns = self._watch_due_ns = self._next_sync_ns = 0
+        self._period_ns = round(bus.cycle_period_s * 1e9)
+        self._sends_steps_at_once = sends_steps_at_once(bus) and all(
+            axis.drive.mode in CYCLIC_MODES for _, axis in axes
+        )
         self._handlers = self._make_handlers()
 
     # The cycle.
@@ -102,12 +108,9 @@ class DriveBus:
         link = self._link
         if link is None:
             return
-        frames = [_SYNC]
-        step = self._current_step()
-        for channel in self.channels:
-            output = channel.output(t_ns, step)
-            if output is not None:
-                frames.append((channel.rpdo_id, output))
+        # Drives take what they are sent now with the next SYNC: that is what it is meant for.
+        self._next_sync_ns = t_ns + self._period_ns
+        frames = [_SYNC, *self._outputs(self._current_step())]
         if healthy and t_ns >= self._heartbeat_due_ns:
             self._heartbeat_due_ns = t_ns + self._heartbeat_period_ns
             frames.append(self._heartbeat)
@@ -117,10 +120,13 @@ class DriveBus:
             self._watch(link, t_ns)
 
     def write(self, step: PermittedStep) -> bool:
-        """Follow `step` from the next cycle on. False: not all axes follow, and it is dropped."""
+        """Follow `step` from the next SYNC on. False: not all axes follow, and it is dropped."""
         if not all(channel.following for channel in self.channels):
             return False
         self._step = step
+        if self._sends_steps_at_once and self._link is not None:
+            frames = self._outputs(step)
+            self._sent(frames, self._link.send_all(frames))
         return True
 
     def set_goal(self, goal: PowerGoal | None) -> None:
@@ -137,11 +143,8 @@ class DriveBus:
         self.set_goal(PowerGoal.QUICK_STOP)
         if self._link is None:
             return
-        t_ns = self._clock.now_ns()
-        outputs = [(channel.rpdo_id, channel.output(t_ns, None)) for channel in self.channels]
         # Drives act on a new controlword at the SYNC that follows it.
-        frames = [(can_id, data) for can_id, data in outputs if data is not None]
-        frames.append(_SYNC)
+        frames = [*self._outputs(None), _SYNC]
         self._sent(frames, self._link.send_all(frames))
 
     def reset_faults(self) -> None:
@@ -265,6 +268,15 @@ class DriveBus:
         self.conditions.clear_subject(self.name, now_ns)
         self.conditions.set(GONE, self.name, now_ns, str(error))
         self._lost.set()
+
+    def _outputs(self, step: PermittedStep | None) -> list[tuple[int, bytes]]:
+        """What all axes are sent for the next SYNC."""
+        frames = []
+        for channel in self.channels:
+            output = channel.output(self._next_sync_ns, step)
+            if output is not None:
+                frames.append((channel.rpdo_id, output))
+        return frames
 
     def _sent(self, frames: Sequence[tuple[int, bytes]], taken: int) -> None:
         traffic = self.traffic

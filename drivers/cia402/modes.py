@@ -30,3 +30,5 @@ MODES: Final = {
     "csp": Mode(8, "cyclic synchronous position", objects.TARGET_POSITION),
     "csv": Mode(9, "cyclic synchronous velocity", objects.TARGET_VELOCITY),
 }
+CYCLIC_MODES: Final = ("csp", "csv")
+"""Drives in these follow a stream of targets, one for each SYNC."""

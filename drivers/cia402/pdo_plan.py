@@ -29,6 +29,10 @@ RPDO_LAYOUT: Final = Struct("<Hi")
 TPDO_LAYOUT: Final = Struct("<Hih")
 """Statusword, actual position, actual torque."""
 
+_SLOW_CYCLE_S: Final = 0.004
+_SHORTEST_STEP_S: Final = 0.015
+"""Between two frames of the fastest tracker."""
+
 
 @dataclass(frozen=True)
 class PdoPlan:
@@ -77,11 +81,19 @@ def axis_pdos(drive: Drive) -> AxisPdos:
     )
 
 
+def sends_steps_at_once(bus: Bus) -> bool:
+    """Whether a new step is worth frames of its own: in a slow cycle its targets would wait."""
+    return bus.cycle_period_s > _SLOW_CYCLE_S
+
+
 def bus_traffic(name: str, bus: Bus, axes: Iterable[Axis]) -> BusTraffic:
     """What will go over bus `name`."""
     drives = [axis.drive for axis in axes if axis.drive.bus == name]
     heartbeats = {drive.node: drive.heartbeat_period_s for drive in drives}
     pdos = [CyclicPdo(RPDO_LAYOUT.size), CyclicPdo(TPDO_LAYOUT.size)] * len(drives)
+    if sends_steps_at_once(bus):
+        every = max(1, int(_SHORTEST_STEP_S / bus.cycle_period_s))
+        pdos += [CyclicPdo(RPDO_LAYOUT.size, every)] * len(drives)
     return BusTraffic(
         bus.bitrate_bit_s,
         bus.cycle_period_s,

@@ -1,0 +1,434 @@
+"""A lab and the daemon as processes of their own, and a client that remembers what it was told."""
+
+import asyncio
+import re
+import socket
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Coroutine, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final, TypeVar
+
+from daemon.lab_client import ask
+from daemon.remote.address import LocalAddress
+from daemon.remote.client import RobotClient
+from daemon.remote.client_errors import ClientError, RefusedError, TimedOutError
+from daemon.remote.messages import Event, Message, Refusal, Status
+from drivers.can.frame import FRAME_BYTES, CanFrame, pack_frame, unpack_frame
+from drivers.canopen.codec import cob_ids
+from drivers.canopen.codec.sdo import UploadRequest
+from drivers.cia402.objects import STATUSWORD
+from drivers.cia402.power_state import PowerState, power_state
+from safety.states import OperatingState
+from tests import SOFT_ARM
+from tests.hil.processes import PATIENCE_S, Lab, Process, command, lab
+
+T = TypeVar("T")
+S = OperatingState
+
+CIRCLE: Final = {
+    "kind": "circle",
+    "center_mm": [0.0, 0.0, 190.0],
+    "radius_mm": 25.0,
+    "cycle_s": 20.0,
+    "cycles": 30,
+}
+MODEL: Final = {"kind": "constant_curvature"}
+"""A controller that needs no exploration: motion begins at once."""
+
+NODES: Final = range(1, 7)
+
+_EMERGENCY: Final = 0x080
+_RPDO: Final = 0x200
+_LOOK_EVERY_S: Final = 0.02
+_ENABLED: Final = "operation enabled"
+_WITHOUT_TORQUE: Final = {
+    "switch on disabled",
+    "not ready to switch on",
+    "ready to switch on",
+    "switched on",
+    "fault",
+    "unknown",
+}
+_DEPTH: Final = 10_000
+
+
+def robot_file(folder: Path, heartbeat_timeout_s: float, **supervision: float) -> Path:
+    """The shipped robot with other times, as a file of its own."""
+    text = SOFT_ARM.read_text()
+    text = _replaced(text, "master_heartbeat_timeout_s", heartbeat_timeout_s)
+    for name, value in supervision.items():
+        if f"  {name}:" in text:
+            text = _replaced(text, name, value)
+        else:
+            text, count = re.subn(r"(?m)^(supervision:.*)$", rf"\1\n  {name}: {value}", text)
+            assert count == 1
+    path = folder / "robot.yaml"
+    path.write_text(text)
+    return path
+
+
+def _replaced(text: str, name: str, value: float) -> str:
+    text, count = re.subn(rf"(?m)^( +{name}:) [0-9.]+", rf"\1 {value}", text)
+    assert count == 1, name
+    return text
+
+
+@contextmanager
+def short_folder() -> Iterator[Path]:
+    """The path of a unix socket has 107 bytes at most."""
+    with TemporaryDirectory(prefix="t-", ignore_cleanup_errors=True) as name:
+        yield Path(name)
+
+
+class Daemon(Process):
+    """`tentacled run` in a process of its own."""
+
+    def __init__(
+        self, folder: Path, robot: Path, *options: str, program: list[str] | None = None
+    ) -> None:
+        """program: what to run instead of the command itself."""
+        where = [str(robot), "--runtime-dir", str(folder), "--runs", str(folder / "runs")]
+        arguments = ["run", *where, *(options or ("--no-real-time",))]
+        whole = command(*arguments) if program is None else [*program, *arguments]
+        super().__init__(whole, stderr=subprocess.STDOUT)
+        self.said: list[str] = []
+
+    @property
+    def pid(self) -> int:
+        return self.process.pid
+
+    def wait_until_it_speaks(self) -> None:
+        """When its remote interface is open."""
+        while "Ctrl-C ends it" not in (line := self.next_line()[1]):
+            self.said.append(line)
+
+    def recorder_pid(self) -> int | None:
+        """Of its recorder process."""
+        for folder in Path("/proc").iterdir():
+            with suppress(OSError, ValueError):
+                parent = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
+                if parent == self.pid and b"recorder_process" in (folder / "cmdline").read_bytes():
+                    return int(folder.name)
+        return None
+
+
+@contextmanager
+def daemon(
+    folder: Path, robot: Path, *options: str, program: list[str] | None = None
+) -> Iterator[Daemon]:
+    """A running daemon, ended however the test ends."""
+    one = Daemon(folder, robot, *options, program=program)
+    try:
+        one.wait_until_it_speaks()
+        yield one
+    finally:
+        one.leave()
+
+
+class User:
+    """A client on an event loop of its own, and everything that the daemon has told it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.told: list[Message] = []
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
+        self._thread.start()
+        try:
+            self.client = self.do(self._connected(folder))
+        except BaseException:
+            self._end()
+            raise
+
+    def do(self, what: Coroutine[Any, Any, T]) -> T:
+        """Raises ClientError."""
+        return asyncio.run_coroutine_threadsafe(what, self._loop).result(PATIENCE_S)
+
+    def refused(self, what: Coroutine[Any, Any, object]) -> Refusal:
+        """A command that must not be carried out."""
+        try:
+            answer = self.do(what)
+        except RefusedError as error:
+            return error.refusal
+        raise AssertionError(f"it was not refused: {answer}")
+
+    def stop_renewing(self) -> None:
+        """As if this program hung: the lease is not renewed any more."""
+        self.do(self.client._lease.stop())
+
+    def close(self) -> None:
+        """Hang up."""
+        if not self._loop.is_closed():
+            with suppress(ClientError):
+                self.do(self._disconnected())
+            self._end()
+
+    async def _connected(self, folder: Path) -> RobotClient:
+        client = await RobotClient.connect(LocalAddress.in_folder(folder), wait_s=PATIENCE_S)
+        self._listening = asyncio.create_task(self._listen(client))
+        return client
+
+    async def _listen(self, client: RobotClient) -> None:
+        with suppress(ClientError):
+            async for message in client.subscribe(("event",), _DEPTH):
+                self.told.append(message)
+
+    async def _disconnected(self) -> None:
+        self._listening.cancel()
+        await asyncio.gather(self._listening, return_exceptions=True)
+        await self.client.close()
+
+    def _end(self) -> None:
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
+
+
+class Rig:
+    """A robot in use: its lab, its daemon and who operates it."""
+
+    def __init__(self, folder: Path, lab: Lab, daemon: Daemon, user: User) -> None:
+        self.folder = folder
+        self.lab = lab
+        self.daemon = daemon
+        self.user = user
+        self._seen = 0
+
+    @property
+    def client(self) -> RobotClient:
+        return self.user.client
+
+    @property
+    def works(self) -> bool:
+        """Whether both processes are there."""
+        return self.lab.process.poll() is None and self.daemon.process.poll() is None
+
+    # What it says.
+
+    def status(self) -> Status:
+        return self.user.do(self.client.status())
+
+    @property
+    def state(self) -> S:
+        return S(self.status().state)
+
+    def causes(self) -> set[str]:
+        """The names of what is wrong now."""
+        return {reason.name for reason in self.status().reasons}
+
+    def from_now_on(self) -> None:
+        """Events before this moment do not count."""
+        self._seen = len(self.user.told)
+
+    def events(self, kind: str, name: str) -> list[Event]:
+        """Those of that name that came."""
+        told = self.user.told[self._seen :]
+        events = [message for message in told if isinstance(message, Event)]
+        return [e for e in events if (e.kind, e.name, e.present) == (kind, name, True)]
+
+    def until(self, wanted: Callable[[], bool], within_s: float = PATIENCE_S) -> None:
+        deadline_s = time.monotonic() + within_s
+        while not wanted():
+            if time.monotonic() > deadline_s:
+                told = [f"{e.kind} {e.name}" for e in self.user.told[self._seen :][-20:]]  # type: ignore[attr-defined]
+                raise AssertionError(f"not in time: {self.state}, {self.causes()}, {told}")
+            time.sleep(_LOOK_EVERY_S)
+
+    def until_told(self, name: str, within_s: float = PATIENCE_S) -> Event:
+        """Of a cause."""
+        self.until(lambda: bool(self.events("cause", name)), within_s)
+        return self.events("cause", name)[0]
+
+    def until_state(self, *states: S, within_s: float = PATIENCE_S) -> None:
+        """Until it is in one of them. For one that may pass quickly, `until_it_was` is better."""
+        self.until(lambda: self.state in states, within_s)
+
+    def until_it_was(self, *states: S, within_s: float = PATIENCE_S) -> None:
+        """Until it has told that it went into one of these states."""
+        self.until(lambda: any(self.events("state", s.value) for s in states), within_s)
+
+    def until_without_torque(self, within_s: float = PATIENCE_S) -> None:
+        """Until no drive that is heard has torque."""
+        self.until(lambda: self.drive_states() <= _WITHOUT_TORQUE, within_s)
+
+    def drive_states(self) -> set[str]:
+        return {axis.drive_state for axis in self.status().axes}
+
+    @property
+    def energised(self) -> bool:
+        """Whether all drives follow."""
+        return self.drive_states() == {_ENABLED}
+
+    def actuators(self) -> list[float]:
+        """Where the emulated shafts really are, in the axes' own units."""
+        return list(ask(self.folder, {"do": "state"})["actuators"])
+
+    # What it is told.
+
+    def inject(self, fault: str) -> None:
+        """At the lab itself, so that the daemon knows nothing of it."""
+        ask(self.folder, {"do": "inject", "fault": fault})
+
+    def ready(self) -> None:
+        """Bring it to READY from whatever state, as an operator would."""
+        deadline_s = time.monotonic() + PATIENCE_S
+        while (state := self.state) is not S.READY:
+            assert time.monotonic() < deadline_s, f"{state}, {self.status().reasons}"
+            self._acquire()
+            with suppress(RefusedError, TimedOutError):
+                if state.energised:
+                    self.user.do(self.client.stop())
+                else:
+                    self.user.do(self.client.clear())
+            time.sleep(0.1)
+
+    def armed(self) -> None:
+        """Bring it to ARMED, with nothing that stands in the way of moving."""
+        deadline_s = time.monotonic() + PATIENCE_S
+        while True:
+            assert time.monotonic() < deadline_s, f"{self.state}, {self.status().reasons}"
+            self.ready()
+            self._acquire()
+            with suppress(RefusedError):
+                self.user.do(self.client.arm())
+                return
+
+    def running(self) -> None:
+        """Bring it to RUNNING round the circle, with its shafts moving."""
+        deadline_s = time.monotonic() + PATIENCE_S
+        while True:
+            assert time.monotonic() < deadline_s, f"{self.state}, {self.status().reasons}"
+            if self.state is not S.RUNNING or self.causes():
+                self.armed()
+                with suppress(RefusedError):
+                    self.user.do(self.client.load(CIRCLE, MODEL))
+                    self.user.do(self.client.start())
+            if self._moves():
+                self.from_now_on()
+                return
+
+    def resumed(self) -> None:
+        """Go on, as soon as what has stopped it is over."""
+        deadline_s = time.monotonic() + PATIENCE_S
+        while self.state is not S.RUNNING:
+            assert time.monotonic() < deadline_s, f"{self.state}, {self.status().reasons}"
+            with suppress(RefusedError):
+                self.user.do(self.client.resume())
+            time.sleep(0.1)
+
+    def _acquire(self) -> None:
+        """Take the lease, also while one that was lost runs out."""
+        with suppress(RefusedError):
+            if not self.client._lease.token or self.client.lease_lost is not None:
+                self.user.do(self.client.acquire())
+
+    def _moves(self) -> bool:
+        before = self.actuators()
+        for _ in range(40):
+            time.sleep(0.05)
+            if self.state is not S.RUNNING:
+                return False
+            if farthest(before, self.actuators()) > 0.2:
+                return True
+        return False
+
+
+def farthest(before: list[float], after: list[float]) -> float:
+    """The longest way of all axes."""
+    return max(abs(a - b) for a, b in zip(after, before, strict=True))
+
+
+@contextmanager
+def user(folder: Path) -> Iterator[User]:
+    one = User(folder)
+    try:
+        yield one
+    finally:
+        one.close()
+
+
+@contextmanager
+def rig(
+    heartbeat_timeout_s: float = 2.0,
+    *options: str,
+    supervision: Mapping[str, float] = {},
+    program: list[str] | None = None,
+) -> Iterator[Rig]:
+    """Everything, in a folder of its own."""
+    with ExitStack() as stack:
+        folder = stack.enter_context(short_folder())
+        robot = robot_file(folder, heartbeat_timeout_s, **supervision)
+        one_lab = stack.enter_context(lab(folder, robot=robot))
+        one_daemon = stack.enter_context(daemon(folder, robot, *options, program=program))
+        yield Rig(folder, one_lab, one_daemon, stack.enter_context(user(folder)))
+
+
+class BusWatch:
+    """Another node on the emulated bus: what goes over it, and when (monotonic, s)."""
+
+    def __init__(self, folder: Path) -> None:
+        self.frames: list[tuple[float, int, bytes]] = []
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._socket.connect(str(folder / "can0.sock"))
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        with suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
+        self._thread.join()
+        self._socket.close()
+
+    def emergencies(self, since_s: float) -> dict[int, tuple[float, int]]:
+        """By node: when its first one came since then, and its code."""
+        found: dict[int, tuple[float, int]] = {}
+        for at_s, can_id, data in list(self.frames):
+            node = can_id - _EMERGENCY
+            if at_s >= since_s and node in NODES and len(data) >= 2:
+                found.setdefault(node, (at_s, int.from_bytes(data[:2], "little")))
+        return found
+
+    def controlwords(self, since_s: float) -> list[tuple[float, int, int]]:
+        """Time, node and controlword of all that the master has sent since then."""
+        return [
+            (at_s, can_id - _RPDO, int.from_bytes(data[:2], "little"))
+            for at_s, can_id, data in list(self.frames)
+            if at_s >= since_s and can_id - _RPDO in NODES
+        ]
+
+    def power_states(self) -> dict[int, PowerState]:
+        """What every drive answers when it is asked for its statusword."""
+        since_s = time.monotonic()
+        for node in NODES:
+            request = UploadRequest(STATUSWORD, 0).encode()
+            self._socket.send(pack_frame(CanFrame(cob_ids.sdo_request(node), request)))
+        deadline_s = since_s + PATIENCE_S
+        found: dict[int, PowerState] = {}
+        while len(found) < len(NODES):
+            assert time.monotonic() < deadline_s, f"only {sorted(found)} have answered"
+            time.sleep(0.005)
+            for at_s, can_id, data in list(self.frames):
+                node = can_id - cob_ids.sdo_response(NODES[0]) + NODES[0]
+                asked = int.from_bytes(data[1:3], "little") == STATUSWORD
+                if at_s >= since_s and node in NODES and len(data) == 8 and asked:
+                    found[node] = power_state(int.from_bytes(data[4:6], "little"))
+        return found
+
+    def _read(self) -> None:
+        with suppress(OSError):
+            while packet := self._socket.recv(FRAME_BYTES + 1):
+                if len(packet) == FRAME_BYTES:
+                    can_id, data = unpack_frame(packet)
+                    self.frames.append((time.monotonic(), can_id, data))
+
+
+@contextmanager
+def bus_watch(folder: Path) -> Iterator[BusWatch]:
+    one = BusWatch(folder)
+    try:
+        yield one
+    finally:
+        one.close()
