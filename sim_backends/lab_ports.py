@@ -18,6 +18,7 @@ AURORA: Final = "aurora"
 CONTROL_SOCKET: Final = "control.sock"
 LAB_FILE: Final = "lab.json"
 
+_LONGEST_SOCKET_PATH: Final = 107
 _STANDSTILL_NS: Final = 60_000_000
 """The body is looked at more often than this, and with it every bus."""
 
@@ -48,6 +49,12 @@ class LabPorts:
 
     async def open(self) -> None:
         """Make the folder and everything in it. Raises LabError where another lab lives there."""
+        longest = max(map(len, (CONTROL_SOCKET, *(f"{name}.sock" for name in self._lab.buses))))
+        if len(str(self._directory.absolute())) + 1 + longest > _LONGEST_SOCKET_PATH:
+            raise LabError(
+                f"{self._directory}: the names of sockets in it would be longer than "
+                f"{_LONGEST_SOCKET_PATH} characters; choose a folder with a shorter name"
+            )
         self._directory.mkdir(parents=True, exist_ok=True)
         if _somebody_answers(self._directory / CONTROL_SOCKET):
             raise LabError(f"another lab is running in {self._directory}: choose another folder")

@@ -7,7 +7,7 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable, Coroutine, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final, TypeVar
@@ -24,7 +24,7 @@ from drivers.cia402.objects import STATUSWORD
 from drivers.cia402.power_state import PowerState, power_state
 from safety.states import OperatingState
 from tests import SOFT_ARM
-from tests.hil.processes import PATIENCE_S, Lab, Process, command, lab
+from tests.hil.processes import PATIENCE_S, Lab, Process, command
 
 T = TypeVar("T")
 S = OperatingState
@@ -87,12 +87,10 @@ def short_folder() -> Iterator[Path]:
 class Daemon(Process):
     """`tentacled run` in a process of its own."""
 
-    def __init__(
-        self, folder: Path, robot: Path, *options: str, program: list[str] | None = None
-    ) -> None:
+    def __init__(self, folder: Path, robot: Path, program: list[str] | None = None) -> None:
         """program: what to run instead of the command itself."""
         where = [str(robot), "--runtime-dir", str(folder), "--runs", str(folder / "runs")]
-        arguments = ["run", *where, *(options or ("--no-real-time",))]
+        arguments = ["run", *where, "--no-real-time"]
         whole = command(*arguments) if program is None else [*program, *arguments]
         super().__init__(whole, stderr=subprocess.STDOUT)
         self.said: list[str] = []
@@ -114,19 +112,6 @@ class Daemon(Process):
                 if parent == self.pid and b"recorder_process" in (folder / "cmdline").read_bytes():
                     return int(folder.name)
         return None
-
-
-@contextmanager
-def daemon(
-    folder: Path, robot: Path, *options: str, program: list[str] | None = None
-) -> Iterator[Daemon]:
-    """A running daemon, ended however the test ends."""
-    one = Daemon(folder, robot, *options, program=program)
-    try:
-        one.wait_until_it_speaks()
-        yield one
-    finally:
-        one.leave()
 
 
 class User:
@@ -190,12 +175,49 @@ class User:
 class Rig:
     """A robot in use: its lab, its daemon and who operates it."""
 
-    def __init__(self, folder: Path, lab: Lab, daemon: Daemon, user: User) -> None:
+    def __init__(self, folder: Path, robot: Path, program: list[str] | None = None) -> None:
+        """program: what to run instead of the daemon's own command."""
         self.folder = folder
-        self.lab = lab
-        self.daemon = daemon
-        self.user = user
+        self.robot = robot
+        self._program = program
         self._seen = 0
+        self.lab = Lab(folder, robot=robot)
+        try:
+            self.lab.next_line()
+            self._start()
+        except BaseException:
+            self.lab.leave()
+            raise
+
+    def _start(self) -> None:
+        self.daemon = Daemon(self.folder, self.robot, program=self._program)
+        try:
+            self.daemon.wait_until_it_speaks()
+            self.user = User(self.folder)
+        except BaseException:
+            self.daemon.leave()
+            raise
+        self._seen = 0
+
+    def start_daemon_again(self) -> None:
+        """A new one, in the place of the old one."""
+        self.user.close()
+        self.daemon.leave()
+        self._start()
+
+    def start_lab_again(self) -> None:
+        """A new one, in the place of the old one."""
+        self.lab.leave()
+        self.lab = Lab(self.folder, robot=self.robot)
+        self.lab.next_line()
+
+    def leave(self) -> None:
+        """Whatever has happened, nothing is left of it."""
+        try:
+            self.user.close()
+        finally:
+            self.daemon.leave()
+            self.lab.leave()
 
     @property
     def client(self) -> RobotClient:
@@ -342,28 +364,19 @@ def farthest(before: list[float], after: list[float]) -> float:
 
 
 @contextmanager
-def user(folder: Path) -> Iterator[User]:
-    one = User(folder)
-    try:
-        yield one
-    finally:
-        one.close()
-
-
-@contextmanager
 def rig(
-    heartbeat_timeout_s: float = 2.0,
-    *options: str,
-    supervision: Mapping[str, float] = {},
+    heartbeat_timeout_s: float,
+    supervision: Mapping[str, float] | None = None,
     program: list[str] | None = None,
 ) -> Iterator[Rig]:
-    """Everything, in a folder of its own."""
-    with ExitStack() as stack:
-        folder = stack.enter_context(short_folder())
-        robot = robot_file(folder, heartbeat_timeout_s, **supervision)
-        one_lab = stack.enter_context(lab(folder, robot=robot))
-        one_daemon = stack.enter_context(daemon(folder, robot, *options, program=program))
-        yield Rig(folder, one_lab, one_daemon, stack.enter_context(user(folder)))
+    """Everything, in a folder of its own. heartbeat_timeout_s: of the drives, for their master."""
+    with short_folder() as folder:
+        robot = robot_file(folder, heartbeat_timeout_s, **(supervision or {}))
+        one = Rig(folder, robot, program)
+        try:
+            yield one
+        finally:
+            one.leave()
 
 
 class BusWatch:

@@ -18,6 +18,8 @@ from sim_backends.devices.can.interface import EmulatedCanBus
 from sim_backends.devices.can.socket_server import SocketServer
 from tests.sim_backends.can.rig import Node
 
+pytestmark = [pytest.mark.hil, pytest.mark.xdist_group("can_interface")]
+
 
 class Rig:
     """A bus with a plain node on it; `opened` clients are closed at the end."""
@@ -66,7 +68,13 @@ def play(tmp_path: Path) -> Callable[..., None]:
     return run
 
 
-def receive(bus: can.BusABC, timeout: float = 1.0) -> Coroutine[Any, Any, can.Message | None]:
+async def settle() -> None:
+    """In many short pieces: a machine that stands still takes one of them."""
+    for _ in range(20):
+        await asyncio.sleep(0.005)
+
+
+def receive(bus: can.BusABC, timeout: float = 60.0) -> Coroutine[Any, Any, can.Message | None]:
     return asyncio.to_thread(bus.recv, timeout)
 
 
@@ -81,7 +89,7 @@ def test_messages_go_both_ways(play: Callable[..., None]) -> None:
             can.Message(arbitration_id=0x701, is_extended_id=False, is_remote_frame=True, dlc=1),
         ):
             bus.send(message)
-        await asyncio.sleep(0.01)
+        await settle()
         assert [(can_id, data) for can_id, data, _ in rig.node.heard] == [
             (0x181, b"\x11\x22"),
             (0x18DAF110 | EXTENDED_FLAG, bytes(8)),
@@ -152,10 +160,10 @@ def test_sending_can_wait_for_room(play: Callable[..., None]) -> None:
 
         def burst() -> None:
             for _ in range(100):
-                bus.send(message, timeout=1)
+                bus.send(message, timeout=60)
 
         await asyncio.to_thread(burst)
-        await asyncio.sleep(0.05)
+        await settle()
         assert len(rig.node.heard) == 100
 
     play(scene)

@@ -23,7 +23,7 @@ from sim_backends.devices.can.bus import CanBus
 from sim_backends.devices.can.faults import BusFaults
 from sim_backends.devices.can.socket_server import ERRNO, SocketServer
 
-FOREVER = {"duration": 1e9}
+pytestmark = [pytest.mark.hil, pytest.mark.xdist_group("can_socket")]
 
 
 class Rig:
@@ -59,7 +59,7 @@ class Rig:
 
 
 async def packet(client: socket.socket) -> bytes:
-    return await asyncio.wait_for(asyncio.get_running_loop().sock_recv(client, 64), 2)
+    return await asyncio.wait_for(asyncio.get_running_loop().sock_recv(client, 64), 60)
 
 
 async def frame(client: socket.socket) -> CanFrame:
@@ -161,13 +161,13 @@ def test_bus_off_is_told_like_the_kernel_does_and_ends_after_its_time(
             pass
         assert received == CanFrame(0x182)
 
-    play(scene, restart_s=0.05)
+    play(scene, restart_s=1.0)
 
 
 def test_error_passive_is_told_with_the_counters(play: Callable[..., None]) -> None:
     async def scene(rig: Rig) -> None:
         client = await rig.client()
-        rig.inject("passive", duration=0.05)
+        rig.inject("passive", duration=1.0)
         passive = await frame(client)
         assert passive.can_id & (ERROR_FLAG | 0x4) == ERROR_FLAG | 0x4
         assert passive.data[1] == 0x20
@@ -183,11 +183,11 @@ def test_an_interface_that_is_down_says_so_and_works_again_on_the_same_socket(
 ) -> None:
     async def scene(rig: Rig) -> None:
         client, other = await rig.client(), await rig.client()
-        rig.inject("down", duration=0.1)
+        rig.inject("down", duration=1.0)
         assert ERRNO.unpack(await packet(client)) == (errno.ENETDOWN,)
         client.send(pack_frame(CanFrame(0x181)))
         assert ERRNO.unpack(await packet(client)) == (errno.ENETDOWN,)
-        await asyncio.sleep(0.15)
+        await asyncio.sleep(1.2)
         client.send(pack_frame(CanFrame(0x182)))
         assert ERRNO.unpack(await packet(other)) == (errno.ENETDOWN,)
         assert await frame(other) == CanFrame(0x182)
@@ -200,11 +200,11 @@ def test_a_pulled_adapter_hangs_up_and_takes_clients_again_when_it_is_back(
 ) -> None:
     async def scene(rig: Rig) -> None:
         client = await rig.client()
-        rig.inject("unplug", duration=0.1)
+        rig.inject("unplug", duration=1.0)
         assert await packet(client) == b""
         with pytest.raises(OSError, match="No such file"):
             await rig.client()
-        await asyncio.sleep(0.15)
+        await asyncio.sleep(1.2)
         again, other = await rig.client(), await rig.client()
         again.send(pack_frame(CanFrame(0x181)))
         assert await frame(other) == CanFrame(0x181)
