@@ -132,8 +132,9 @@ class RobotClient:
 
     async def acquire(self) -> Answer:
         """Take the lease, and renew it until `release` or `close`."""
+        answer = await self._lease.acquire(ANSWERS_WITHIN_S)
         self.lease_lost = None
-        return await self._lease.acquire(ANSWERS_WITHIN_S)
+        return answer
 
     async def release(self) -> Answer:
         """Give the lease back."""

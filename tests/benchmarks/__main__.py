@@ -5,14 +5,17 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-from tests.benchmarks import aurora, can_cycle, emulation, plant
+from tests.benchmarks import aurora, can_cycle, daemon, emulation, plant, recording, remote
 from tests.benchmarks.timing import machine
 
 MEASUREMENTS: dict[str, Callable[[], Any]] = {
     "aurora": aurora.measure,
     "can_cycle": can_cycle.measure,
+    "daemon": daemon.measure,
     "emulation": emulation.measure,
     "plant": plant.measure,
+    "recording": recording.measure,
+    "remote": remote.measure,
 }
 
 

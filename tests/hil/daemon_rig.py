@@ -15,7 +15,12 @@ from typing import Any, Final, TypeVar
 from daemon.lab_client import ask
 from daemon.remote.address import LocalAddress
 from daemon.remote.client import RobotClient
-from daemon.remote.client_errors import ClientError, RefusedError, TimedOutError
+from daemon.remote.client_errors import (
+    ClientError,
+    DisconnectedError,
+    RefusedError,
+    TimedOutError,
+)
 from daemon.remote.messages import Event, Message, Refusal, Status
 from drivers.can.frame import FRAME_BYTES, CanFrame, pack_frame, unpack_frame
 from drivers.canopen.codec import cob_ids
@@ -157,9 +162,12 @@ class User:
         return client
 
     async def _listen(self, client: RobotClient) -> None:
-        with suppress(ClientError):
-            async for message in client.subscribe(("event",), _DEPTH):
-                self.told.append(message)
+        subscription = client.subscribe(("event",), _DEPTH)
+        while True:
+            try:
+                self.told.append(await anext(subscription))
+            except DisconnectedError:  # it may come back
+                await asyncio.sleep(_LOOK_EVERY_S)
 
     async def _disconnected(self) -> None:
         self._listening.cancel()
@@ -231,7 +239,15 @@ class Rig:
     # What it says.
 
     def status(self) -> Status:
-        return self.user.do(self.client.status())
+        """Asked for again where the connection is away for a moment."""
+        deadline_s = time.monotonic() + PATIENCE_S
+        while True:
+            try:
+                return self.user.do(self.client.status())
+            except (DisconnectedError, TimedOutError):
+                if time.monotonic() > deadline_s or not self.works:
+                    raise
+                time.sleep(_LOOK_EVERY_S)
 
     @property
     def state(self) -> S:

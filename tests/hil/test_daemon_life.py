@@ -54,6 +54,8 @@ STOPPED_WITHIN_S = 0.3
 STOPPED_AT_THE_LATEST_S = 1.5
 """On a machine that gives the emulated drives no time for a while."""
 LOST_AT_MOST_S = 0.3
+SYNC_LOST, HEARTBEAT_LOST = 0x8700, 0x8130
+"""Error codes: which comes first depends on where in its period the master stopped."""
 ATTEMPTS = 5
 STOPS = 12
 QUICK_STOP = Control.QUICK_STOP
@@ -173,7 +175,7 @@ def drives_stop_by_themselves(one: Rig, bus: BusWatch, since_s: float) -> float:
     while len(told := bus.emergencies(since_s)) < len(NODES):
         assert time.monotonic() < deadline_s, f"only {sorted(told)} have noticed"
         time.sleep(0.01)
-    assert {code for _, code in told.values()} == {0x8130}  # life guard or heartbeat error
+    assert {code for _, code in told.values()} <= {SYNC_LOST, HEARTBEAT_LOST}
     noticed_s = max(at_s for at_s, _ in told.values()) - since_s
     return max(moved_s, noticed_s)
 
@@ -196,16 +198,18 @@ def test_killed_while_running_the_drives_stop_and_the_recording_is_there(
                 recording, recorder = Path(one.status().recording or ""), one.daemon.recorder_pid()
                 assert recorder is not None
                 killed_s, killed_ns = time.monotonic(), time.time_ns()
-                one.daemon.kill()
-                if recorder_too:
+                if recorder_too:  # first, or it finishes the file in no time
                     os.kill(recorder, signal.SIGKILL)
+                one.daemon.kill()
                 stopped_s.append(drives_stop_by_themselves(one, bus, killed_s))
                 assert_nothing_has_torque(bus.power_states())
             lost_s.append(recording_lost_s(recording, recorder_too, killed_ns))
-            one.start_daemon_again()
             with bus_watch(one.folder) as bus:
+                one.start_daemon_again()
+                assert one.state in (S.STANDBY, S.READY)
                 one.ready()
-                assert not any(word for _, _, word in bus.controlwords(0.0))
+                words = {word for _, _, word in bus.controlwords(killed_s)}
+                assert words <= {Control.DISABLE_VOLTAGE, Control.FAULT_RESET}
             if min(stopped_s) <= STOPPED_WITHIN_S and min(lost_s) <= LOST_AT_MOST_S:
                 break
     print("stopped after", stopped_s, "s, recording lost", lost_s, "s")
@@ -251,8 +255,8 @@ def test_frozen_while_running_the_drives_stop_and_it_comes_back_in_fault() -> No
 
 
 def comes_back_in_fault_and_can_be_cleared(one: Rig) -> None:
-    one.until_told("loop_stalled")
-    one.until_state(S.FAULT)
+    one.until(lambda: "loop_stalled" in one.causes())  # its events may have had no way to us
+    assert one.state is S.FAULT
     assert one.user.refused(one.client.arm()).name in ("not_ready", "no_lease", "wrong_state")
     one.until_without_torque()
     one.armed()
@@ -277,18 +281,17 @@ def test_wedged_by_one_of_its_own_threads_the_drives_stop_all_the_same() -> None
 
 def test_a_client_that_is_killed_leaves_the_robot_held_and_then_switched_off() -> None:
     times = PATIENT | {"lease_s": 1.0, "lease_disarm_after_s": 2.0}
-    with (
-        rig(PATIENT_HEARTBEAT_S, times) as one,
-        client_process(DRIVES_THE_ROBOT, one.folder, "running") as client,
-    ):
-        one.until_state(S.RUNNING)
-        one.from_now_on()
-        client.kill()
-        one.until_told("lease_lost")
-        one.until_it_was(S.HOLD)
-        assert one.until_told("lease_abandoned").severity == "disarm"
-        one.until_it_was(S.STANDBY, S.READY)
-        one.until_without_torque()
+    with rig(PATIENT_HEARTBEAT_S, times) as one:
+        one.until_state(S.READY)
+        with client_process(DRIVES_THE_ROBOT, one.folder, "running") as client:
+            one.until_state(S.RUNNING)
+            one.from_now_on()
+            client.kill()
+            one.until_told("lease_lost")
+            one.until_it_was(S.HOLD)
+            assert one.until_told("lease_abandoned").severity == "disarm"
+            one.until_it_was(S.STANDBY)
+            one.until_without_torque()
         one.running()  # somebody else takes over
 
 
@@ -299,7 +302,7 @@ def test_a_client_that_floods_disturbs_nobody(robot: Rig) -> None:
     with client_process(FLOODS, robot.folder, "flooding"):
         time.sleep(3.0)
         flooded = robot.status()
-        print("lateness p50, p99, max:", *(_lateness(l) for l in (quiet, flooded.loop)))
+        print("lateness p50, p99, max:", *(_lateness(loop) for loop in (quiet, flooded.loop)))
         assert not robot.events("cause", "loop_late")
         assert not robot.events("state", S.HOLD.value)
         assert flooded.state == S.RUNNING.value

@@ -1,0 +1,271 @@
+"""The daemon as a process beside its lab: the loop's time keeping, STOP, and rude clients."""
+
+import asyncio
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import yaml
+
+from daemon.recording.channels import read_can_payload
+from daemon.recording.run_reader import RunReader
+from daemon.remote.address import LocalAddress
+from daemon.remote.client import RobotClient
+from daemon.remote.messages import LoopStatus
+from drivers.canopen.codec import cob_ids
+from drivers.cia402.power_state import Control
+from safety.states import OperatingState
+from tests import SOFT_ARM
+from tests.benchmarks.timing import Figures, percentiles
+from tests.hil.processes import command
+
+_MEASURED_S = 20.0
+_STOPS = 20
+_CIRCLE = {
+    "kind": "circle",
+    "center_mm": [0.0, 0.0, 190.0],
+    "radius_mm": 20.0,
+    "cycle_s": 30.0,
+    "cycles": 100,
+}
+
+
+def measure() -> Figures:
+    """All figures of the daemon."""
+    return {
+        "floor": spinning_in_a_hurry(),
+        "loop_200_hz": {
+            name: loop_figures(real_time, burner)
+            for name, real_time, burner in (
+                ("plain", False, False),
+                ("real_time", True, False),
+                ("plain_beside_a_burner", False, True),
+                ("real_time_beside_a_burner", True, True),
+            )
+        },
+        "flooded": loop_figures(True, False, rude=_flood),
+        "frozen_subscriber": loop_figures(True, False, rude=_frozen),
+        "stop": stop_figures(),
+    }
+
+
+def spinning_in_a_hurry(duration_s: float = 5.0) -> Figures:
+    """The machine's own floor: gaps in a loop that does nothing else, under SCHED_FIFO."""
+    code = (
+        "import os, time, json\n"
+        "try: os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(90))\n"
+        "except OSError: pass\n"
+        f"end = time.perf_counter() + {duration_s}\n"
+        "gaps, before = [], time.perf_counter()\n"
+        "while before < end:\n"
+        "    burst = before + 0.2\n"
+        "    while before < burst:\n"
+        "        now = time.perf_counter()\n"
+        "        if now - before > 1e-4: gaps.append(now - before)\n"
+        "        before = now\n"
+        "    time.sleep(0.02)\n"
+        "    before = time.perf_counter()\n"
+        "print(json.dumps(gaps))\n"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    gaps: list[float] = yaml.safe_load(out.stdout)
+    return percentiles(gaps, 1e3) if gaps else {"count": 0}
+
+
+def loop_figures(real_time: bool, burner: bool, rude: object = None) -> Figures:
+    """Lateness of the bus cycle and length of the control step, while a circle is followed."""
+    with _robot(0.005, real_time) as (directory, daemon):
+        core = max(os.sched_getaffinity(0))
+        if burner:
+            os.sched_setaffinity(daemon.pid, {core})
+        with _burner(core) if burner else _nothing():
+            return asyncio.run(_followed(directory, rude))
+
+
+async def _followed(directory: Path, rude: object) -> Figures:
+    async with await RobotClient.connect(LocalAddress.in_folder(directory), wait_s=30.0) as robot:
+        await _running(robot)
+        before = (await robot.status()).loop.missed
+        with rude(directory) if callable(rude) else _nothing():
+            trips = []
+            end = time.monotonic() + _MEASURED_S
+            while time.monotonic() < end:
+                asked = time.perf_counter()
+                status = await robot.status()
+                trips.append(time.perf_counter() - asked)
+                await asyncio.sleep(0.1)
+        stopped_in = time.perf_counter()
+        await robot.stop()
+        stopped_in = time.perf_counter() - stopped_in
+    return {
+        **_loop(status.loop),
+        "missed_percent": round(100 * (status.loop.missed - before) / (_MEASURED_S * 200), 3),
+        "status_round_trip_ms": percentiles(trips, 1e3),
+        "state": status.state,
+        "reasons": [reason.name for reason in status.reasons],
+        "stop_confirmed_ms": round(stopped_in * 1e3, 1),
+    }
+
+
+def stop_figures() -> Figures:
+    """From `stop()` in the client to the quick stop on the bus, as the recording dates it."""
+    with _robot(0.01, True) as (directory, _):
+        return asyncio.run(_stopped_again_and_again(directory))
+
+
+async def _stopped_again_and_again(directory: Path) -> Figures:
+    to_bus, confirmed = [], []
+    async with await RobotClient.connect(LocalAddress.in_folder(directory), wait_s=30.0) as robot:
+        for _ in range(_STOPS):
+            recording = await _running(robot)
+            await asyncio.sleep(1.0)
+            asked_ns = time.monotonic_ns()
+            answer = await robot.stop()
+            confirmed.append((time.monotonic_ns() - asked_ns) * 1e-6 if answer.confirmed else 1e9)
+            await asyncio.sleep(1.0)
+            told_ns = _first_quick_stop_ns(Path(recording), asked_ns)
+            to_bus.append((told_ns - asked_ns) * 1e-6)
+    return {"to_bus_ms": percentiles(to_bus), "confirmed_off_ms": percentiles(confirmed)}
+
+
+def _first_quick_stop_ns(run: Path, after_ns: int) -> int:
+    """When the first quick stop went out to drive 1 (monotonic)."""
+    for message in RunReader(run / "run.mcap").messages():
+        if message.topic.startswith("/raw/can/"):
+            for t_ns, frame in read_can_payload(message.data):
+                stops = frame.can_id == cob_ids.rpdo(1, 1) and frame.data[0] == Control.QUICK_STOP
+                if stops and t_ns >= after_ns:
+                    return t_ns
+    raise AssertionError("no quick stop in the recording")
+
+
+def _loop(loop: LoopStatus) -> Figures:
+    return {
+        "cycle_lateness_ms": {
+            "median": round(loop.lateness_p50_s * 1e3, 3),
+            "p99": round(loop.lateness_p99_s * 1e3, 3),
+            "max": round(loop.lateness_max_s * 1e3, 3),
+        },
+        "frame_to_bus_ms": {
+            "median": round(loop.step_p50_s * 1e3, 3),
+            "p99": round(loop.step_p99_s * 1e3, 3),
+        },
+        "cycle_rate_hz": loop.cycle_rate_hz,
+        "real_time": loop.real_time,
+    }
+
+
+async def _running(robot: RobotClient) -> str:
+    """The robot follows its circle. Returns the folder of the recording."""
+    await robot.acquire()
+    end = time.monotonic() + 60.0
+    while (status := await robot.status()).state != OperatingState.READY.value:
+        assert time.monotonic() < end, status
+        await asyncio.sleep(0.1)
+    await robot.arm()
+    recording = (await robot.status()).recording
+    assert recording is not None
+    await robot.load(_CIRCLE, {"kind": "constant_curvature"})
+    await robot.start()
+    return recording
+
+
+@contextmanager
+def _robot(cycle_period_s: float, real_time: bool) -> Iterator[tuple[Path, subprocess.Popen[str]]]:
+    """Lab and daemon of the shipped arm, with another bus cycle."""
+    with tempfile.TemporaryDirectory(prefix="t-") as name:
+        directory = Path(name)
+        robot = yaml.safe_load(SOFT_ARM.read_text())
+        robot["buses"]["can0"]["cycle_period_s"] = cycle_period_s
+        path = directory / "robot.yaml"
+        path.write_text(yaml.safe_dump(robot))
+        where = [str(path), "--runtime-dir", name]
+        with _process(command("emulate", *where)):
+            more = [] if real_time else ["--no-real-time"]
+            with _process(command("run", *where, "--runs", f"{name}/runs", *more)) as daemon:
+                yield directory, daemon
+
+
+@contextmanager
+def _process(arguments: list[str]) -> Iterator[subprocess.Popen[str]]:
+    one = subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True)
+    try:
+        assert one.stdout is not None
+        assert one.stdout.readline(), arguments
+        yield one
+    finally:
+        one.send_signal(signal.SIGCONT)
+        one.terminate()
+        with suppress(subprocess.TimeoutExpired):
+            one.wait(15.0)
+        one.kill()
+        one.wait()
+        assert one.stdout is not None
+        one.stdout.close()
+
+
+@contextmanager
+def _burner(core: int) -> Iterator[None]:
+    burning = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+    os.sched_setaffinity(burning.pid, {core})
+    try:
+        yield
+    finally:
+        burning.kill()
+        burning.wait()
+
+
+@contextmanager
+def _nothing() -> Iterator[None]:
+    yield
+
+
+_FLOODER = """
+import asyncio, sys
+from pathlib import Path
+from daemon.remote.address import LocalAddress
+from daemon.remote.client import RobotClient
+async def main():
+    async with await RobotClient.connect(LocalAddress.in_folder(Path(sys.argv[1]))) as robot:
+        print("here", flush=True)
+        while True:
+            for _ in range(30):
+                robot.send_setpoint([0.0, 0.0, 190.0])
+            await asyncio.sleep(0.01)
+asyncio.run(main())
+"""
+
+_SUBSCRIBER = """
+import asyncio, sys
+from pathlib import Path
+from daemon.remote.address import LocalAddress
+from daemon.remote.client import RobotClient
+async def main():
+    async with await RobotClient.connect(LocalAddress.in_folder(Path(sys.argv[1]))) as robot:
+        print("here", flush=True)
+        async for _ in robot.subscribe(["state", "tip", "axes", "risk"]):
+            pass
+asyncio.run(main())
+"""
+
+
+@contextmanager
+def _flood(directory: Path) -> Iterator[None]:
+    """A client that streams three thousand set-points a second."""
+    with _process([sys.executable, "-c", _FLOODER, str(directory)]):
+        yield
+
+
+@contextmanager
+def _frozen(directory: Path) -> Iterator[None]:
+    """A subscriber that has stopped reading."""
+    with _process([sys.executable, "-c", _SUBSCRIBER, str(directory)]) as one:
+        time.sleep(1.0)
+        one.send_signal(signal.SIGSTOP)
+        yield

@@ -1,0 +1,120 @@
+"""Experiments in virtual time: figures, recording, and the same bytes for the same seed."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from config.problems import ConfigError
+from daemon.experiment.experiment_file import load_experiment
+from daemon.experiment.in_virtual_time import carry_out_in_virtual_time
+from daemon.experiment.trial import TrialError
+from daemon.recording.result import Result
+from daemon.recording.run_reader import RunReader
+
+SHIPPED = sorted((Path(__file__).parents[3] / "config" / "experiments").glob("*.yaml"))
+
+CIRCLE = """
+experiment: circle
+robot: builtin:soft_arm
+trajectory: {kind: circle, center_mm: [0, 0, 185], radius_mm: 8, cycle_s: 4, cycles: 2}
+controller: {kind: constant_curvature}
+"""
+
+
+def carry_out(folder: Path, text: str = CIRCLE, seed: int = 1) -> Result:
+    folder.mkdir()
+    path = folder / "experiment.yaml"
+    path.write_text(text)
+    run = folder / "run"
+    run.mkdir()
+    return carry_out_in_virtual_time(load_experiment(path), seed, run, lambda _: None)
+
+
+@pytest.fixture(scope="module")
+def circle(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Result, Path]]:
+    folder = tmp_path_factory.mktemp("experiment") / "circle"
+    yield carry_out(folder), folder / "run"
+
+
+def test_the_table_has_each_cycle_and_the_errors_are_small(circle: tuple[Result, Path]) -> None:
+    result, _ = circle
+    assert [row.cycle for row in result.cycles] == [0, 1]
+    assert all(row.samples == pytest.approx(160, abs=3) for row in result.cycles)
+    assert all(0.0 < row.mean_mm < 2.0 for row in result.cycles)
+    assert (result.holds, result.refusals, result.faults) == (0, 0, [])
+    assert result.simulated
+
+
+def test_the_run_folder_tells_all(circle: tuple[Result, Path]) -> None:
+    _, folder = circle
+    names = {path.name for path in folder.iterdir()}
+    assert names == {"run.mcap", "robot.yaml", "provenance.json", "result.json"}
+    reader = RunReader(folder / "run.mcap")
+    topics = {message.topic for message in reader.messages()}
+    assert {"/tip", "/axes", "/risk", "/state", "/event", "/raw/tracker", "/raw/can/can0"} <= topics
+    assert reader.whole
+    assert json.loads((folder / "result.json").read_text())["robot"] == "soft_arm"
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_one_does_not(
+    circle: tuple[Result, Path], tmp_path: Path
+) -> None:
+    result, _ = circle
+    assert carry_out(tmp_path / "again").control_sha256 == result.control_sha256
+    other = carry_out(tmp_path / "other", seed=2).control_sha256
+    assert len(other) == 64
+    assert other != result.control_sha256
+
+
+def test_loads_and_faults_happen_and_the_motion_goes_on(tmp_path: Path) -> None:
+    text = CIRCLE + (
+        "happenings:\n"
+        "  - {at_s: 1.0, tip_load_g: 20.0, fill_g_s: 10.0}\n"
+        "  - {at_cycle: 1, inject: tracker.missing=0.5s}\n"
+    )
+    result = carry_out(tmp_path / "faults", text)
+    assert result.holds == 1
+    assert result.faults[0] == "tracker_late"
+    assert len(result.cycles) == 2
+    events = RunReader(tmp_path / "faults" / "run" / "run.mcap").messages(["/event"])
+    told = [json.loads(event.data)["text"] for event in events]
+    assert "tip load filled up to 20 g at 10 g/s" in told
+    assert "tracker.missing=0.5s" in told
+
+
+def test_another_plant_is_another_body(circle: tuple[Result, Path], tmp_path: Path) -> None:
+    text = CIRCLE + "plant: {bending_stiffness_n_mm2: 12000.0}\n"
+    assert carry_out(tmp_path / "stiff", text).control_sha256 != circle[0].control_sha256
+
+
+def test_what_cannot_be_reached_ends_the_experiment_with_the_reason(tmp_path: Path) -> None:
+    with pytest.raises(TrialError, match="beyond the workspace's x_mm"):
+        carry_out(tmp_path / "far", CIRCLE.replace("radius_mm: 8", "radius_mm: 95"))
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        (
+            ("radius_mm", "radus_mm"),
+            ":4:52: trajectory.radus_mm: unknown key (did you mean 'radius_mm'?)",
+        ),
+        (("kind: constant_curvature", "kind: magic"), ":5:"),
+        (("builtin:soft_arm", "no_such.yaml"), ":3:8: robot: there is no file"),
+    ],
+)
+def test_a_wrong_experiment_file_is_explained(
+    tmp_path: Path, change: tuple[str, str], problem: str
+) -> None:
+    path = tmp_path / "wrong.yaml"
+    path.write_text(CIRCLE.replace(*change))
+    with pytest.raises(ConfigError) as raised:
+        load_experiment(path)
+    assert problem in str(raised.value)
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_shipped_experiments_are_sound(path: Path) -> None:
+    assert load_experiment(path).experiment.experiment == path.stem

@@ -1,0 +1,413 @@
+"""Every cause that can be brought about from outside: what is told, what the drives do, what helps.
+
+Lab and daemon are processes of their own, and the client is on their remote API. The same causes in
+virtual time are in tests/daemon/service.
+"""
+
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+import pytest
+
+from daemon.recording.disk_space import free_mb
+from daemon.remote.client import RobotClient
+from daemon.remote.client_errors import RefusedError
+from safety.causes import CAUSES, Severity, cause
+from safety.states import OperatingState
+from tests.hil.daemon_rig import MODEL, Rig, farthest, rig
+from tests.hil.processes import PATIENCE_S
+
+pytestmark = [pytest.mark.hil, pytest.mark.xdist_group("daemon_faults")]
+
+S = OperatingState
+
+HEARTBEAT_TIMEOUT_S: Final = 2.0
+TIMES: Final = {
+    "loop_hold_after_s": 0.4,  # a machine that stands still is no news here
+    "loop_fault_after_s": 1.5,
+    "tracker_hold_after_s": 0.3,
+    "tracker_fault_after_s": 2.0,
+    "lease_s": 1.0,
+    "lease_disarm_after_s": 2.0,
+    "arm_within_s": 1.0,
+}
+STANDS_WITHIN_MM: Final = 0.1
+OUT_OF_REACH_MM: Final = (75.0, 75.0, 210.0)
+"""Inside the workspace, but no arm of this length gets there."""
+ATTEMPTS: Final = 5
+SPARE_MB: Final = 300.0
+LOW_TO_FULL: Final = 10
+
+NOT_FROM_OUTSIDE: Final = {
+    "loop_slow": "nothing in the daemon raises it",
+    "not_initialised": "nothing in the daemon raises it",
+    "out_of_workspace": "nothing in the daemon raises it",
+    "teardown": "nothing in the daemon raises it",
+    "no_lease": "nothing in the daemon raises it: commands without the lease are refused by name",
+    "real_time_degraded": "what a machine permits is not ours to change",
+    "drive_limit": "the gate keeps targets inside the drives' own limits",
+    "recording_dropped": "8 MiB have to wait first; tests/hil/test_recording.py has it",
+    "risk_too_high": "there is no risk model",
+    "risk_unavailable": "there is no risk model",
+    "controller_failed": "no shipped controller fails on what can be asked of it from outside",
+    "tendon_slack": "the soft arm has no tendons",
+    "tendon_over_tension": "the soft arm has no tendons",
+    "internal_error": "it would be a defect",
+}
+
+Act = Callable[[Rig], None]
+
+
+@dataclass(frozen=True)
+class Row:
+    """While the robot goes round a circle, something happens to it."""
+
+    cause: str
+    act: Act
+    name: str
+    resumes: bool = True
+    """A HOLD that ends with the robot going on. Where it does not, worse follows."""
+
+
+def fault(cause: str, order: str, *, resumes: bool = True) -> Row:
+    """At an emulated device."""
+
+    def act(one: Rig) -> None:
+        one.inject(order)
+
+    return Row(cause, act, order, resumes)
+
+
+def frozen(seconds: float) -> Act:
+    """The daemon does nothing for so long."""
+
+    def act(one: Rig) -> None:
+        os.kill(one.daemon.pid, signal.SIGSTOP)
+        try:
+            time.sleep(seconds)
+        finally:
+            os.kill(one.daemon.pid, signal.SIGCONT)
+
+    return act
+
+
+def unplugged_and_plugged(one: Rig) -> None:
+    one.inject("tracker.unplug_tool")
+    time.sleep(1.0)
+    one.inject("tracker.plug_tool")
+
+
+def lease_not_renewed(one: Rig) -> None:
+    one.user.stop_renewing()
+
+
+def operator_holds(one: Rig) -> None:
+    one.user.do(one.client.hold())
+
+
+WHILE_RUNNING: Final = (
+    fault("tracker_warning", "tracker.partially_out_of_volume=1.5s"),
+    fault("tracker_late", "tracker.missing=0.8s"),
+    fault("tracker_quality", "tracker.missing=1.2s"),
+    fault("tracker_late", "tracker.hang_up=1s", resumes=False),
+    fault("tracker_late", "tracker.frozen=1s"),
+    fault("tracker_late", "tracker.reset", resumes=False),
+    Row("tracker_late", unplugged_and_plugged, "tool unplugged and plugged", resumes=False),
+    fault("tracker_gone", "tracker.missing=3s"),
+    fault("bus_degraded", "bus.can0.passive=1s"),
+    fault("bus_queue_full", "bus.can0.full=0.5s", resumes=False),
+    fault("bus_gone", "bus.can0.unplug=0.5s"),
+    fault("bus_off", "bus.can0.down=0.5s"),
+    fault("bus_off", "bus.can0.off"),
+    fault("drive_warning", "drive.can0/3.warning=1s"),
+    fault("drive_emergency", "drive.can0/2.short_emergency=0x7121"),
+    fault("drive_fault", "drive.can0/2.emergency=0x7121"),
+    fault("drive_fault", "drive.can0/1.over_temperature=1s"),
+    fault("drive_following_error", "drive.can0/2.blocked=20s"),
+    fault("drive_not_enabled", "drive.can0/5.power_cycle=0.5s"),
+    fault("drive_no_voltage", "drive.can0/3.sto=1s"),
+    fault("node_lost", "drive.can0/1.dead=1s"),
+    fault("node_lost", "drive.can0/1.tpdo_stop=1s"),
+    fault("node_lost", "drive.can0/3.heartbeat_stop=1s"),
+    fault("node_reset", "drive.can0/6.reset"),
+    Row("loop_stalled", frozen(1.8), "frozen for 1.8 s"),
+    Row("lease_lost", lease_not_renewed, "the lease is not renewed"),
+    Row("operator_hold", operator_holds, "the operator holds"),
+)
+"""What is not in this table has a test of its own below."""
+
+ALONE: Final = {
+    "tracker_not_ready",
+    "node_not_ready",
+    "bus_not_open",
+    "arming_failed",
+    "recorder_failed",
+    "disk_low",
+    "disk_full",
+    "lease_abandoned",
+    "setpoint_late",
+    "gate_refused",
+    "loop_late",
+}
+
+
+class Place:
+    """One rig for many rows, made anew where a row has broken it."""
+
+    def __init__(self) -> None:
+        self._stack = ExitStack()
+        self._rig: Rig | None = None
+
+    def rig(self) -> Rig:
+        if self._rig is None or not self._rig.works:
+            self.close()
+            self._rig = self._stack.enter_context(rig(HEARTBEAT_TIMEOUT_S, TIMES))
+        return self._rig
+
+    def close(self) -> None:
+        self._rig = None
+        self._stack.close()
+
+
+@pytest.fixture(scope="module")
+def place() -> Iterator[Place]:
+    one = Place()
+    try:
+        yield one
+    finally:
+        one.close()
+
+
+@pytest.fixture
+def robot(place: Place) -> Rig:
+    return place.rig()
+
+
+def test_every_cause_is_brought_about_or_it_is_said_why_not() -> None:
+    names = {row.name for row in CAUSES}
+    here = {row.cause for row in WHILE_RUNNING} | ALONE
+    assert here | NOT_FROM_OUTSIDE.keys() == names
+    assert not here & NOT_FROM_OUTSIDE.keys()
+
+
+def assert_told(one: Rig, name: str) -> None:
+    """Name, severity and text are those of the table."""
+    told = one.until_told(name)
+    assert told.text == cause(name).text
+    assert told.severity == cause(name).severity.name.lower()
+
+
+@pytest.mark.parametrize("row", WHILE_RUNNING, ids=lambda row: f"{row.cause}-{row.name}")
+def test_while_running(robot: Rig, row: Row) -> None:
+    robot.running()
+    row.act(robot)
+    assert_told(robot, row.cause)
+    severity = cause(row.cause).severity
+    if severity is Severity.WARNING:
+        goes_on(robot)
+    elif severity is Severity.HOLD:
+        holds(robot)
+        if row.resumes:
+            robot.resumed()
+    else:
+        switches_off(robot, severity)
+        is_armed_again(robot, severity)
+
+
+def goes_on(one: Rig) -> None:
+    """It moves on, but for a machine that stood still."""
+    time.sleep(0.3)
+    if not one.events("cause", "loop_late"):
+        assert one.state is S.RUNNING
+        assert not one.events("state", S.HOLD.value)
+
+
+def holds(one: Rig) -> None:
+    """It says so, and for as long as it does its drives are on and its shafts stand."""
+    one.until_it_was(S.HOLD)
+    time.sleep(0.2)  # for its ramp
+    before = one.actuators()
+    time.sleep(0.2)
+    after = one.actuators()
+    if one.state in (S.HOLD, S.ARMED):
+        assert farthest(before, after) < STANDS_WITHIN_MM
+        assert one.energised or one.state not in (S.HOLD, S.ARMED)
+
+
+def switches_off(one: Rig, severity: Severity) -> None:
+    """State and drives are as the severity demands; a fault stays until it is cleared."""
+    # An open chain is seen by one drive, and the bus may be quicker to tell of a fault.
+    wanted = {
+        Severity.DISARM: (S.STANDBY,),
+        Severity.FAULT: (S.FAULT,),
+        Severity.ESTOP: (S.ESTOP, S.FAULT),
+    }
+    one.until_it_was(*wanted[severity])
+    one.until_without_torque()
+    if severity >= Severity.FAULT:
+        refusal = one.user.refused(one.client.arm())
+        assert refusal.name in ("not_ready", "wrong_state", "no_lease")
+        assert one.state in (S.FAULT, S.ESTOP)
+
+
+def is_armed_again(one: Rig, severity: Severity) -> None:
+    """As the table promises: by arming, after a clear where it was a fault."""
+    cleared = len(one.events("command", "clear"))
+    one.armed()
+    assert one.state is S.ARMED
+    assert one.energised
+    if severity >= Severity.FAULT:
+        assert len(one.events("command", "clear")) > cleared
+
+
+def test_a_loop_that_is_late_holds_and_goes_on_when_resumed() -> None:
+    """With times as shipped. Between late and too late there is not much room: a few attempts."""
+    with rig(0.2) as one:
+        for _ in range(ATTEMPTS):
+            one.running()
+            frozen(0.07)(one)
+            assert_told(one, "loop_late")
+            one.until_it_was(S.HOLD, S.FAULT)
+            if not one.events("state", S.FAULT.value):
+                holds(one)
+                one.resumed()
+                return
+    pytest.fail("it always came to a fault")
+
+
+@pytest.mark.parametrize(
+    ("name", "order"),
+    [
+        ("tracker_not_ready", "tracker.hang_up=1s"),
+        ("node_not_ready", "drive.can0/4.dead=1s"),
+        ("bus_not_open", "bus.can0.unplug=1s"),
+    ],
+)
+def test_while_ready_what_goes_missing_forbids_arming_until_it_is_back(
+    robot: Rig, name: str, order: str
+) -> None:
+    robot.running()
+    robot.ready()
+    robot.from_now_on()
+    robot.inject(order)
+    assert_told(robot, name)
+    robot.until_it_was(S.STANDBY)
+    refusal = robot.user.refused(robot.client.arm())
+    assert refusal.name == "not_ready"
+    assert all(reason.remedy for reason in refusal.reasons)
+    assert robot.drive_states() <= {"switch on disabled", "unknown"}
+    robot.until_state(S.READY)  # nobody has to clear anything
+    robot.armed()
+
+
+def test_a_drive_that_will_not_come_on_ends_the_arming(robot: Rig) -> None:
+    robot.running()
+    robot.ready()
+    robot.from_now_on()
+    robot.inject("drive.can0/4.refuses_enable=2.5s")
+    refusal = robot.user.refused(robot.client.arm())
+    assert refusal.name == "not_armed"
+    assert_told(robot, "arming_failed")
+    assert "distal_1" in robot.events("cause", "arming_failed")[0].detail
+    robot.until_without_torque()
+    robot.armed()
+    assert robot.energised
+
+
+def test_an_abandoned_robot_is_held_and_then_switched_off(robot: Rig) -> None:
+    robot.running()
+    robot.user.stop_renewing()
+    assert_told(robot, "lease_lost")
+    assert_told(robot, "lease_abandoned")
+    switches_off(robot, Severity.DISARM)
+    robot.running()
+
+
+def test_set_points_that_stop_hold_and_new_ones_go_on(robot: Rig) -> None:
+    teleoperated(robot)
+    here = robot.status().tip_mm
+    assert here is not None
+    deadline_s = time.monotonic() + 1.0
+    while time.monotonic() < deadline_s:
+        send(robot, here)
+    assert_told(robot, "setpoint_late")
+    holds(robot)
+    goes_on_with(robot, here)
+
+
+def test_a_place_that_cannot_be_reached_holds_and_another_one_goes_on(robot: Rig) -> None:
+    teleoperated(robot)
+    here = robot.status().tip_mm
+    assert here is not None
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not robot.events("cause", "gate_refused"):
+        assert time.monotonic() < deadline_s, robot.status()
+        send(robot, OUT_OF_REACH_MM)
+    assert_told(robot, "gate_refused")
+    robot.until_it_was(S.HOLD)
+    goes_on_with(robot, here)
+
+
+def teleoperated(one: Rig) -> None:
+    one.armed()
+    one.user.do(one.client.teleoperate(MODEL))
+    one.from_now_on()
+
+
+def send(one: Rig, position_mm: Sequence[float]) -> None:
+    one.user.do(_send(one.client, position_mm))
+    time.sleep(0.04)
+
+
+async def _send(client: RobotClient, position_mm: Sequence[float]) -> None:
+    client.send_setpoint(position_mm, valid_s=0.3)
+
+
+def goes_on_with(one: Rig, position_mm: Sequence[float]) -> None:
+    """With fresh set-points, resuming leads on."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    while one.state is not S.RUNNING:
+        assert time.monotonic() < deadline_s, f"{one.state}, {one.causes()}"
+        for _ in range(3):
+            send(one, position_mm)
+        with suppress(RefusedError):
+            one.user.do(one.client.resume())
+
+
+def test_a_recorder_that_dies_does_not_stop_the_robot_but_forbids_the_next_arming() -> None:
+    with rig(HEARTBEAT_TIMEOUT_S, TIMES) as one:
+        one.running()
+        recorder = one.daemon.recorder_pid()
+        assert recorder is not None
+        os.kill(recorder, signal.SIGKILL)
+        assert_told(one, "recorder_failed")
+        goes_on(one)
+        one.user.do(one.client.stop())
+        one.until_without_torque()
+        refusal = one.user.refused(one.client.arm())
+        assert [r.name for r in refusal.reasons] == ["recorder_failed"]
+        one.start_daemon_again()  # as its remedy says
+        one.armed()
+
+
+def test_a_full_disk_holds_until_there_is_room_again() -> None:
+    """Of the space that is free just now, most is declared to be needed."""
+    with TemporaryDirectory(prefix="t-") as name:
+        free = free_mb(Path(name))
+    assert free is not None
+    enough_mb = (free - SPARE_MB) * LOW_TO_FULL
+    with rig(HEARTBEAT_TIMEOUT_S, TIMES | {"disk_free_mb": round(enough_mb, 1)}) as one:
+        one.running_though("disk_low")
+        assert_told(one, "disk_low")
+        goes_on(one)
+        with filled(one.folder, 2 * SPARE_MB):
+            assert_told(one, "disk_full")
+            holds(one)
+        one.resumed()
