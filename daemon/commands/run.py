@@ -19,8 +19,9 @@ from daemon.remote.server import RemoteOpenError, RemoteServer
 from daemon.robot_argument import CheckedRobot, add_robot_argument, robot_or_explain
 from daemon.runtime_directory import default_runtime_directory, uses_lab, with_lab_ports
 from daemon.service.operator import Operator
-from daemon.service.robot_service import RobotService, Surroundings
+from daemon.service.robot_service import RobotService
 from daemon.service.run_recording import MakeFolder, RunRecording
+from daemon.service.surroundings import Surroundings
 from daemon.stop_signals import StopSignals
 from drivers.canopen.object_dictionary import EdsError
 from drivers.clock import WallClock

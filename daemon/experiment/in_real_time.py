@@ -21,8 +21,9 @@ from daemon.recording.result import Result
 from daemon.recording.run_folder import describe_run, robot_yaml
 from daemon.runtime_directory import LAB_FILE, with_lab_ports
 from daemon.service.operator import Operator
-from daemon.service.robot_service import RobotService, Surroundings
+from daemon.service.robot_service import RobotService
 from daemon.service.run_recording import RunRecording
+from daemon.service.surroundings import Surroundings
 from safety.risk_source import NoModel
 
 _LAB_ENDS_WITHIN_S: Final = 5.0

@@ -19,8 +19,9 @@ from daemon.recording.run_files import RUN_FILE
 from daemon.recording.run_folder import describe_run
 from daemon.recording.run_reader import control_hash
 from daemon.service.operator import Operator
-from daemon.service.robot_service import RobotService, Surroundings
+from daemon.service.robot_service import RobotService
 from daemon.service.run_recording import RunRecording
+from daemon.service.surroundings import Surroundings
 from drivers.clock import WallClock
 from safety.risk_source import NoModel
 from sim_backends.lab import Lab

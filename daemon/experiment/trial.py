@@ -8,7 +8,8 @@ from config.experiment import Experiment
 from daemon.control.trajectories import Trajectory
 from daemon.experiment.happenings import Happenings, LabControl
 from daemon.remote.messages import Acquire, Answer, Arm, Disarm, Message, Refusal, Tip
-from daemon.service.operator import Operator, RefusedError
+from daemon.service.operator import Operator
+from daemon.service.refused import RefusedError
 from daemon.service.robot_service import RobotService
 from safety.states import OperatingState
 
@@ -114,7 +115,7 @@ class Trial:
         self._happenings.step(self._operator.elapsed_s, message.cycle, dt_s)
 
     def _happened(self, what: str) -> None:
-        self._service.tell("note", "happening", what, subject="lab")
+        self._service.events.tell("note", "happening", what, subject="lab")
         self._tell(what)
 
     def _carried_out(self, outcome: Answer | Refusal) -> Answer:

@@ -89,6 +89,8 @@ class ControlLoop:
         self._publish_message = publish
         self._duration_ns = FRAME_PERIOD_NS[robot.tracker.frame_rate]
         self._threshold = robot.risk.threshold
+        box = robot.workspace
+        self._workspace = None if box is None else (box.x_mm, box.y_mm, box.z_mm)
         self._tendons = [tension_range_n(axis) is not None for axis in robot.axes]
         self._risk_source = risk_source
         self._last_step: PermittedStep | None = None
@@ -130,6 +132,18 @@ class ControlLoop:
         if self.tip is None or self.aim is None:
             return None
         return math.dist(self.tip.position_mm, self.aim.position_mm)
+
+    @property
+    def outside_workspace(self) -> bool:
+        """Whether the tip is where no reference may lead it."""
+        if self._workspace is None or self.tip is None:
+            return False
+        return not all(
+            low <= place <= high
+            for place, (low, high) in zip(
+                self.tip.position_mm.tolist(), self._workspace, strict=True
+            )
+        )
 
     # The parts of a step, in their order.
 

@@ -1,22 +1,15 @@
 """What clients ask of the robot: who may, whether it is possible now, and what then happens."""
 
 import asyncio
-from collections.abc import Awaitable, Callable, Sequence
-from math import isfinite
-from pathlib import Path
+from collections.abc import Awaitable, Callable
 from typing import Any, Final, NamedTuple
 
-import numpy as np
-
-from config.controllers import Broyden, ControllerOptions, load_controller_options
-from config.options import OptionsError
-from config.trajectory import TrajectoryOptions, load_trajectory_options
+from config.controllers import ControllerOptions
 from daemon.control.controller import Controller, ControllerError
 from daemon.control.make_controller import make_controller
 from daemon.control.reachability import HasKinematics, looks
-from daemon.control.trajectories import Trajectory, make_trajectory
-from daemon.control.waypoints import WaypointError
-from daemon.loop.reference import TeleoperationReference, TrajectoryReference
+from daemon.control.trajectories import Trajectory
+from daemon.loop.reference import TrajectoryReference
 from daemon.recording.flight_recorder import RecordingError
 from daemon.remote.messages import (
     Acquire,
@@ -41,16 +34,16 @@ from daemon.remote.messages import (
     Teleoperate,
     verb,
 )
+from daemon.service.asked import asked_controller, asked_trajectory
+from daemon.service.refused import RefusedError
 from daemon.service.robot_service import RobotService
 from daemon.service.run_recording import RunRecording
+from daemon.service.setpoints import Setpoints
 from daemon.supervision.explained import explained
 from safety.causes import Severity
-from safety.failsafe import ActiveReason
 from safety.states import OperatingState, Request
 
 BLEND_SPEED_MM_S: Final = 5.0
-_TELEOPERATION_SPEED_MM_S: Final = 15.0
-_LONGEST_VALIDITY_S: Final = 1.0
 _LOOK_EVERY_S: Final = 0.002
 _AT_REST_WITHIN_S: Final = 3.5
 
@@ -60,16 +53,6 @@ class Loaded(NamedTuple):
 
     trajectory: Trajectory
     controller: Controller
-
-
-class RefusedError(Exception):
-    """A command that is not carried out."""
-
-    def __init__(self, name: str, text: str, reasons: Sequence[ActiveReason] = ()) -> None:
-        super().__init__(text)
-        self.name = name
-        self.text = text
-        self.reasons = reasons
 
 
 class Operator:
@@ -88,11 +71,10 @@ class Operator:
         self._recording = recording
         self._seed = seed
         self._inject_fault = inject
-        self._teleoperation: TeleoperationReference | None = None
-        self._last_setpoint = -1
+        self._setpoints: Setpoints | None = None
         self._following: TrajectoryReference | None = None
         service.reference_status = self._reference_status
-        service.setpoint_age_s = self._setpoint_age_s
+        service.lookout.setpoint_age_s = self._setpoint_age_s
         self._verbs: dict[type[Command], Callable[[str, Any], Awaitable[Answer]]] = {
             Acquire: self._acquire,
             Release: self._release,
@@ -111,7 +93,7 @@ class Operator:
     async def handle(self, user: str, command: Command) -> Answer | Refusal:
         """Carry `command` out, or say why not."""
         if not self._is_renewal(user, command):
-            self._service.tell("command", verb(command), f"{user} asks for it", subject=user)
+            self._service.events.tell("command", verb(command), f"{user} asks for it", subject=user)
         try:
             if not isinstance(command, Acquire | Stop):
                 self._check_lease(user, command)
@@ -124,19 +106,14 @@ class Operator:
     def setpoint(self, user: str, setpoint: Setpoint) -> SetpointRefused | None:
         """Take a set-point, or say why it is dropped."""
         now_ns = self._service.clock.now_ns()
-        why = self._unwanted(user, setpoint, now_ns)
-        if why:
-            return SetpointRefused(sequence=setpoint.sequence, reason=why)
-        assert self._teleoperation is not None
-        self._last_setpoint = setpoint.sequence
-        velocity = setpoint.velocity_mm_s
-        self._teleoperation.set(
-            now_ns,
-            np.array(setpoint.position_mm, dtype=np.float64),
-            setpoint.valid_s,
-            None if velocity is None else np.array(velocity, dtype=np.float64),
-        )
-        return None
+        if not self._service.lease.holds(setpoint.token, user, now_ns):
+            why = "its token is not the lease's"
+        elif not self._teleoperated:
+            why = "the robot is not teleoperated: ask for `teleoperate` first"
+        else:
+            assert self._setpoints is not None
+            why = self._setpoints.take(setpoint, now_ns)
+        return SetpointRefused(sequence=setpoint.sequence, reason=why) if why else None
 
     def status(self) -> Status:
         return self._service.status()
@@ -206,8 +183,8 @@ class Operator:
         del user
         if self._service.supervisor.running:
             raise RefusedError("wrong_state", "the robot is moving: hold or stop it first")
-        trajectory = _trajectory(command)
-        await self.load(trajectory, _controller(command.controller))
+        trajectory = asked_trajectory(command)
+        await self.load(trajectory, asked_controller(command.controller))
         return self._answer(command, text=f"{trajectory.kind}, {trajectory.duration_s:g} s")
 
     async def _start(self, user: str, command: Start) -> Answer:
@@ -222,7 +199,7 @@ class Operator:
         assert self.loaded is not None
         self._check_can_move()
         self._following = TrajectoryReference(self.loaded.trajectory, blend_speed_mm_s)
-        self._teleoperation = None
+        self._setpoints = None
         self._service.loop.reference = self._following
         self._service.loop.controller = self.loaded.controller
         self._service.supervisor.request(Request.START, self._service.clock.now_ns())
@@ -230,15 +207,15 @@ class Operator:
     async def _teleoperate(self, user: str, command: Teleoperate) -> Answer:
         del user
         self._check_can_move()
-        options = _controller(command.controller)
+        options = asked_controller(command.controller)
         try:
             controller = make_controller(options, self._service.robot, self._seed)
         except ControllerError as error:
             raise RefusedError("bad_controller", str(error)) from None
         now_ns = self._service.clock.now_ns()
-        self._teleoperation = TeleoperationReference(_TELEOPERATION_SPEED_MM_S, now_ns)
-        self._following, self._last_setpoint = None, -1
-        self._service.loop.reference = self._teleoperation
+        self._setpoints = Setpoints(self._service.robot.workspace, now_ns)
+        self._following = None
+        self._service.loop.reference = self._setpoints.reference
         self._service.loop.controller = controller
         self._service.supervisor.request(Request.START, now_ns)
         return self._answer(command)
@@ -339,34 +316,15 @@ class Operator:
         if supervisor.severity >= Severity.HOLD:
             raise RefusedError("not_ready", "something must go first", supervisor.blocking)
 
-    def _unwanted(self, user: str, setpoint: Setpoint, now_ns: int) -> str:
-        """Why a set-point is not followed; empty if it is."""
-        workspace = self._service.robot.workspace
-        velocity = setpoint.velocity_mm_s
-        if not self._service.lease.holds(setpoint.token, user, now_ns):
-            return "its token is not the lease's"
-        if self._teleoperation is None or self._teleoperation is not self._service.loop.reference:
-            return "the robot is not teleoperated: ask for `teleoperate` first"
-        if setpoint.sequence <= self._last_setpoint:
-            return f"it is not newer than number {self._last_setpoint}"
-        if len(setpoint.position_mm) != 3 or (velocity is not None and len(velocity) != 3):
-            return "position and velocity have three numbers"
-        if not all(map(isfinite, [*setpoint.position_mm, *(velocity or ())])):
-            return "it is not finite"
-        if not 0.0 < setpoint.valid_s <= _LONGEST_VALIDITY_S:
-            return f"valid_s must be more than 0 and at most {_LONGEST_VALIDITY_S:g}"
-        if workspace is not None:
-            ranges = (workspace.x_mm, workspace.y_mm, workspace.z_mm)
-            for name, value, (low, high) in zip("xyz", setpoint.position_mm, ranges, strict=True):
-                if not low <= value <= high:
-                    return f"{name} = {value:.1f} mm is outside the workspace [{low:g}, {high:g}]"
-        return ""
+    @property
+    def _teleoperated(self) -> bool:
+        setpoints = self._setpoints
+        return setpoints is not None and setpoints.reference is self._service.loop.reference
 
     def _setpoint_age_s(self, now_ns: int) -> float | None:
-        teleoperation = self._teleoperation
-        if teleoperation is None or teleoperation is not self._service.loop.reference:
+        if self._setpoints is None or not self._teleoperated:
             return None
-        return teleoperation.age_s(now_ns)
+        return self._setpoints.reference.age_s(now_ns)
 
     def _reference_status(self) -> ReferenceStatus | None:
         loop = self._service.loop
@@ -381,7 +339,7 @@ class Operator:
                 cycle=-1 if loop.aim is None else loop.aim.cycle,
                 cycles=trajectory.cycles,
             )
-        if self._teleoperation is None:
+        if self._setpoints is None:
             return None
         return ReferenceStatus(
             trajectory="set-points",
@@ -405,20 +363,3 @@ class Operator:
             text=refused.text,
             reasons=reasons,
         )
-
-
-def _trajectory(command: Load) -> Trajectory:
-    try:
-        options: TrajectoryOptions = load_trajectory_options(command.trajectory)
-        return make_trajectory(options, Path.cwd(), command.cycles)
-    except (OptionsError, WaypointError, ValueError) as error:
-        raise RefusedError("bad_trajectory", str(error)) from None
-
-
-def _controller(options: dict[str, Any] | None) -> ControllerOptions:
-    if options is None:
-        return Broyden(kind="broyden")
-    try:
-        return load_controller_options(options)
-    except OptionsError as error:
-        raise RefusedError("bad_controller", str(error)) from None

@@ -6,67 +6,39 @@ for comes in through `operator.Operator`.
 
 import asyncio
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from importlib.metadata import version
-from pathlib import Path
 from typing import Final
 
 from config.loader import RobotFile
 from config.robot import Robot
-from daemon.hardware import Connections, Hardware, Listeners
+from daemon.hardware import Hardware, Listeners
 from daemon.loop.control_step import ControlLoop
-from daemon.loop.real_time import RealTime
 from daemon.loop.time_spent import TimeSpent
 from daemon.loop.timekeeping import Timekeeping
 from daemon.periodic_timer import Tick
-from daemon.recording.disk_space import free_mb
-from daemon.recording.flight_recorder import Recorder
 from daemon.remote.lease import Lease
 from daemon.remote.messages import (
-    Event,
     LeaseStatus,
     Loop,
     Message,
     ReferenceStatus,
     Status,
 )
+from daemon.service.events import Events
+from daemon.service.lookout import Lookout
+from daemon.service.surroundings import Surroundings
 from daemon.status import StatusReport
-from daemon.supervision.following_error import FollowingError
 from daemon.supervision.supervisor import Supervisor
 from drivers.aurora.frame import TrackerFrame
-from drivers.aurora.tracker import TrackerState
 from drivers.axis_scale import axis_scale, count_limits, tension_range_n
 from drivers.cia402.drive_bus import DriveBus, TrafficTap
-from drivers.clock import WallClock
 from drivers.conditions import ConditionChange
-from safety.failsafe import ActiveReason
 from safety.gate import Gate
-from safety.risk_source import RiskSource
 from safety.states import OperatingState, Request
 
 _STATUS_EVERY_NS: Final = 100_000_000
 _LOOP_EVERY_NS: Final = 1_000_000_000
-_FEW_MISSED_PER_S: Final = 2
 _AT_REST_WITHIN_S: Final = 3.0
-
-
-@dataclass
-class Surroundings:
-    """What the service runs in: the same robot lives in real and in virtual time."""
-
-    connections: Connections
-    clock: WallClock
-    recorder: Recorder
-    risk: RiskSource
-    simulated: bool
-    real_time: RealTime | None = None
-    """None: nothing is asked of the operating system."""
-    new_token: Callable[[], str] | None = None
-    """For leases; None: as unguessable as can be."""
-    runs: Path | None = None
-    """Where recordings will go; None: nobody minds how much room there is."""
-    listeners: list[Callable[[Message], None]] = field(default_factory=list)
-    """Hear of every message. Called in the loop: they must be quick and must not fail."""
 
 
 class RobotService:
@@ -79,11 +51,10 @@ class RobotService:
         self.surroundings = surroundings
         self.clock = surroundings.clock
         self.version = version("tentacled")
+        self.events = Events(self.clock, self.publish)
         self.holds = 0
         """How often the motion was held, by anything but the operator."""
         self.reference_status: Callable[[], ReferenceStatus | None] = lambda: None
-        self.setpoint_age_s: Callable[[int], float | None] = lambda _: None
-        """For as long as set-points are being followed; None: they are not."""
         token = {} if surroundings.new_token is None else {"new_token": surroundings.new_token}
         self.lease = Lease(robot.supervision.lease_s, **token)
         self.hardware = self._make_hardware(file)
@@ -114,22 +85,20 @@ class RobotService:
             surroundings.simulated,
             self.version,
         )
-        self._following_error = FollowingError(self.loop.channels)
-        self._tendons = [
-            (channel, limits)
-            for channel in self.loop.channels
-            if (limits := tension_range_n(channel.axis)) is not None
-        ]
+        self.lookout = Lookout(
+            self.hardware.tracker,
+            self.loop,
+            self.supervisor,
+            self.timekeeping,
+            self.lease,
+            surroundings,
+        )
         self.at_rest: list[Callable[[], None]] = [self.relax]
         """Called whenever the drives have come to rest and are off."""
         self._was_at_rest = True
-        self._reasons: tuple[ActiveReason, ...] = ()
-        self._events = 0
         self._status_due_ns = self._loop_due_ns = 0
         self._synced_ns = 0
         self._healthy = True
-        self._missing_cycles, self._missed_before = False, 0
-        self._free_mb = self._room_for_runs()
 
     async def run(self) -> None:
         """Keep the devices connected and the loop going, until cancelled."""
@@ -185,33 +154,6 @@ class RobotService:
         for listener in self.surroundings.listeners:
             listener(message)
 
-    def tell(
-        self,
-        kind: str,
-        name: str,
-        text: str,
-        *,
-        subject: str = "",
-        present: bool = True,
-        severity: str = "",
-        detail: str = "",
-    ) -> None:
-        """Publish an event."""
-        self._events += 1
-        self.publish(
-            Event(
-                sequence=self._events,
-                t_ns=self.clock.now_ns(),
-                kind=kind,
-                name=name,
-                subject=subject,
-                present=present,
-                text=text,
-                severity=severity,
-                detail=detail,
-            )
-        )
-
     # What the devices and the timer tell.
 
     def _on_frame(self, frame: TrackerFrame) -> None:
@@ -222,15 +164,7 @@ class RobotService:
 
     def _on_condition(self, change: ConditionChange) -> None:
         self.supervisor.condition_changed(change)
-        condition = change.active.condition
-        self.tell(
-            "condition",
-            condition.name,
-            condition.text,
-            subject=change.active.subject,
-            present=change.present,
-            detail=change.active.detail,
-        )
+        self.events.condition(change)
 
     def _on_cycle(self, bus: DriveBus, tick: Tick) -> None:
         now_ns = self.clock.now_ns()
@@ -246,37 +180,15 @@ class RobotService:
     def _supervise(self, now_ns: int) -> bool:
         """Whether the supervision itself is sound."""
         try:
-            self._look_around(now_ns)
+            self.lookout.look(now_ns)
             timekeeping = self.timekeeping
             gap_s = timekeeping.last_gap_ns * 1e-9
             self.supervisor.cycle(now_ns, gap_s, timekeeping.last_overrun)
-            self._tell_of_reasons()
+            self.events.reasons(self.supervisor.reasons)
         except Exception as error:
             self._broken("supervision", error)
             return False
         return True
-
-    def _look_around(self, now_ns: int) -> None:
-        watched, loop, lease = self.supervisor.watched, self.loop, self.lease
-        watched.tracking = self.hardware.tracker.status.state is TrackerState.TRACKING
-        watched.tip_age_s = loop.filter.age_s(now_ns)
-        watched.tip_quality = loop.filter.quality
-        watched.lease_missing_s = lease.unheld_s(now_ns)
-        watched.lease_held = watched.lease_missing_s <= 0.0
-        watched.setpoint_age_s = self.setpoint_age_s(now_ns)
-        watched.tensions_n = [
-            (channel.axis.name, channel.scale.force(channel.torque_permille), *limits)
-            for channel, limits in self._tendons
-        ]
-        self.supervisor.failsafe.set("loop_slow", self._missing_cycles, now_ns, "loop")
-        outside = self.supervisor.energised and self._is_outside_workspace()
-        self.supervisor.failsafe.set("out_of_workspace", outside, now_ns, "tip")
-        for place, channel in enumerate(loop.channels):
-            target = loop.target_counts(channel, now_ns)
-            behind = self._following_error.behind(place, target, now_ns)
-            self.supervisor.failsafe.set(
-                "drive_following_error", behind, now_ns, channel.axis.name, "it does not move"
-            )
 
     def _after_cycle(self, now_ns: int) -> None:
         channels = self.loop.channels
@@ -288,37 +200,14 @@ class RobotService:
         self._look_for_rest()
         if now_ns >= self._loop_due_ns:
             self._loop_due_ns = now_ns + _LOOP_EVERY_NS
-            self._free_mb = self._room_for_runs()
-            missed = self.timekeeping.missed
-            self._missing_cycles = missed - self._missed_before > _FEW_MISSED_PER_S
-            self._missed_before = missed
+            self.lookout.look_at_machine()
             self.publish(Loop(t_ns=now_ns, status=self.report.loop_status(now_ns)))
             if self.surroundings.real_time is not None:
                 self.surroundings.real_time.collect_young()
         if now_ns >= self._status_due_ns:
             self._status_due_ns = now_ns + _STATUS_EVERY_NS
-            self._look_at_recorder()
+            self.lookout.look_at_recorder()
             self.publish(self.status())
-
-    def _is_outside_workspace(self) -> bool:
-        workspace, tip = self.robot.workspace, self.loop.tip
-        if workspace is None or tip is None:
-            return False
-        ranges = (workspace.x_mm, workspace.y_mm, workspace.z_mm)
-        places = tip.position_mm.tolist()
-        return any(
-            not low <= place <= high for place, (low, high) in zip(places, ranges, strict=True)
-        )
-
-    def _look_at_recorder(self) -> None:
-        watched, recorder = self.supervisor.watched, self.surroundings.recorder.status
-        watched.recorder_failed = recorder.failed
-        watched.recordings_dropped = recorder.dropped
-        watched.disk_free_mb = recorder.free_mb if recorder.recording else self._free_mb
-
-    def _room_for_runs(self) -> float | None:
-        runs = self.surroundings.runs
-        return None if runs is None else free_mb(runs)
 
     def _look_for_rest(self) -> None:
         at_rest = self.supervisor.power.at_rest and not self.supervisor.energised
@@ -338,35 +227,8 @@ class RobotService:
             self.holds += worst.cause.name != "operator_hold"
         if after in (OperatingState.FAULT, OperatingState.ESTOP):
             self.surroundings.recorder.urgent()
-        self.tell(
-            "state",
-            after.value,
-            f"{before.value} → {after.value}",
-            subject="robot",
-            detail="" if worst is None else f"{worst.cause.name}: {worst.cause.text}",
-        )
+        self.events.state(before, after, worst)
         self.publish(self.status())
-
-    def _tell_of_reasons(self) -> None:
-        reasons = self.supervisor.reasons
-        if reasons is self._reasons:
-            return
-        before = {(r.cause.name, r.subject): r for r in self._reasons}
-        after = {(r.cause.name, r.subject): r for r in reasons}
-        self._reasons = reasons
-        gone = [key for key in before if key not in after]
-        come = [key for key in after if key not in before]
-        for key in gone + come:
-            reason = after.get(key) or before[key]
-            self.tell(
-                "cause",
-                reason.cause.name,
-                reason.cause.text,
-                subject=reason.subject,
-                present=key in after,
-                severity=reason.cause.severity.name.lower(),
-                detail=reason.detail,
-            )
 
     def _broken(self, part: str, error: Exception) -> None:
         """Something that cannot happen has happened: stop, and say what."""

@@ -81,13 +81,10 @@ class Supervisor:
             self.failsafe.set(name, False, change.t_ns, subject)
 
     def raise_cause(self, name: str, t_ns: int, detail: str = "", subject: str = "loop") -> None:
-        """Something went wrong here and now."""
+        """Something went wrong here and now. What stays of it, the table says."""
         self.failsafe.set(name, True, t_ns, subject, detail)
-        self._go(t_ns, None)
-
-    def drop_cause(self, name: str, t_ns: int, subject: str = "loop") -> None:
-        """It is over."""
         self.failsafe.set(name, False, t_ns, subject)
+        self._go(t_ns, None)
 
     # What operators ask for. Whether they may is the service's business.
 
@@ -99,10 +96,9 @@ class Supervisor:
     def request(self, request: Request, t_ns: int) -> None:
         """Carry out a request that is possible in this state."""
         if request is Request.RESUME:
-            self.drop_cause("operator_hold", t_ns, "operator")
             self.failsafe.resume()
         elif request is Request.HOLD:
-            self.failsafe.set("operator_hold", True, t_ns, "operator")
+            self.raise_cause("operator_hold", t_ns, subject="operator")
         elif request in (Request.STOP, Request.DISARM):
             self.arming = False
             self.power.stop(t_ns)

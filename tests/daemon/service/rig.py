@@ -25,8 +25,9 @@ from daemon.remote.messages import (
 )
 from daemon.robot_argument import check_robot
 from daemon.service.operator import Operator
-from daemon.service.robot_service import RobotService, Surroundings
+from daemon.service.robot_service import RobotService
 from daemon.service.run_recording import RunRecording
+from daemon.service.surroundings import Surroundings
 from drivers.cia402.power_state import PowerState
 from safety.risk_source import NoModel, RiskSource
 from safety.states import OperatingState

@@ -5,11 +5,12 @@ processes, real ports and sockets are in tests/hil.
 """
 
 import asyncio
-from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
+from typing import NoReturn
 
 import pytest
 
+from daemon.control.controller import ControllerError
 from daemon.remote.messages import Acquire, Arm, Clear, Hold, Inject, Resume
 from drivers.cia402.power_state import PowerState
 from safety.causes import Severity, cause
@@ -134,25 +135,40 @@ def test_an_operators_hold_stays_until_the_operator_resumes() -> None:
     on_a_rig(scene)
 
 
-def test_a_controller_that_breaks_holds_and_does_not_take_the_loop_down() -> None:
+@pytest.mark.parametrize(
+    ("error", "name", "state"),
+    [
+        (ControllerError("it has lost its way"), "controller_failed", S.HOLD),
+        (ZeroDivisionError("a defect of its own"), "internal_error", S.FAULT),
+    ],
+    ids=["gives up", "breaks"],
+)
+def test_a_controller_that_fails_does_not_take_the_loop_down(
+    error: Exception, name: str, state: OperatingState
+) -> None:
     async def scene(rig: Rig) -> None:
         await rig.running()
         controller = rig.service.loop.controller
         assert controller is not None
         propose = controller.propose
 
-        def broken(observation: object) -> object:
-            raise ZeroDivisionError("a defect of its own")
+        def failing(observation: object) -> NoReturn:
+            raise error
 
-        controller.propose = broken  # type: ignore[method-assign,assignment]
-        await rig.until(lambda: rig.in_state(S.HOLD, S.FAULT))
-        assert rig.causes & {"controller_failed", "internal_error"}
+        controller.propose = failing  # type: ignore[method-assign]
+        await rig.until_state(state)
+        await rig.until(lambda: bool(rig.events("cause", name)))
+        assert rig.events("cause", name)[0].detail.endswith(str(error))
         controller.propose = propose  # type: ignore[method-assign]
+        await asyncio.sleep(3.0)
+        if state is S.HOLD:
+            await rig.do(Resume)
+            assert rig.in_state(S.RUNNING)
+            return
+        await rig.do(Clear)
+        await rig.until_state(S.READY)
 
     on_a_rig(scene)
-
-
-Change = Callable[[Rig], Awaitable[None]]
 
 
 async def gap(rig: Rig, seconds: float) -> None:

@@ -1,0 +1,91 @@
+"""What happens, told to everybody: states, causes, conditions, commands."""
+
+from collections.abc import Callable
+
+from daemon.remote.messages import Event, Message
+from drivers.clock import Clock
+from drivers.conditions import ConditionChange
+from safety.failsafe import ActiveReason
+from safety.states import OperatingState
+
+
+class Events:
+    """Numbers events, and publishes them."""
+
+    def __init__(self, clock: Clock, publish: Callable[[Message], None]) -> None:
+        self._clock = clock
+        self._publish = publish
+        self._count = 0
+        self._reasons: tuple[ActiveReason, ...] = ()
+
+    def tell(
+        self,
+        kind: str,
+        name: str,
+        text: str,
+        *,
+        subject: str = "",
+        present: bool = True,
+        severity: str = "",
+        detail: str = "",
+    ) -> None:
+        """Publish an event."""
+        self._count += 1
+        self._publish(
+            Event(
+                sequence=self._count,
+                t_ns=self._clock.now_ns(),
+                kind=kind,
+                name=name,
+                subject=subject,
+                present=present,
+                text=text,
+                severity=severity,
+                detail=detail,
+            )
+        )
+
+    def condition(self, change: ConditionChange) -> None:
+        """A driver's condition came or went."""
+        active = change.active
+        self.tell(
+            "condition",
+            active.condition.name,
+            active.condition.text,
+            subject=active.subject,
+            present=change.present,
+            detail=active.detail,
+        )
+
+    def state(
+        self, before: OperatingState, after: OperatingState, worst: ActiveReason | None
+    ) -> None:
+        """The robot is in another state, for the worst reason that there is."""
+        self.tell(
+            "state",
+            after.value,
+            f"{before.value} → {after.value}",
+            subject="robot",
+            detail="" if worst is None else f"{worst.cause.name}: {worst.cause.text}",
+        )
+
+    def reasons(self, reasons: tuple[ActiveReason, ...]) -> None:
+        """These hold now: tell what has gone and what has come."""
+        if reasons is self._reasons:
+            return
+        before = {(reason.cause.name, reason.subject): reason for reason in self._reasons}
+        after = {(reason.cause.name, reason.subject): reason for reason in reasons}
+        self._reasons = reasons
+        gone = [key for key in before if key not in after]
+        come = [key for key in after if key not in before]
+        for key in gone + come:
+            reason = after.get(key) or before[key]
+            self.tell(
+                "cause",
+                reason.cause.name,
+                reason.cause.text,
+                subject=reason.subject,
+                present=key in after,
+                severity=reason.cause.severity.name.lower(),
+                detail=reason.detail,
+            )

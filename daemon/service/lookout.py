@@ -1,0 +1,84 @@
+"""Keeps what the watchdogs look at up to date, from everything the service knows."""
+
+from collections.abc import Callable
+
+from daemon.loop.control_step import ControlLoop
+from daemon.loop.timekeeping import Timekeeping
+from daemon.recording.disk_space import free_mb
+from daemon.remote.lease import Lease
+from daemon.service.surroundings import Surroundings
+from daemon.supervision.following_error import FollowingError
+from daemon.supervision.supervisor import Supervisor
+from drivers.aurora.tracker import AuroraTracker, TrackerState
+from drivers.axis_scale import tension_range_n
+
+_FEW_MISSED_PER_S = 2
+
+
+class Lookout:
+    """`look` every bus cycle, `look_at_recorder` and `look_at_machine` now and then."""
+
+    def __init__(
+        self,
+        tracker: AuroraTracker,
+        loop: ControlLoop,
+        supervisor: Supervisor,
+        timekeeping: Timekeeping,
+        lease: Lease,
+        surroundings: Surroundings,
+    ) -> None:
+        self.setpoint_age_s: Callable[[int], float | None] = lambda _: None
+        """For as long as set-points are being followed; None: they are not."""
+        self._tracker = tracker
+        self._loop = loop
+        self._supervisor = supervisor
+        self._timekeeping = timekeeping
+        self._lease = lease
+        self._surroundings = surroundings
+        self._following_error = FollowingError(loop.channels)
+        self._tendons = [
+            (channel, limits)
+            for channel in loop.channels
+            if (limits := tension_range_n(channel.axis)) is not None
+        ]
+        self._missing_cycles, self._missed_before = False, 0
+        self._free_mb: float | None = None
+        self.look_at_machine()
+
+    def look(self, now_ns: int) -> None:
+        """Before each supervision."""
+        watched, loop, failsafe = self._supervisor.watched, self._loop, self._supervisor.failsafe
+        watched.tracking = self._tracker.status.state is TrackerState.TRACKING
+        watched.tip_age_s = loop.filter.age_s(now_ns)
+        watched.tip_quality = loop.filter.quality
+        watched.lease_missing_s = self._lease.unheld_s(now_ns)
+        watched.lease_held = watched.lease_missing_s <= 0.0
+        watched.setpoint_age_s = self.setpoint_age_s(now_ns)
+        watched.tensions_n = [
+            (channel.axis.name, channel.scale.force(channel.torque_permille), *limits)
+            for channel, limits in self._tendons
+        ]
+        failsafe.set("loop_slow", self._missing_cycles, now_ns, "loop")
+        outside = self._supervisor.energised and loop.outside_workspace
+        failsafe.set("out_of_workspace", outside, now_ns, "tip")
+        for place, channel in enumerate(loop.channels):
+            behind = self._following_error.behind(
+                place, loop.target_counts(channel, now_ns), now_ns
+            )
+            told = "it does not move" if behind else ""
+            failsafe.set("drive_following_error", behind, now_ns, channel.axis.name, told)
+
+    def look_at_recorder(self) -> None:
+        """How the recording does, and how much room there is for it."""
+        watched, recorder = self._supervisor.watched, self._surroundings.recorder.status
+        watched.recorder_failed = recorder.failed
+        watched.recordings_dropped = recorder.dropped
+        watched.disk_free_mb = recorder.free_mb if recorder.recording else self._free_mb
+
+    def look_at_machine(self) -> None:
+        """Once a second."""
+        missed = self._timekeeping.missed
+        self._missing_cycles = missed - self._missed_before > _FEW_MISSED_PER_S
+        self._missed_before = missed
+        runs = self._surroundings.runs
+        self._free_mb = None if runs is None else free_mb(runs)
