@@ -44,7 +44,8 @@ class Pump:
     def __init__(self, device: Device, clock: Clock) -> None:
         self._device = device
         self._clock = clock
-        self._awaited = True
+        self.awaited = True
+        """Whether somebody minds when the device does what is due."""
         self._loop = asyncio.get_running_loop()
         self._timer: asyncio.TimerHandle | None = None
         self._due_ns: int | None = None
@@ -55,14 +56,14 @@ class Pump:
         if due_ns == self._due_ns and self._timer is not None and not self._timer.cancelled():
             return
         self.stop()
-        if due_ns is not None and self._awaited:
+        if due_ns is not None and self.awaited:
             wait_s = max(0, due_ns - self._clock.now_ns()) * 1e-9
             self._due_ns = due_ns
             self._timer = self._loop.call_at(self._loop.time() + wait_s, self._wake)
 
     def await_device(self, awaited: bool) -> None:
         """False: nobody minds when the device does what is due; the next touch is soon enough."""
-        self._awaited = awaited
+        self.awaited = awaited
         self.touch()
 
     def stop(self) -> None:

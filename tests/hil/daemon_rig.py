@@ -353,6 +353,7 @@ class Rig:
         deadline_s = time.monotonic() + PATIENCE_S
         while self.state is not S.RUNNING:
             assert time.monotonic() < deadline_s, f"{self.state}, {self.status().reasons}"
+            self._acquire()
             with suppress(RefusedError):
                 self.user.do(self.client.resume())
             time.sleep(0.1)

@@ -65,7 +65,7 @@ class InProcessLink:
                 self._tell_full(True)
                 return False
         port.send(can_id, data, self._clock.now_ns())
-        if not self._touch_due and not self._bus.advancing:
+        if self._pump.awaited and not self._touch_due and not self._bus.advancing:
             # Once for all frames that are sent in this turn of the loop.
             self._touch_due = True
             self._loop.call_soon(self._touch)
