@@ -69,6 +69,8 @@ class Supervisor:
             self.arming = False
             self._go(t_ns, Request.ARMED)
         self._go(t_ns, None)
+        if self.power.wanted and not self.energised:  # something went missing while they came on
+            self.power.stop(t_ns)
 
     def condition_changed(self, change: ConditionChange) -> None:
         """A driver says that something is wrong, or is no longer."""

@@ -27,6 +27,7 @@ _SETTLE_S: Final = 0.1  # a boot loader announces itself first, then the drive d
 _OPERATIONAL_WITHIN_S: Final = 1.0
 _TRY_AGAIN_S: Final = 0.5
 _PDO_SILENT_CYCLES: Final = 5
+_PDO_SILENT_S: Final = 0.1  # less than this, and a busy machine looks like a silent node
 _FOLLOWING_ERROR: Final = 0x8611
 _KEPT_WHEN_SET_UP: Final = (c.SAFETY_MISSING, c.CYCLIC_MODE_NOT_LISTED, c.MODE_REFUSED, c.EMERGENCY)
 
@@ -69,7 +70,8 @@ class Node:
         self._send = send
         self._clock = clock
         self._conditions = conditions
-        self._pdo_timeout_ns = round(_PDO_SILENT_CYCLES * bus.cycle_period_s * 1e9)
+        silence_s = max(_PDO_SILENT_CYCLES * bus.cycle_period_s, _PDO_SILENT_S)
+        self._pdo_timeout_ns = round(silence_s * 1e9)
         self._boot_ups_when_well: int | None = None
         """None: it has not been operational since it was last set up."""
         self._heard = asyncio.Event()

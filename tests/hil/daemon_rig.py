@@ -48,6 +48,8 @@ NODES: Final = range(1, 7)
 
 _EMERGENCY: Final = 0x080
 _RPDO: Final = 0x200
+_SOON_S: Final = 20.0
+"""For what follows from what has happened; a busy machine may need some seconds for it."""
 _LOOK_EVERY_S: Final = 0.02
 _ENABLED: Final = "operation enabled"
 _WITHOUT_TORQUE: Final = {
@@ -267,7 +269,7 @@ class Rig:
         events = [message for message in told if isinstance(message, Event)]
         return [e for e in events if (e.kind, e.name, e.present) == (kind, name, True)]
 
-    def until(self, wanted: Callable[[], bool], within_s: float = PATIENCE_S) -> None:
+    def until(self, wanted: Callable[[], bool], within_s: float = _SOON_S) -> None:
         deadline_s = time.monotonic() + within_s
         while not wanted():
             if time.monotonic() > deadline_s:
@@ -275,20 +277,20 @@ class Rig:
                 raise AssertionError(f"not in time: {self.state}, {self.causes()}, {told}")
             time.sleep(_LOOK_EVERY_S)
 
-    def until_told(self, name: str, within_s: float = PATIENCE_S) -> Event:
+    def until_told(self, name: str, within_s: float = _SOON_S) -> Event:
         """Of a cause."""
         self.until(lambda: bool(self.events("cause", name)), within_s)
         return self.events("cause", name)[0]
 
-    def until_state(self, *states: S, within_s: float = PATIENCE_S) -> None:
+    def until_state(self, *states: S, within_s: float = _SOON_S) -> None:
         """Until it is in one of them. For one that may pass quickly, `until_it_was` is better."""
         self.until(lambda: self.state in states, within_s)
 
-    def until_it_was(self, *states: S, within_s: float = PATIENCE_S) -> None:
+    def until_it_was(self, *states: S, within_s: float = _SOON_S) -> None:
         """Until it has told that it went into one of these states."""
         self.until(lambda: any(self.events("state", s.value) for s in states), within_s)
 
-    def until_without_torque(self, within_s: float = PATIENCE_S) -> None:
+    def until_without_torque(self, within_s: float = _SOON_S) -> None:
         """Until no drive that is heard has torque."""
         self.until(lambda: self.drive_states() <= _WITHOUT_TORQUE, within_s)
 
