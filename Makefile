@@ -7,11 +7,12 @@ RUNTIME := $(VENV)/runtime.stamp
 DEVELOPMENT := $(VENV)/development.stamp
 PIP := $(BIN)/pip --disable-pip-version-check --quiet
 
-.PHONY: help install run test lint bench experiments mutation lock clean
+.PHONY: help install run test hil lint bench experiments mutation lock clean
 
 help:
 	@echo "make run          emulated lab, daemon and a client: once round a rectangle, live"
-	@echo "make test         lint, types and all tests"
+	@echo "make test         lint, types and tests"
+	@echo "make hil          the daemon as processes, through every fault: five minutes of real time"
 	@echo "make bench        measure latency and CPU time; prints one JSON"
 	@echo "make experiments  the long checks: fuzzing with a million inputs"
 	@echo "make mutation     test the tests of safety/: every small fault in it must be noticed"
@@ -35,7 +36,10 @@ run: $(RUNTIME)
 	@$(BIN)/tentacled demo
 
 test: lint
-	@$(BIN)/pytest -n 2 --dist loadgroup
+	@$(BIN)/pytest -n 2 --dist loadgroup -m "not long"
+
+hil: $(DEVELOPMENT)
+	@$(BIN)/pytest -n 2 --dist loadgroup -m long
 
 lint: $(DEVELOPMENT)
 	@$(BIN)/ruff format --check .

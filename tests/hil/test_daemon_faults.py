@@ -25,7 +25,7 @@ from safety.states import OperatingState
 from tests.hil.daemon_rig import MODEL, Rig, farthest, rig, short_folder
 from tests.hil.processes import PATIENCE_S
 
-pytestmark = [pytest.mark.hil, pytest.mark.xdist_group("daemon_faults")]
+pytestmark = [pytest.mark.long, pytest.mark.hil, pytest.mark.xdist_group("daemon_faults")]
 
 S = OperatingState
 

@@ -40,7 +40,7 @@ from tests.hil.daemon_rig import (
 )
 from tests.hil.processes import PATIENCE_S, Process, run
 
-pytestmark = [pytest.mark.hil, pytest.mark.xdist_group("daemon_life")]
+pytestmark = [pytest.mark.long, pytest.mark.hil, pytest.mark.xdist_group("daemon_life")]
 
 S = OperatingState
 
