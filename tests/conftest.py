@@ -1,11 +1,14 @@
 """What holds for all tests."""
 
 import os
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
 RERUNS = 2
+_REMOTE = Path(__file__).parent / "daemon" / "remote"
+"""Real sessions over real sockets, with the threads of a library that is not ours."""
 
 # The same examples every time: what is found by chance must not decide whether a change is good.
 # HYPOTHESIS_PROFILE=explore looks further. No deadlines: a busy machine is no defect.
@@ -21,5 +24,5 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     stands still for seconds is no defect of ours. What is broken fails every time.
     """
     for item in items:
-        if item.get_closest_marker("hil") is not None:
+        if item.get_closest_marker("hil") is not None or _REMOTE in item.path.parents:
             item.add_marker(pytest.mark.flaky(reruns=RERUNS))

@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Coroutine, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final, TypeVar
@@ -63,10 +64,25 @@ _WITHOUT_TORQUE: Final = {
 _DEPTH: Final = 10_000
 
 
-def robot_file(folder: Path, heartbeat_timeout_s: float, **supervision: float) -> Path:
+@dataclass(frozen=True)
+class BusTimes:
+    """The rhythm of the bus, and what follows from it: how soon a silent drive is missed."""
+
+    cycle_period_s: float
+    heartbeat_timeout_s: float
+    """Of the drives, for their master."""
+
+
+AS_SHIPPED: Final = BusTimes(0.01, 0.2)
+PATIENT: Final = BusTimes(0.02, 2.0)
+"""Emulated drives that get no turn for a moment on a busy machine are not missed at once."""
+
+
+def robot_file(folder: Path, bus: BusTimes, **supervision: float) -> Path:
     """The shipped robot with other times, as a file of its own."""
     text = SOFT_ARM.read_text()
-    text = _replaced(text, "master_heartbeat_timeout_s", heartbeat_timeout_s)
+    text = _replaced(text, "cycle_period_s", bus.cycle_period_s)
+    text = _replaced(text, "master_heartbeat_timeout_s", bus.heartbeat_timeout_s)
     for name, value in supervision.items():
         if f"  {name}:" in text:
             text = _replaced(text, name, value)
@@ -384,13 +400,13 @@ def farthest(before: list[float], after: list[float]) -> float:
 
 @contextmanager
 def rig(
-    heartbeat_timeout_s: float,
+    bus: BusTimes,
     supervision: Mapping[str, float] | None = None,
     program: list[str] | None = None,
 ) -> Iterator[Rig]:
-    """Everything, in a folder of its own. heartbeat_timeout_s: of the drives, for their master."""
+    """Everything, in a folder of its own."""
     with short_folder() as folder:
-        robot = robot_file(folder, heartbeat_timeout_s, **(supervision or {}))
+        robot = robot_file(folder, bus, **(supervision or {}))
         one = Rig(folder, robot, program)
         try:
             yield one
