@@ -38,6 +38,9 @@ _COMMANDS: Final = {
     "doctor": "look for what would stop tentacled from working on this machine",
 }
 
+_ONE_WORD: Final = ("arm", "start", "hold", "resume", "disarm", "clear")
+"""Nothing but themselves is to be said: one module has them all."""
+
 
 class Command(Protocol):
     """What each module in `daemon.commands` has."""
@@ -75,7 +78,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(name: str) -> Command:
-    return cast(Command, import_module(f"daemon.commands.{name}"))
+    module = "order" if name in _ONE_WORD else name
+    return cast(Command, import_module(f"daemon.commands.{module}"))
 
 
 if __name__ == "__main__":

@@ -94,7 +94,7 @@ _POSSIBLE_IN: Final[Mapping[Request, tuple[OperatingState, ...]]] = {
     Request.ARMED: (OperatingState.READY,),
     Request.START: (OperatingState.ARMED,),
     Request.FINISHED: (OperatingState.RUNNING,),
-    Request.HOLD: (OperatingState.ARMED, OperatingState.RUNNING, OperatingState.HOLD),
+    Request.HOLD: (OperatingState.RUNNING, OperatingState.HOLD),
     Request.RESUME: (OperatingState.ARMED, OperatingState.HOLD),
     Request.CLEAR: (OperatingState.FAULT, OperatingState.STANDBY, OperatingState.READY),
 }

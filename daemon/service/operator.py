@@ -40,12 +40,12 @@ from daemon.service.robot_service import RobotService
 from daemon.service.run_recording import RunRecording
 from daemon.service.setpoints import Setpoints
 from daemon.supervision.explained import explained
-from safety.causes import Severity
-from safety.states import OperatingState, Request
+from safety.states import Request
 
 BLEND_SPEED_MM_S: Final = 5.0
 _LOOK_EVERY_S: Final = 0.002
-_AT_REST_WITHIN_S: Final = 3.5
+_RESET_WITHIN_S: Final = 0.2
+"""What a fault reset has done shows in the drives' next answers."""
 
 
 class Loaded(NamedTuple):
@@ -71,6 +71,9 @@ class Operator:
         self._recording = recording
         self._seed = seed
         self._inject_fault = inject
+        self._preparing = False
+        """An `arm` is under way, and nothing is energised yet."""
+        self._stops = 0
         self._setpoints: Setpoints | None = None
         self._following: TrajectoryReference | None = None
         service.reference_status = self._reference_status
@@ -149,27 +152,32 @@ class Operator:
         return self._answer(command)
 
     async def _arm(self, user: str, command: Arm) -> Answer:
-        del user
-        supervisor = self._service.supervisor
-        if supervisor.energised:
-            raise RefusedError("wrong_state", f"the robot is {supervisor.state.value} already")
-        if not supervisor.power.at_rest:
-            raise RefusedError("wrong_state", "the drives are still being switched off")
-        if supervisor.state is not OperatingState.READY:
-            text = "not everything is ready" if supervisor.blocking else "it is not ready yet"
-            raise RefusedError("not_ready", text, supervisor.blocking)
+        service, supervisor = self._service, self._service.supervisor
+        self._check_can_arm()
+        self._preparing, stops_before = True, self._stops
         try:
             await self._recording.begin()
         except RecordingError as error:
             raise RefusedError("not_recording", str(error)) from None
-        self._service.hurry()
-        await asyncio.sleep(0)
-        supervisor.arm(self._service.clock.now_ns())
+        finally:
+            self._preparing = False
+        # Starting a recording takes a while, in which anything may have happened.
+        if self._stops != stops_before:
+            raise RefusedError("stopped", "it was stopped meanwhile")
+        self._check_lease(user, command)
+        self._check_can_arm()
+        service.hurry()
+        supervisor.arm(service.clock.now_ns())
         while supervisor.arming:
             await asyncio.sleep(_LOOK_EVERY_S)
         if not supervisor.state.energised:
             raise RefusedError("not_armed", "the drives were not enabled", supervisor.blocking)
         return self._answer(command)
+
+    def _check_can_arm(self) -> None:
+        if self._preparing:
+            raise RefusedError("wrong_state", "the robot is being armed already")
+        self._check_possible(Request.ARM)
 
     async def _disarm(self, user: str, command: Disarm) -> Answer:
         del user
@@ -197,7 +205,7 @@ class Operator:
     def start(self, blend_speed_mm_s: float = BLEND_SPEED_MM_S) -> None:
         """Follow what was loaded. Raises RefusedError."""
         assert self.loaded is not None
-        self._check_can_move()
+        self._check_possible(Request.START)
         self._following = TrajectoryReference(self.loaded.trajectory, blend_speed_mm_s)
         self._setpoints = None
         self._service.loop.reference = self._following
@@ -206,7 +214,7 @@ class Operator:
 
     async def _teleoperate(self, user: str, command: Teleoperate) -> Answer:
         del user
-        self._check_can_move()
+        self._check_possible(Request.START)
         options = asked_controller(command.controller)
         try:
             controller = make_controller(options, self._service.robot, self._seed)
@@ -222,16 +230,14 @@ class Operator:
 
     async def _hold(self, user: str, command: Hold) -> Answer:
         del user
-        if not self._service.supervisor.running:
-            raise RefusedError("wrong_state", "the robot does not move")
+        self._check_possible(Request.HOLD)
         self._service.supervisor.request(Request.HOLD, self._service.clock.now_ns())
         return self._answer(command)
 
     async def _resume(self, user: str, command: Resume) -> Answer:
         del user
         supervisor = self._service.supervisor
-        if supervisor.state not in (OperatingState.HOLD, OperatingState.ARMED):
-            raise RefusedError("wrong_state", f"the robot is {supervisor.state.value}")
+        self._check_possible(Request.RESUME)
         reference = self._service.loop.reference
         if reference is None or reference.finished:
             raise RefusedError("nothing_to_resume", "nothing was held: load and start")
@@ -252,13 +258,11 @@ class Operator:
     async def _clear(self, user: str, command: Clear) -> Answer:
         del user
         supervisor = self._service.supervisor
-        if supervisor.energised:
-            raise RefusedError("wrong_state", "the drives are energised: stop first")
-        if not supervisor.power.at_rest:
-            raise RefusedError("wrong_state", "the drives are still being switched off")
+        self._check_possible(Request.CLEAR)
         left = supervisor.clear(self._service.clock.now_ns())
-        await asyncio.sleep(0.2)  # what a fault reset has done shows in the drives' next answers
-        left = supervisor.clear(self._service.clock.now_ns()) if left else left
+        if left:
+            await asyncio.sleep(_RESET_WITHIN_S)
+            left = supervisor.clear(self._service.clock.now_ns())
         if left:
             raise RefusedError("still_wrong", "the cause has to go first", left)
         return self._answer(command)
@@ -277,15 +281,8 @@ class Operator:
 
     async def _bring_to_rest(self, request: Request, command: Command) -> Answer:
         """Quick stop at once; the answer waits for the drives to say that they did it."""
-        supervisor = self._service.supervisor
-        supervisor.request(request, self._service.clock.now_ns())
-        try:
-            async with asyncio.timeout(_AT_REST_WITHIN_S):
-                while not supervisor.power.at_rest:
-                    await asyncio.sleep(_LOOK_EVERY_S)
-        except TimeoutError:
-            pass
-        confirmed = supervisor.power.at_rest and supervisor.power.confirmed
+        self._stops += 1
+        confirmed = await self._service.rest(request)
         text = "the drives have stopped" if confirmed else "NOT confirmed by the drives"
         return self._answer(command, text=text, confirmed=confirmed)
 
@@ -307,14 +304,13 @@ class Operator:
         )
         raise RefusedError("no_lease", text)
 
-    def _check_can_move(self) -> None:
+    def _check_possible(self, request: Request) -> None:
+        """Whether the state permits it, as far as that can be told before."""
         supervisor = self._service.supervisor
-        if supervisor.state is not OperatingState.ARMED:
-            raise RefusedError(
-                "wrong_state", f"the robot is {supervisor.state.value}: it must be ARMED"
-            )
-        if supervisor.severity >= Severity.HOLD:
-            raise RefusedError("not_ready", "something must go first", supervisor.blocking)
+        why = supervisor.refusal(request)
+        if why:
+            name = "not_ready" if supervisor.blocking else "wrong_state"
+            raise RefusedError(name, why, supervisor.blocking)
 
     @property
     def _teleoperated(self) -> bool:

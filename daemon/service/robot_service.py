@@ -38,7 +38,8 @@ from safety.states import OperatingState, Request
 
 _STATUS_EVERY_NS: Final = 100_000_000
 _LOOP_EVERY_NS: Final = 1_000_000_000
-_AT_REST_WITHIN_S: Final = 3.0
+_AT_REST_WITHIN_S: Final = 3.5
+_LOOK_EVERY_S: Final = 0.002
 
 
 class RobotService:
@@ -47,7 +48,6 @@ class RobotService:
     def __init__(self, file: RobotFile, robot: Robot, surroundings: Surroundings) -> None:
         """robot: the file's, with its ports as they are to be opened. Raises EdsError."""
         self.robot = robot
-        self.file = file
         self.surroundings = surroundings
         self.clock = surroundings.clock
         self.version = version("tentacled")
@@ -109,16 +109,20 @@ class RobotService:
             self._spent.close()
             self.relax()
 
-    async def rest(self) -> None:
-        """Bring the drives to rest, from whatever state. Bounded in time; safe to call twice."""
-        self.supervisor.request(Request.STOP, self.clock.now_ns())
+    async def rest(self, request: Request = Request.STOP) -> bool:
+        """Bring the drives to rest, from whatever state. Bounded in time; safe to call twice.
+
+        Returns whether all drives have said that they are off.
+        """
+        power = self.supervisor.power
+        self.supervisor.request(request, self.clock.now_ns())
         try:
             async with asyncio.timeout(_AT_REST_WITHIN_S):
-                while not self.supervisor.power.at_rest:
-                    await asyncio.sleep(self.hardware.buses[0].bus.cycle_period_s)
+                while not power.at_rest:
+                    await asyncio.sleep(_LOOK_EVERY_S)
         except TimeoutError:
-            pass  # `run` closes the buses next, and then the drives' own watchdogs act
-        self.relax()
+            return False  # at the end of `run` the buses are closed, and the drives' watchdogs act
+        return power.confirmed
 
     def hurry(self) -> None:
         """Ask the operating system for what moving drives need."""

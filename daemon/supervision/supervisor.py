@@ -10,7 +10,7 @@ from drivers.cia402.drive_bus import DriveBus
 from drivers.conditions import ConditionChange
 from safety.causes import Severity
 from safety.failsafe import ActiveReason, Failsafe
-from safety.states import OperatingState, Request, next_state
+from safety.states import OperatingState, Request, next_state, refusal
 
 StateListener = Callable[[OperatingState, OperatingState, int], None]
 
@@ -51,7 +51,7 @@ class Supervisor:
     @property
     def blocking(self) -> tuple[ActiveReason, ...]:
         """What stands in the way of arming."""
-        return tuple(reason for reason in self.reasons if reason.severity >= Severity.NOT_READY)
+        return self._verdict.at_least(Severity.NOT_READY)
 
     @property
     def severity(self) -> Severity:
@@ -90,6 +90,17 @@ class Supervisor:
 
     # What operators ask for. Whether they may is the service's business.
 
+    def refusal(self, request: Request) -> str:
+        """Why a request is not possible now, in words; empty if it is."""
+        if self.arming and request is Request.ARM:
+            return "the drives are being enabled already"
+        if self._comes_to_rest and request in (Request.ARM, Request.CLEAR):
+            return "the drives are still being switched off"
+        # What is in the way of these two may be what they take out of the way.
+        undoes = request in (Request.RESUME, Request.CLEAR)
+        severity = Severity.NONE if undoes else self.severity
+        return refusal(self.state, request, severity, bool(self.blocking))
+
     def arm(self, t_ns: int) -> None:
         """Energise the drives where they stand; ARMED when they all follow."""
         self.arming = True
@@ -125,7 +136,7 @@ class Supervisor:
     def _go(self, t_ns: int, request: Request | None) -> None:
         """Work out the state anew; more than one step where one leads to the next."""
         self._verdict = self.failsafe.evaluate(t_ns, self.energised)
-        blocked = self._verdict.severity >= Severity.NOT_READY or self._comes_to_rest
+        blocked = bool(self.blocking) or self._comes_to_rest
         if self.arming and self._verdict.severity >= Severity.DISARM:
             self.arming = False
             self.power.stop(t_ns)

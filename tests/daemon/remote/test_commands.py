@@ -1,6 +1,5 @@
 """What an operator types, against a running daemon: what is shown, and the exit codes."""
 
-import argparse
 import asyncio
 import json
 import signal
@@ -9,7 +8,6 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +15,7 @@ import pytest
 from msgspec.structs import replace
 
 from config.remote import Remote
+from daemon.cli import main
 from daemon.remote.messages import (
     Answer,
     AxisStatus,
@@ -32,27 +31,18 @@ from daemon.remote.token_file import StoredLease, store_lease, token_file
 from tests.daemon.remote.rig import ROBOT, WITHIN_S, FakeRobot
 
 OK, FAILED, USAGE, NO_DAEMON, REFUSED, TIMED_OUT = range(6)
-ALONE = (
-    "import argparse, importlib, sys; "
-    "command = importlib.import_module('daemon.commands.' + sys.argv[1]); "
-    "parser = argparse.ArgumentParser(); command.add_arguments(parser); "
-    "sys.exit(command.run(parser.parse_args(sys.argv[2:])))"
-)
 
 
 def tentacled(name: str, *words: str | Path) -> int:
     """`tentacled name words`, in this process. Returns the exit code."""
-    command = import_module(f"daemon.commands.{name}")
-    parser = argparse.ArgumentParser()
-    command.add_arguments(parser)
-    return int(command.run(parser.parse_args([str(word) for word in words])))
+    return main([name, *map(str, words)])
 
 
 @contextmanager
 def started(name: str, *words: str | Path) -> Iterator[subprocess.Popen[str]]:
     """The same in a process of its own, for what goes on until it is told to end."""
     process = subprocess.Popen(
-        [sys.executable, "-u", "-c", ALONE, name, *map(str, words)],
+        [sys.executable, "-u", "-m", "daemon.cli", name, *map(str, words)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

@@ -62,6 +62,69 @@ def test_arming_energises_all_drives_where_they_stand() -> None:
     on_a_rig(scene)
 
 
+def slowly_recording(rig: Rig) -> asyncio.Event:
+    """From now on a recording begins only when the event is set."""
+    begin, may_begin = rig.recording.begin, asyncio.Event()
+
+    async def begin_late() -> None:
+        await may_begin.wait()
+        await begin()
+
+    rig.recording.begin = begin_late  # type: ignore[method-assign]
+    return may_begin
+
+
+def test_a_stop_that_comes_while_arming_is_prepared_keeps_the_drives_off() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.do(Acquire)
+        may_begin = slowly_recording(rig)
+        arming = asyncio.create_task(rig.refused(Arm))
+        await asyncio.sleep(0.5)
+        await rig.do(Stop)
+        may_begin.set()
+        assert (await arming).name == "stopped"
+        await asyncio.sleep(0.5)
+        assert rig.power == {PowerState.SWITCH_ON_DISABLED}
+        assert rig.in_state(S.READY)
+
+    on_a_rig(scene)
+
+
+def test_what_is_lost_while_arming_is_prepared_keeps_the_drives_off() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.do(Acquire)
+        may_begin = slowly_recording(rig)
+        arming = asyncio.create_task(rig.refused(Arm))
+        await asyncio.sleep(0.1)
+        await rig.do(Release)
+        may_begin.set()
+        assert (await arming).name == "no_lease"
+        assert rig.power == {PowerState.SWITCH_ON_DISABLED}
+
+        await rig.do(Acquire)
+        may_begin.clear()
+        arming = asyncio.create_task(rig.refused(Arm))
+        await rig.do(Inject, fault="drive.can0/2.dead=20s")
+        await rig.until(lambda: "node_not_ready" in rig.causes)
+        may_begin.set()
+        assert (await arming).name == "not_ready"
+
+    on_a_rig(scene)
+
+
+def test_only_one_arm_is_under_way_at_a_time() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.do(Acquire)
+        may_begin = slowly_recording(rig)
+        first = asyncio.create_task(rig.do(Arm))
+        await asyncio.sleep(0.1)
+        assert (await rig.refused(Arm)).name == "wrong_state"
+        may_begin.set()
+        assert (await first).state == S.ARMED.value
+
+    on_a_rig(scene)
+
+
 def test_arm_answers_with_everything_that_stands_in_the_way() -> None:
     async def scene(rig: Rig) -> None:
         await rig.do(Acquire)

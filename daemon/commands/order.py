@@ -1,0 +1,26 @@
+"""`tentacled arm`, `start`, `hold`, `resume`, `disarm`, `clear`: one word to the running daemon."""
+
+import argparse
+from typing import Final
+
+from daemon.remote.command_line import (
+    add_json_argument,
+    add_target_arguments,
+    add_timeout_argument,
+    run_command,
+)
+from daemon.remote.messages import Arm, Clear, Command, Disarm, Hold, Resume, Start, verb
+
+_ORDERS: Final[dict[str, type[Command]]] = {
+    verb(kind): kind for kind in (Arm, Start, Hold, Resume, Disarm, Clear)
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_target_arguments(parser)
+    add_json_argument(parser)
+    add_timeout_argument(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    return run_command(arguments, _ORDERS[arguments.command]())
