@@ -74,7 +74,8 @@ class Supervision(ConfigModel):
     """A gap in the bus cycle of this length: HOLD."""
 
     loop_fault_after_s: Positive = 0.15
-    """... of this length: FAULT. Must be shorter than the drives' own watchdogs."""
+    """... of this length: FAULT. Best shorter than the drives' own watchdogs: what they do by
+    themselves then says less about why."""
 
     lease_s: Positive = 2.0
     """A client that has not renewed its lease for this long has lost it."""
@@ -90,3 +91,15 @@ class Supervision(ConfigModel):
 
     disk_free_mb: NotNegative = 500.0
     """Less free space where recordings go: no arming; a tenth of it: HOLD."""
+
+    @model_validator(mode="after")
+    def _hold_before_fault(self) -> "Supervision":
+        for name in ("tracker", "loop"):
+            hold_s: float = getattr(self, f"{name}_hold_after_s")
+            fault_s: float = getattr(self, f"{name}_fault_after_s")
+            if not hold_s < fault_s:
+                raise ValueError(
+                    f"{name}_hold_after_s ({hold_s:g} s) must be below "
+                    f"{name}_fault_after_s ({fault_s:g} s)"
+                )
+        return self

@@ -104,8 +104,10 @@ def _line(status: Status) -> str:
     words = [f"{status.state:<8}"]
     reference = status.reference
     if reference is not None and reference.duration_s and status.state in _ENERGISED:
-        if reference.cycle < 0 and reference.elapsed_s <= 0.0:
-            words.append("learning how the tip moves, going to the start")
+        if reference.note:
+            words.append(reference.note)
+        elif reference.cycle < 0:
+            words.append("goes to the start")
         else:
             words.append(f"{reference.elapsed_s:5.1f} of {reference.duration_s:.0f} s")
         if status.error_mm is not None:

@@ -17,6 +17,11 @@ class ActuationHistory:
         self._u = np.zeros((_KEPT, axes))
         self._count = 0
 
+    @property
+    def known(self) -> bool:
+        """Whether the axes have told where they are."""
+        return self._count > 0
+
     def add(self, t_ns: int, u: Sequence[float]) -> None:
         """The axes were at `u`, in their own units, at `t_ns`. Times must rise."""
         place = self._count % _KEPT
@@ -39,10 +44,6 @@ class ActuationHistory:
             later = place
         assert later is not None
         return np.array(self._u[later])
-
-    def forget(self) -> None:
-        """The axes may have been anywhere meanwhile."""
-        self._count = 0
 
     def _between(self, place: int, later: int | None, t_ns: int) -> NDArray[np.float64]:
         if later is None:

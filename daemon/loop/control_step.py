@@ -51,9 +51,7 @@ class Sensed:
 class Wish:
     """What the controller would do."""
 
-    aim: Aim
     delta_u: Vector
-    note: str
 
 
 class ControlLoop:
@@ -79,6 +77,8 @@ class ControlLoop:
         self.steps = self.refusals = 0
         self.tip: TipEstimate | None = None
         self.aim: Aim | None = None
+        self.note = ""
+        """What the controller says that it is doing."""
         self.decision: Decision | None = None
         self.channels = _in_order(buses)
         self._buses = buses
@@ -150,7 +150,8 @@ class ControlLoop:
     def _sense(self, frame: TrackerFrame) -> Sensed | None:
         """None: before the axes have told where they are, there is no step."""
         last_ns, self._last_frame_ns = self._last_frame_ns, frame.t_ns
-        if last_ns is None or any(channel.received_ns is None for channel in self.channels):
+        silent = any(channel.received_ns is None for channel in self.channels)
+        if last_ns is None or silent or not self.history.known:
             self.filter.update(frame.t_ns, frame.tip)
             self.tip = self.filter.estimate(frame.t_ns)
             return None
@@ -204,14 +205,12 @@ class ControlLoop:
         )
         self.aim = aim if running else None
         try:
-            return self._ask(controller, observation, running, aim)
+            return self._ask(controller, observation, running)
         except ControllerError as error:
             self._supervisor.raise_cause("controller_failed", sensed.frame.received_ns, str(error))
             return None
 
-    def _ask(
-        self, controller: Controller, observation: Observation, running: bool, aim: Aim
-    ) -> Wish | None:
+    def _ask(self, controller: Controller, observation: Observation, running: bool) -> Wish | None:
         if running and not self._begun:
             controller.reset(observation)
             self._begun = True
@@ -221,7 +220,8 @@ class ControlLoop:
         proposal = controller.propose(observation)
         if not np.isfinite(proposal.delta_u).all():
             raise ControllerError("the controller proposed something that is not a number")
-        return Wish(aim, proposal.delta_u, proposal.note)
+        self.note = proposal.note
+        return Wish(proposal.delta_u)
 
     def _pass_the_gate(self, sensed: Sensed, wish: Wish | None) -> Decision | None:
         """What may be done; None: the drives hold by themselves."""
@@ -281,7 +281,7 @@ class ControlLoop:
                 reference_mm=None if aim is None else aim.position_mm.tolist(),
                 error_mm=self.error_mm,
                 cycle=-1 if aim is None else aim.cycle,
-                age_s=0.0 if tip is None else tip.age_s,
+                age_s=None if tip is None else tip.age_s,
                 believed=believed,
             )
         )

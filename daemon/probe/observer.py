@@ -3,11 +3,11 @@
 from collections import deque
 from typing import Final
 
+from daemon.loop.frame_statistics import FrameStatistics
 from drivers.aurora.frame import TrackerFrame
 from drivers.clock import Clock
 from drivers.conditions import ConditionChange
 
-_RATE_OVER_NS: Final = 2_000_000_000
 _CHANGES_KEPT: Final = 1000
 
 
@@ -20,27 +20,19 @@ class Observer:
         self.changes: deque[ConditionChange] = deque(maxlen=_CHANGES_KEPT)
         self._clock = clock
         self._bits: dict[str, tuple[int, int]] = {}
-        self._times: deque[int] = deque()
-        self._ages: deque[int] = deque(maxlen=1000)
+        self._statistics = FrameStatistics()
 
     def on_frame(self, frame: TrackerFrame) -> None:
         self.frame = frame
         self.frames += 1
-        self._times.append(frame.t_ns)
-        while self._times[0] < frame.t_ns - _RATE_OVER_NS:
-            self._times.popleft()
-        self._ages.append(frame.received_ns - frame.t_ns)
+        self._statistics.add(frame.t_ns, frame.received_ns)
 
     def on_condition(self, change: ConditionChange) -> None:
         self.changes.append(change)
 
     def frame_rate_hz(self) -> float:
         """Frames per second over the last two seconds."""
-        now_ns = self._clock.now_ns()
-        recent = [t_ns for t_ns in self._times if t_ns >= now_ns - _RATE_OVER_NS]
-        if len(recent) < 2:
-            return 0.0
-        return (len(recent) - 1) * 1e9 / (recent[-1] - recent[0])
+        return self._statistics.rate_hz(self._clock.now_ns())
 
     def age_s(self) -> float | None:
         """Age of the newest frame."""
@@ -48,7 +40,7 @@ class Observer:
 
     def latency_s(self) -> float | None:
         """From measurement to the driver, the median of the last frames."""
-        return None if not self._ages else sorted(self._ages)[len(self._ages) // 2] * 1e-9
+        return self._statistics.latency_s()
 
     def bus_load(self, bus: str, bitrate_bit_s: int, bits: int) -> float:
         """Share of `bus` that was used since this was last asked, from its bits so far."""

@@ -113,6 +113,8 @@ class ReferenceStatus(msgspec.Struct, frozen=True, kw_only=True):
     cycle: int
     """From 0; -1 while the tip is led to the start."""
     cycles: int | None
+    note: str = ""
+    """What the controller is doing; empty while it simply follows."""
 
 
 class Status(Message, frozen=True, kw_only=True, tag="status/1"):
@@ -155,7 +157,7 @@ class Tip(Message, frozen=True, kw_only=True, tag="tip/1"):
     reference_mm: list[float] | None
     error_mm: float | None
     cycle: int = -1
-    age_s: float = 0.0
+    age_s: float | None = None
     believed: bool = True
     """Whether the filter took this frame for a measurement and not for an outlier."""
 

@@ -334,6 +334,7 @@ class Operator:
                 duration_s=trajectory.duration_s,
                 cycle=-1 if loop.aim is None else loop.aim.cycle,
                 cycles=trajectory.cycles,
+                note=loop.note,
             )
         if self._setpoints is None:
             return None
@@ -344,6 +345,7 @@ class Operator:
             duration_s=None,
             cycle=-1,
             cycles=None,
+            note=loop.note,
         )
 
     def _answer(self, command: Command, **more: Any) -> Answer:

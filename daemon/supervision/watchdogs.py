@@ -22,8 +22,6 @@ class Watched:
     tip_age_s: float | None = None
     """Since the last believed measurement; None: there was none yet."""
     tip_quality: float = 0.0
-    gap_s: float = 0.0
-    """Between the last two bus cycles."""
     lease_held: bool = False
     lease_missing_s: float = 0.0
     setpoint_age_s: float | None = None

@@ -26,6 +26,7 @@ _BOOTS_WITHIN_S: Final = 0.6
 _SETTLE_S: Final = 0.1  # a boot loader announces itself first, then the drive does
 _OPERATIONAL_WITHIN_S: Final = 1.0
 _TRY_AGAIN_S: Final = 0.5
+_LIMIT_STAYS_NS: Final = 500_000_000
 _PDO_SILENT_CYCLES: Final = 5
 _PDO_SILENT_S: Final = 0.1  # less than this, and a busy machine looks like a silent node
 _FOLLOWING_ERROR: Final = 0x8611
@@ -74,6 +75,8 @@ class Node:
         self._pdo_timeout_ns = round(silence_s * 1e9)
         self._boot_ups_when_well: int | None = None
         """None: it has not been operational since it was last set up."""
+        self._limited_ns: dict[str, int] = {}
+        """When each axis that is held back by a limit last said so."""
         self._heard = asyncio.Event()
         self._trouble = asyncio.Event()
 
@@ -147,6 +150,17 @@ class Node:
                 self._conditions.set(c.UNWILLING, channel.axis.name, t_ns, told)
             else:
                 self._conditions.clear(c.UNWILLING, channel.axis.name, t_ns)
+            self._watch_limit(channel, t_ns)
+
+    def _watch_limit(self, channel: AxisChannel, t_ns: int) -> None:
+        """A limit that comes and goes with every step, as at the end of travel, is told once."""
+        subject = channel.axis.name
+        if channel.state.energised and channel.statusword & Status.INTERNAL_LIMIT:
+            self._limited_ns[subject] = t_ns
+            self._conditions.set(c.LIMIT_ACTIVE, subject, t_ns)
+        elif subject in self._limited_ns and t_ns - self._limited_ns[subject] > _LIMIT_STAYS_NS:
+            del self._limited_ns[subject]
+            self._conditions.clear(c.LIMIT_ACTIVE, subject, t_ns)
 
     # Its life.
 
@@ -263,12 +277,10 @@ class Node:
     def _status_changed(self, channel: AxisChannel, t_ns: int) -> None:
         """Keep the conditions that a statusword tells."""
         subject, word = channel.axis.name, channel.statusword
-        limited = channel.state.energised and bool(word & Status.INTERNAL_LIMIT)
         no_voltage = channel.had_voltage and not word & Status.VOLTAGE_ENABLED
         for condition, present in (
             (c.FAULT, channel.state in (PowerState.FAULT, PowerState.FAULT_REACTION)),
             (c.WARNING, bool(word & Status.WARNING)),
-            (c.LIMIT_ACTIVE, limited),
             (c.NO_VOLTAGE, no_voltage),
         ):
             if present:

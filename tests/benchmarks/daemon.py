@@ -17,6 +17,7 @@ from daemon.recording.channels import read_can_payload
 from daemon.recording.run_reader import RunReader
 from daemon.remote.address import LocalAddress
 from daemon.remote.client import RobotClient
+from daemon.remote.client_errors import RefusedError
 from daemon.remote.messages import LoopStatus
 from drivers.canopen.codec import cob_ids
 from drivers.cia402.power_state import Control
@@ -26,7 +27,8 @@ from tests.benchmarks.timing import Figures, percentiles
 from tests.hil.processes import command
 
 _MEASURED_S = 20.0
-_STOPS = 20
+_STOPS = 100
+_ATTEMPTS = 10
 _CIRCLE = {
     "kind": "circle",
     "center_mm": [0.0, 0.0, 190.0],
@@ -124,11 +126,11 @@ async def _stopped_again_and_again(directory: Path) -> Figures:
     async with await RobotClient.connect(LocalAddress.in_folder(directory), wait_s=30.0) as robot:
         for _ in range(_STOPS):
             recording = await _running(robot)
-            await asyncio.sleep(1.0)
+            await asyncio.sleep(0.5)
             asked_ns = time.monotonic_ns()
             answer = await robot.stop()
             confirmed.append((time.monotonic_ns() - asked_ns) * 1e-6 if answer.confirmed else 1e9)
-            await asyncio.sleep(1.0)
+            await asyncio.sleep(0.5)
             told_ns = _first_quick_stop_ns(Path(recording), asked_ns)
             to_bus.append((told_ns - asked_ns) * 1e-6)
     return {"to_bus_ms": percentiles(to_bus), "confirmed_off_ms": percentiles(confirmed)}
@@ -162,11 +164,26 @@ def _loop(loop: LoopStatus) -> Figures:
 
 
 async def _running(robot: RobotClient) -> str:
-    """The robot follows its circle. Returns the folder of the recording."""
+    """The robot follows its circle. Returns the folder of the recording.
+
+    On a machine this busy something may stand in the way for a moment: then once more.
+    """
     await robot.acquire()
+    for attempt in range(_ATTEMPTS):
+        try:
+            return await _started(robot)
+        except RefusedError as refused:
+            print(f"attempt {attempt + 1}: {refused}", file=sys.stderr)
+            await robot.stop()
+    raise AssertionError("the robot cannot be started on this machine")
+
+
+async def _started(robot: RobotClient) -> str:
     end = time.monotonic() + 60.0
     while (status := await robot.status()).state != OperatingState.READY.value:
         assert time.monotonic() < end, status
+        if status.state == OperatingState.FAULT.value:
+            await robot.clear()
         await asyncio.sleep(0.1)
     await robot.arm()
     recording = (await robot.status()).recording

@@ -46,6 +46,10 @@ def test_the_soft_arm_has_six_chambers_on_six_nodes() -> None:
 @pytest.mark.parametrize(
     ("edit", "expected"),
     [
+        (
+            swap("tracker_fault_after_s: 3.0", "tracker_fault_after_s: 0.1"),
+            "supervision: tracker_hold_after_s (0.15 s) must be below tracker_fault_after_s (0.1",
+        ),
         (swap("baud_rate:", "baudrate:"), "tracker.baudrate: unknown key (did you mean 'baud_"),
         (swap("cycle_period_s", "cycle_perod_s"), "buses.can0.cycle_perod_s: unknown key (did"),
         (swap("    lead_mm", "    leed_mm"), "axes[0].leed_mm: unknown key (did you mean 'lead_mm"),

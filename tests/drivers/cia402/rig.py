@@ -174,8 +174,8 @@ class Rig:
         """Where the drives say they are."""
         return [channel.position_counts for channel in self.master.channels]
 
-    def step(self, change: int, duration_s: float) -> PermittedStep:
-        """A permit to move all axes by `change` counts."""
+    def step(self, change: int, duration_s: float, *, past_ends: bool = False) -> PermittedStep:
+        """A permit to move all axes by `change` counts, `past_ends` of their travel or not."""
         start = self.positions()
         permitted = permit(
             from_counts=start,
@@ -184,15 +184,16 @@ class Rig:
             velocities_before=[change / duration_s] * len(start),
             begins_ns=self.clock.now_ns(),
             duration_ns=round(duration_s * 1e9),
-            limits=[_loose(axis) for axis in self.axes],
+            limits=[_loose(axis, past_ends) for axis in self.axes],
         )
         assert isinstance(permitted, PermittedStep), permitted
         return permitted
 
 
-def _loose(axis: Axis) -> Any:
+def _loose(axis: Axis, past_ends: bool) -> Any:
     limits = count_limits(axis)
-    return type(limits)(limits.lowest, limits.highest, limits.max_velocity, 10**9, 10**9)
+    lowest, highest = (-(10**9), 10**9) if past_ends else (limits.lowest, limits.highest)
+    return type(limits)(lowest, highest, limits.max_velocity, 10**9, 10**9)
 
 
 def on_a_rig(

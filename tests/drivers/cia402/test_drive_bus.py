@@ -289,3 +289,22 @@ def test_traffic_is_counted() -> None:
         assert after.received - before.received == pytest.approx(2 * (100 + 10), abs=4)
 
     on_a_rig(test)
+
+
+def test_a_limit_that_comes_and_goes_with_every_step_is_told_once() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.enabled()
+        for _ in range(8):
+            rig.master.write(rig.step(-400, 0.05, past_ends=True))
+            await asyncio.sleep(0.1)
+            rig.master.write(rig.step(200, 0.05))
+            await asyncio.sleep(0.1)
+        assert limited(rig) == [True]
+        await asyncio.sleep(1.0)
+        assert limited(rig) == [True, False]
+
+    def limited(rig: Rig) -> list[bool]:
+        about = ("drive_limit_active", "axis_0")
+        return [told.present for told in rig.told if (told.name, told.subject) == about]
+
+    on_a_rig(scene)
