@@ -18,7 +18,7 @@ from daemon.remote.messages import Message
 
 _SEND_EVERY_S: Final = 0.05
 _BUFFER_AT_MOST: Final = 8 << 20
-_STARTS_WITHIN_S: Final = 20.0
+_STARTS_WITHIN_S: Final = 15.0  # shorter than a client waits for `arm`: it is to hear why
 _ENDS_WITHIN_S: Final = 5.0
 _SILENT_TICKS: Final = 100
 """After so many sends without an answer the process counts as frozen: 5 s.

@@ -79,6 +79,19 @@ signal.signal(signal.SIGUSR1, lambda number, frame: told.set())
 sys.exit(main(sys.argv[1:]))
 """
 
+DATES_JUMP = """
+import signal, sys, time
+from daemon.cli import main
+
+# As when somebody sets the clock, or a time server does: an hour on, then two hours back.
+HOUR_NS = 3600 * 10**9
+jumps, ahead_ns, date_ns = [HOUR_NS, -2 * HOUR_NS], [0], time.time_ns
+time.time_ns = lambda: date_ns() + ahead_ns[0]
+time.time = lambda: time.time_ns() * 1e-9
+signal.signal(signal.SIGUSR1, lambda number, frame: ahead_ns.append(ahead_ns.pop() + jumps.pop(0)))
+sys.exit(main(sys.argv[1:]))
+"""
+
 CLIENT = """
 import asyncio, sys
 from pathlib import Path
@@ -275,6 +288,23 @@ def test_wedged_by_one_of_its_own_threads_the_drives_stop_all_the_same() -> None
         assert took_s <= STOPPED_AT_THE_LATEST_S
         assert_nothing_has_torque(bus.power_states())
         comes_back_in_fault_and_can_be_cleared(one)
+
+
+def test_a_clock_that_is_set_changes_nothing_and_dates_nothing_wrongly() -> None:
+    with rig(PATIENT, LOOP_TIMES, script(DATES_JUMP)) as one:
+        one.running()
+        recording, held = Path(one.status().recording or ""), len(one.events("state", S.HOLD.value))
+        for _ in range(2):
+            os.kill(one.daemon.pid, signal.SIGUSR1)
+            before = one.actuators()
+            time.sleep(1.5)
+            assert one.state is S.RUNNING
+            assert farthest(before, one.actuators()) > 0.05
+        assert len(one.events("state", S.HOLD.value)) == held
+        one.user.do(one.client.stop())
+        wait_for(recording / RESULT_FILE)
+        dates = [message.wall_ns for message in RunReader(recording / RUN_FILE).messages()]
+        assert max(dates) - min(dates) < 600 * 10**9
 
 
 # What its clients do to it.
