@@ -70,7 +70,10 @@ class Controller(Protocol):
         ...
 
     def learn(self, budget_s: float) -> None:
-        """Work that can wait, in idle time."""
+        """Work that can wait, after each bus cycle; about as much as fits into `budget_s`.
+
+        How much that is must not be found with a clock: runs in virtual time repeat themselves.
+        """
         ...
 
     def save(self, path: Path) -> None:

@@ -30,6 +30,8 @@ FRAME_PERIOD_NS: Final = {"normal": 25_000_000, "fast": 15_151_515}
 _LONGEST_DT_S: Final = 0.1
 _ASKED_ABOVE: Final = 1e-3
 """mm or rad: what is less is a few counts."""
+_LEARNING_S: Final = 0.5e-3
+"""After each bus cycle. A frame that comes meanwhile waits for so long."""
 _STUCK_BELOW: Final = 0.02
 """Share of a proposal under which the gate lets practically nothing through."""
 
@@ -109,6 +111,11 @@ class ControlLoop:
         self._act(decision)
         self._publish(sensed, believed, wish, decision)
         self._timekeeping.step_ended(frame.received_ns, self._clock.now_ns())
+
+    def learn(self) -> None:
+        """A little of what the controller has put off. For a moment with nothing else to do."""
+        if self.controller is not None and self._begun:
+            self.controller.learn(_LEARNING_S)
 
     def settle(self) -> None:
         """The axes stand where they are, newly energised: nothing before counts."""

@@ -180,6 +180,13 @@ class RobotService:
         bus.tick(now_ns, self._healthy)
         if paces:
             self._after_cycle(now_ns)
+            self._learn()
+
+    def _learn(self) -> None:
+        try:
+            self.loop.learn()
+        except Exception as error:
+            self._broken("controller's learning", error)
 
     def _supervise(self, now_ns: int) -> bool:
         """Whether the supervision itself is sound."""

@@ -171,6 +171,27 @@ def test_a_controller_that_fails_does_not_take_the_loop_down(
     on_a_rig(scene)
 
 
+def test_learning_that_breaks_stops_the_robot_and_is_told() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.running()
+        controller = rig.service.loop.controller
+        assert controller is not None
+        budgets: list[float] = []
+        controller.learn = budgets.append  # type: ignore[method-assign]
+        await asyncio.sleep(1.0)
+        assert 95 <= len(budgets) <= 105, "once in each bus cycle"
+        assert 0.0 < min(budgets)
+
+        def breaks(budget_s: float) -> NoReturn:
+            raise ZeroDivisionError
+
+        controller.learn = breaks  # type: ignore[method-assign]
+        await rig.until_state(S.FAULT)
+        assert rig.events("cause", "internal_error")[0].detail.startswith("controller's learning")
+
+    on_a_rig(scene)
+
+
 async def gap(rig: Rig, seconds: float) -> None:
     """The loop was not run for this long, as its timer tells."""
     rig.service.timekeeping.last_gap_ns = round(seconds * 1e9)
