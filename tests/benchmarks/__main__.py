@@ -5,7 +5,16 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-from tests.benchmarks import aurora, can_cycle, daemon, emulation, plant, recording, remote
+from tests.benchmarks import (
+    aurora,
+    can_cycle,
+    daemon,
+    emulation,
+    lwpr,
+    plant,
+    recording,
+    remote,
+)
 from tests.benchmarks.timing import machine
 
 MEASUREMENTS: dict[str, Callable[[], Any]] = {
@@ -13,6 +22,7 @@ MEASUREMENTS: dict[str, Callable[[], Any]] = {
     "can_cycle": can_cycle.measure,
     "daemon": daemon.measure,
     "emulation": emulation.measure,
+    "lwpr": lwpr.measure,
     "plant": plant.measure,
     "recording": recording.measure,
     "remote": remote.measure,

@@ -177,7 +177,7 @@ def test_learning_that_breaks_stops_the_robot_and_is_told() -> None:
         controller = rig.service.loop.controller
         assert controller is not None
         budgets: list[float] = []
-        controller.learn = budgets.append  # type: ignore[method-assign]
+        controller.learn = budgets.append  # type: ignore[method-assign, assignment]
         await asyncio.sleep(1.0)
         assert 95 <= len(budgets) <= 105, "once in each bus cycle"
         assert min(budgets) > 0.0

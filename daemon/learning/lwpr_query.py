@@ -1,0 +1,192 @@
+"""Which receptive fields a point falls into, and what they predict for it together. Compiled.
+
+Centres and metrics lie coordinate by coordinate, so that one pass over all fields is a few long
+rows of multiplications: with two thousand fields this pass is what a query costs.
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.int64]
+Records = NDArray[np.void]
+
+_BLOCK = 128
+"""Fields whose differences are kept at a time: they stay in the processor's first cache."""
+
+_FAST = {"contract", "reassoc", "nsz"}
+_kernel = njit(cache=True, error_model="numpy", fastmath=_FAST)
+
+
+@_kernel
+def activate(
+    x: FloatArray,
+    norm_in: FloatArray,
+    where: IndexArray,
+    period: FloatArray,
+    centres: FloatArray,
+    metrics: FloatArray,
+    count: int,
+    bisquare: bool,
+    cutoff: float,
+    fields: IndexArray,
+    weights: FloatArray,
+) -> tuple[int, int, int, float, float]:
+    """Writes the fields that weigh x more than `cutoff`, and their weights.
+
+    x: (n,) as measured. where: (l,) the localisation inputs. period: (l,) normalised, 0 is none.
+    centres: (l, capacity). metrics: (l, capacity) the diagonals, or (l(l+1)/2, capacity) the
+    coefficients of the quadratic form. Returns how many they are, the nearest field and the next
+    (-1: there is none), and the weights of these two. Raises ValueError unless x is finite.
+    """
+    if x.size != norm_in.size:
+        raise ValueError("the input has not as many elements as the model's inputs")
+    for i in range(x.size):
+        if not np.isfinite(x[i]):
+            raise ValueError("the input is not finite: such a sample or query is refused")
+    z = np.empty(where.size)
+    for a in range(where.size):
+        z[a] = x[where[a]] / norm_in[where[a]]
+    q = np.empty(count)
+    if metrics.shape[0] == z.size:
+        _diagonal_distances(z, period, centres, metrics, q)
+    else:
+        _full_distances(z, period, centres, metrics, q)
+    found = 0
+    limit = _farthest(bisquare, cutoff)
+    first, second, q_first, q_second = -1, -1, np.inf, np.inf
+    for j in range(count):
+        if q[j] < q_second:
+            if q[j] < q_first:
+                first, second, q_first, q_second = j, first, q[j], q_first
+            else:
+                second, q_second = j, q[j]
+        if q[j] <= limit:
+            weight = _weight(q[j], bisquare)
+            if weight > cutoff:
+                fields[found], weights[found] = j, weight
+                found += 1
+    return found, first, second, _weight(q_first, bisquare), _weight(q_second, bisquare)
+
+
+@_kernel
+def predict(
+    x: FloatArray,
+    norm_in: FloatArray,
+    norm_out: FloatArray,
+    localised: IndexArray,
+    localised_period: FloatArray,
+    regressed: IndexArray,
+    regressed_period: FloatArray,
+    centres: FloatArray,
+    metrics: FloatArray,
+    count: int,
+    bisquare: bool,
+    cutoff: float,
+    anchor: FloatArray,
+    mean: FloatArray,
+    trusted: NDArray[np.bool_],
+    outputs: Records,
+    slope: FloatArray,
+    predicted: FloatArray,
+) -> None:
+    """The mean of what the trusted fields predict at x, by their weights (k,); 0 where none is.
+
+    x: (n,) as measured. Inputs and fields as for `activate`. ValueError unless x is finite.
+    """
+    fields, weights = np.empty(count, dtype=np.int64), np.empty(count)
+    found = activate(
+        x, norm_in, localised, localised_period, centres, metrics, count, bisquare, cutoff, fields,
+        weights,
+    )[0]  # fmt: skip
+    width, total = mean.shape[1], 0.0
+    at, here = np.zeros(width), np.empty(width)
+    for i in range(regressed.size):
+        at[i] = x[regressed[i]] / norm_in[regressed[i]]
+    predicted[:] = 0.0
+    for a in range(found):
+        f, w = fields[a], weights[a]
+        if not trusted[f]:
+            continue
+        total += w
+        for i in range(width):
+            here[i] = at[i] - mean[f, i]
+        for i in range(regressed_period.size):
+            if regressed_period[i] > 0.0:
+                turns = np.rint((at[i] - anchor[f, i]) / regressed_period[i])
+                here[i] -= turns * regressed_period[i]
+        for k in range(predicted.size):
+            value = outputs[f, k].level
+            for i in range(width):
+                value += slope[f, k, i] * here[i]
+            predicted[k] += w * value
+    if total > 0.0:
+        for k in range(predicted.size):
+            predicted[k] *= norm_out[k] / total
+
+
+@_kernel
+def _weight(q: float, bisquare: bool) -> float:
+    if bisquare:
+        return (1.0 - 0.25 * q) ** 2 if q < 4.0 else 0.0
+    return float(np.exp(-0.5 * q))
+
+
+@_kernel
+def _farthest(bisquare: bool, cutoff: float) -> float:
+    """No field farther than this weighs more than the cutoff; a little more, for rounding."""
+    if cutoff < 0.0:
+        return np.inf
+    if bisquare:
+        return 4.0
+    return float(-2.0 * np.log(cutoff)) * (1.0 + 1e-9) + 1e-9
+
+
+@_kernel
+def _difference(z: float, period: float, centre: FloatArray, out: FloatArray) -> None:
+    """From each centre to z along one coordinate, the shorter way round if it comes round."""
+    for j in range(out.size):
+        out[j] = z - centre[j]
+    if period > 0.0:
+        for j in range(out.size):
+            out[j] -= period * np.rint(out[j] / period)
+
+
+@_kernel
+def _diagonal_distances(
+    z: FloatArray, period: FloatArray, centres: FloatArray, metrics: FloatArray, q: FloatArray
+) -> None:
+    q[:] = 0.0
+    difference = np.empty(q.size)
+    for a in range(z.size):
+        metric = metrics[a]
+        if period[a] > 0.0:
+            _difference(z[a], period[a], centres[a], difference)
+            for j in range(q.size):
+                q[j] += metric[j] * difference[j] * difference[j]
+        else:
+            centre, at = centres[a], z[a]
+            for j in range(q.size):
+                q[j] += metric[j] * (at - centre[j]) * (at - centre[j])
+
+
+@_kernel
+def _full_distances(
+    z: FloatArray, period: FloatArray, centres: FloatArray, metrics: FloatArray, q: FloatArray
+) -> None:
+    size = z.size
+    differences = np.empty((size, _BLOCK))
+    for start in range(0, q.size, _BLOCK):
+        stop = min(start + _BLOCK, q.size)
+        block = q[start:stop]
+        block[:] = 0.0
+        for a in range(size):
+            _difference(z[a], period[a], centres[a, start:stop], differences[a, : block.size])
+        k = 0
+        for a in range(size):
+            for b in range(a, size):
+                metric = metrics[k, start:stop]
+                for j in range(block.size):
+                    block[j] += metric[j] * differences[a, j] * differences[b, j]
+                k += 1

@@ -1,0 +1,130 @@
+"""How long locally weighted projection regression takes to learn a sample, and to answer.
+
+`python -m tests.benchmarks.lwpr` prints one JSON. The stream is that of an arm of two arcs: what
+small motions do to its tip, [u, Δu] (12) to Δp (3), with fields on u.
+"""
+
+import json
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from daemon.learning.lwpr import Lwpr, warm_up
+from daemon.learning.lwpr_settings import LwprSettings
+from tests.benchmarks.timing import Figures, percentiles
+from tests.daemon.learning.streams import FloatArray, arm, cross, cross_of
+
+SAMPLES = 30_000
+CALLS = 4000
+QUERIES = 1000
+METRICS = {140: 15.5, 340: 24.0, 2000: 55.0}
+"""By about how many fields they lead to."""
+STILL: dict[str, Any] = {"adapt_metric": True, "init_learning_rate": 1e-6}
+"""Everything is computed, and the fields stay as many as they are."""
+MODES: dict[str, dict[str, Any]] = {
+    "diagonal": STILL,
+    "full": STILL | {"diagonal_only": False},
+    "full_meta": STILL | {"diagonal_only": False, "meta": True, "meta_rate": 1e-6},
+}
+_SCALES: dict[str, Any] = {"norm_in": (1.0,) * 6 + (0.1,) * 6, "norm_out": (12.0,) * 3}
+
+
+def measure() -> Figures:
+    """Microseconds per call, all three outputs, with the cost of calling from Python."""
+    warm_up()
+    figures: Figures = {}
+    for fields, metric in METRICS.items():
+        figures[f"{fields}_fields"] = _speed(_shared(metric), asked=True)
+    for mode, settings in MODES.items():
+        for fields in (140, 340):
+            figures[f"{fields}_fields_{mode}"] = _speed(_shared(METRICS[fields], **settings))
+    figures["error_by_variance"] = {"cross": _cross(), "arm": _arm()}
+    return figures
+
+
+def _shared(metric: float, **settings: Any) -> Lwpr:
+    return Lwpr(
+        LwprSettings(12, 3, (metric,) * 6, localisation=tuple(range(6)), **_SCALES, **settings)
+    )
+
+
+def _apart(metric: float) -> Lwpr:
+    """As the reference library: fields of its own for every output, distances over all inputs."""
+    metrics = (metric,) * 6 + (1e-6,) * 6
+    return Lwpr(LwprSettings(12, 3, metrics, init_s2=1e-10, compat=True, **_SCALES))
+
+
+def _speed(model: Lwpr, asked: bool = False) -> Figures:
+    x, y = arm(SAMPLES, seed=0)
+    for i in range(SAMPLES):
+        model.update(x[i], y[i])
+    queries, _ = arm(QUERIES, seed=1)
+    active = np.mean([(model.weights(query) > 1e-3).sum() for query in queries])
+
+    def update(i: int) -> object:
+        return model.update(x[i], y[i])
+
+    figures: Figures = {"fields": model.count, "active": round(float(active), 1)}
+    figures["update_us"] = _timed(update)
+    figures["predict_us"] = _timed(_asking(model.predict, queries))
+    if asked:
+        figures["slopes_us"] = _timed(_asking(model.slopes, queries))
+        figures["confidence_us"] = _timed(_asking(model.confidence, queries))
+        figures["jacobian_us"] = _timed(_asking(model.jacobian, queries))
+        figures["activation_us"] = _timed(_asking(model.activation, queries))
+    return figures
+
+
+def _asking(ask: Callable[[FloatArray], object], queries: FloatArray) -> Callable[[int], object]:
+    return lambda i: ask(queries[i % QUERIES])
+
+
+def _timed(call: Callable[[int], object]) -> Figures:
+    spent = []
+    for i in range(CALLS):
+        began_ns = time.perf_counter_ns()
+        call(i)
+        spent.append(time.perf_counter_ns() - began_ns)
+    return percentiles(spent, 1e-3)
+
+
+def _cross() -> Figures:
+    """50 000 noisy samples, asked on a grid without noise."""
+    settings = LwprSettings(
+        2, 1, (25.0, 25.0), generate_below=0.2, kernel="bisquare", diagonal_only=False,
+        adapt_metric=True, init_learning_rate=250.0, meta=True,
+    )  # fmt: skip
+    model = Lwpr(settings)
+    model.fit(*cross(50_000, seed=0))
+    side = np.linspace(-1.0, 1.0, 41)
+    grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    return {"fields": model.count, "error": _errors(model, grid, cross_of(grid))}
+
+
+def _arm() -> Figures:
+    """Fields of its own for every output, and no more fields in all, shared."""
+    x, y = arm(SAMPLES, seed=0)
+    queries, truth = arm(QUERIES, seed=1)
+    figures: Figures = {}
+    for name, model in {
+        "apart_small": _apart(15.5),
+        "shared_small": _shared(26.0),
+        "apart_middle": _apart(24.0),
+        "shared_middle": _shared(39.0),
+    }.items():
+        for i in range(SAMPLES):
+            model.update(x[i], y[i])
+        figures[name] = {"fields": model.count, "error": _errors(model, queries, truth)}
+    return figures
+
+
+def _errors(model: Lwpr, x: FloatArray, y: FloatArray) -> list[float]:
+    predicted = np.array([model.predict(query) for query in x])
+    errors = ((predicted - y) ** 2).mean(axis=0) / y.var(axis=0)
+    return [round(float(error), 4) for error in errors]
+
+
+if __name__ == "__main__":
+    print(json.dumps(measure(), indent=2))
