@@ -11,6 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from config.axis import Axis, Drive, LinearAxis, LinearStepper, TendonMotor, TubeRotation
 from config.bus import Bus
+from config.emulated_plants import SoftArmPlant, TendonArmPlant
 from config.emulation import Emulation
 from config.problems import did_you_mean
 from config.schema_errors import location_in_file
@@ -104,6 +105,7 @@ def findings(parts: Parts) -> Iterator[Finding]:
         if axis is not None:
             yield from _axis_findings(("axes", index), axis)
     yield from _cylinder_findings(parts)
+    yield from _tendon_findings(parts)
     yield from _name_findings(parts)
     yield from _node_findings(parts)
 
@@ -175,7 +177,7 @@ def _travel(axis: Axis) -> tuple[str, tuple[float, float]]:
 
 def _cylinder_findings(parts: Parts) -> Iterator[Finding]:
     """A piston cannot push out more gas than there is in front of it."""
-    if parts.emulation is None:
+    if parts.emulation is None or not isinstance(parts.emulation.plant, SoftArmPlant):
         return
     volume_ml = parts.emulation.plant.cylinder_volume_ml
     for index, axis in enumerate(parts.axes):
@@ -187,6 +189,28 @@ def _cylinder_findings(parts: Parts) -> Iterator[Finding]:
                 ("axes", index, "bore_mm"),
                 f"pushes {pushed_ml:.1f} mL out of emulation.plant.cylinder_volume_ml, "
                 f"{volume_ml:g} mL",
+            )
+
+
+def _tendon_findings(parts: Parts) -> Iterator[Finding]:
+    """One motor per tendon, and a pretension that is neither slack nor too much."""
+    if parts.emulation is None or not isinstance(parts.emulation.plant, TendonArmPlant):
+        return
+    plant = parts.emulation.plant
+    if len(parts.axes) != len(plant.tendons):
+        tendons = len(plant.tendons)
+        text = f"{len(parts.axes)} axes cannot pull the {tendons} tendons of emulation.plant"
+        yield ("axes",), text
+    for index, axis in enumerate(parts.axes):
+        if axis is None:
+            continue
+        if not isinstance(axis, TendonMotor):
+            yield ("axes", index, "kind"), "a tendon_arm is moved by tendon_motor axes"
+        elif not axis.min_tension_n < plant.pretension_n < axis.max_tension_n:
+            yield (
+                ("axes", index, "min_tension_n"),
+                f"emulation.plant.pretension_n, {plant.pretension_n:g} N, must lie between "
+                f"min_tension_n and max_tension_n ({axis.max_tension_n:g} N)",
             )
 
 

@@ -4,6 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from config.exploration import MotorBabbling, WaypointExploration
 from config.model import ConfigModel, NotNegative, Positive, Vector3
 from config.options import checked_options
 
@@ -30,6 +31,13 @@ class TipFollowing(ConfigModel):
 
     posture_gain_per_s: NotNegative = 0.1
     """Share of the way to the posture per second. 0: redundant axes are left alone."""
+
+    axis_weights: Annotated[tuple[Positive, ...], Field(min_length=1, strict=False)] | None = None
+    """How dear the motion of each axis is, counted in shares of its travel: the diagonal of N of
+    Ho 2018, eq. 7. None: all alike."""
+
+    feed_forward: bool = True
+    """Whether the reference's own motion is asked for as well as a share of the error."""
 
 
 class Broyden(TipFollowing):
@@ -115,7 +123,99 @@ class ConstantCurvature(TipFollowing):
     """A trajectory is refused where the model, within the axes' travel, misses it by more."""
 
 
-ControllerOptions = Annotated[Broyden | ConstantCurvature, Field(discriminator="kind")]
+class Learner(TipFollowing):
+    """What controllers have in common that learn a model of the robot from its motions."""
+
+    model: str | None = None
+    """File that pre-training made, or that such a controller saved. None: the first motions are
+    motor babbling, and everything is learnt from them and from what follows."""
+
+    learning: bool = True
+    """Whether it goes on learning while it controls. Not: the model stays as it is."""
+
+    sample_tip_mm: Positive = 2.0
+    """A motion is a sample when the tip has moved so far ..."""
+
+    sample_travel_share: Share = 0.1
+    """... or the axes together so far, as a share of their travel. Shorter samples are more, and
+    more of them is noise."""
+
+    sample_longest_s: Positive = 4.0
+    """A motion that takes longer is none, but standing still and creeping."""
+
+    lag_s: NotNegative | None = None
+    """How much later than its axes the body moves. None: as pre-training found it."""
+
+    correction_drift_mm: NotNegative = 50.0
+    """The learnt Jacobian is corrected by every sample, as `broyden` does it. How far an element,
+    in mm per whole travel, may wander while the axes move through their whole travel."""
+
+    correction_reach: Positive = 0.5
+    """... and after how much motion, in travels, a correction has faded to a third."""
+
+    sample_noise_mm: Positive = 0.3
+    """What one coordinate of the tip's motion in a sample is uncertain by."""
+
+    babbling: MotorBabbling = MotorBabbling()
+    """The first motions where there is no model."""
+
+
+class ForwardJacobian(Learner):
+    """The learnt forward model, inverted: damped least squares, drawn to a posture."""
+
+    kind: Literal["forward_jacobian"]
+
+    memory_samples: Annotated[float, Field(ge=10.0)] | None = None
+    """How many samples a field of the model remembers while it goes on learning. None: fields stay
+    as pre-training left them, and only the correction adapts."""
+
+
+class RewardWeighted(Learner):
+    """Local inverse controllers, learnt by reward-weighted regression (Ho 2018)."""
+
+    kind: Literal["reward_weighted"]
+
+    window: Annotated[int, Field(ge=1, le=100_000)] = 425
+    """How many samples the controllers are learnt from; the oldest leaves first."""
+
+    engine: Literal["bank", "batch", "oracle"] = "bank"
+    """How they are computed. All say the same: bank is the fastest, oracle the plainest."""
+
+    paper: bool = False
+    """The paper's law alone, its misprints corrected: no feed-forward, no forward model but for
+    the fields, pre-training's samples as what an unvisited field knows, and no fallback."""
+
+    motion_s: Positive = 1.0
+    """The controllers are asked for the motion of this time, and a step is its part. Should be
+    about what a sample takes."""
+
+    unvisited: Literal["forward_model", "samples", "nothing"] = "forward_model"
+    """What the controller of a field is before samples come: the inverse of the forward model, the
+    regression over pre-training's samples, or none."""
+
+    prior_mass: NotNegative = 5.0
+    """... and as how many samples that counts when they come."""
+
+    sigma_rule: Literal["inverse_mean", "ess", "printed"] = "inverse_mean"
+    """How sharp the reward is: see `daemon/learning/local_controller_settings.py`."""
+
+    kappa: Positive | None = None
+    """Sharpness under the first two rules. None: the number of axes."""
+
+    ridge: Positive = 1e-4
+    """Of the regression, relative to its weights."""
+
+    attractor_steps: Positive | None = 2.0
+    """The posture draws with no more than so many typical steps per motion. None: without limit."""
+
+    fallback: bool = True
+    """Whether the forward model takes over where fields or samples are missing."""
+
+
+ControllerOptions = Annotated[
+    Broyden | ConstantCurvature | ForwardJacobian | RewardWeighted | WaypointExploration,
+    Field(discriminator="kind"),
+]
 
 
 class _Asked(ConfigModel):

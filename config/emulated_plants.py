@@ -2,13 +2,22 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
-from config.model import ConfigModel, NotNegative, Positive
+from config.model import ConfigModel, NotNegative, Positive, Vector3
 
 PerChamber = Annotated[
     tuple[Positive, Positive, Positive, Positive, Positive, Positive], Field(strict=False)
 ]
+
+
+def _not_zero(vector: Vector3) -> Vector3:
+    if not any(vector):
+        raise ValueError("zero has no direction")
+    return vector
+
+
+Direction = Annotated[Vector3, AfterValidator(_not_zero)]
 
 
 class SoftArmPlant(ConfigModel):
@@ -29,6 +38,8 @@ class SoftArmPlant(ConfigModel):
     length_mm: Positive = 155.0
     """As cast. The pre-pressure stretches it."""
     mass_g: Positive = 41.7
+    body_radius_mm: Positive = 13.5
+    """Of what it may touch with."""
     bending_stiffness_n_mm2: Positive = 8.0e3
     """EI for good, without creep. Below 5e3 the arm buckles under the paper's tip loads."""
     axial_stiffness_n: Positive = 130.0
@@ -59,4 +70,67 @@ class SoftArmPlant(ConfigModel):
     """Time constant of the gas between cylinder and chamber."""
 
 
-Plant = Annotated[SoftArmPlant, Field(discriminator="kind")]
+class TendonRoute(ConfigModel):
+    """Where a tendon runs: through a hole in every plate."""
+
+    angle_rad: float
+    """Of its hole in the base plate, from the x axis."""
+    turns: float = 0.0
+    """How often it winds round the arm from base to tip; 0: it runs straight."""
+
+
+class TendonArmPlant(ConfigModel):
+    """One flexible backbone with disks, bent by tendons through them (Thompson's prototype).
+
+    The paper gives 0.2 m, nine disks, three parallel tendons and a helical one. The robot files
+    that its laboratory has published give the rest: tendons 8 mm from the axis, at 0 and ±120°, the
+    helical one 1.5 turns beginning in line with the first; a body of printed polyurethane round a
+    nitinol tube with E = 91 MPa, ν = 0.3 over a radius of 3 mm, so EI = 5.79e3 N·mm², GJ = 4.45e3
+    N·mm² and EA = 2573 N; and 15 mm as its radius for collisions. Their E varies from file to file
+    by two decades, as it must where only lengths drive a robot that nothing loads; 91 MPa goes with
+    their greatest tensions, 9.7 N straight and 16.8 N helical. Mass, tendons' stiffness, friction
+    and play are judged.
+    """
+
+    kind: Literal["tendon_arm"]
+    length_mm: Positive = 200.0
+    mass_g: NotNegative = 30.0
+    body_radius_mm: Positive = 15.0
+    """Of what it may touch with: the disks and what stands out from them."""
+    gravity_direction: Direction = (0.0, 0.0, 1.0)
+    """In the base frame, whose z axis points along the straight arm: as it stands, the arm hangs
+    from its base plate. Level (0, -1, 0), the tendons below it go slack by its own weight."""
+    bending_stiffness_n_mm2: Positive = 5.79e3
+    torsion_stiffness_n_mm2: Positive = 4.45e3
+    shear_stiffness_n: Positive = 990.0
+    axial_stiffness_n: Positive = 2573.0
+    disks: Annotated[int, Field(ge=2, le=30)] = 9
+    """Evenly spaced. Tendons rub on the base plate and on all disks but the last, which holds
+    their ends."""
+    tendon_radius_mm: Positive = 8.0
+    """Distance of the tendons from the axis."""
+    tendons: Annotated[
+        tuple[TendonRoute, ...], Field(strict=False, min_length=1, max_length=12)
+    ] = (
+        TendonRoute(angle_rad=0.0),
+        TendonRoute(angle_rad=2.0943951023931953),
+        TendonRoute(angle_rad=-2.0943951023931953),
+        TendonRoute(angle_rad=0.0, turns=-1.5),
+    )
+    """In the order of the axes that pull them."""
+    tendon_stiffness_n: Positive = 3.0e3
+    """EA of a tendon."""
+    drive_stiffness_n_mm: Positive = 8.0
+    """Of everything between a motor and the base plate: spool, gear, the tendon's way there."""
+    pretension_n: Positive = 2.0
+    """Of every tendon as it is strung, with all axes at zero and nothing at the tip."""
+    friction: Annotated[float, Field(ge=0, le=1)] = 0.2
+    """Of a tendon on the edge of a hole, by Euler and Eytelwein."""
+    presliding_mm: Annotated[float, Field(ge=0.005)] = 0.02
+    """What a tendon gives way at a hole before it slips, from rest to full friction."""
+    backlash_mm: NotNegative = 0.1
+    """Half of the play of gear, spool and sheath: a motor that turns back moves its tendon only
+    after twice as much."""
+
+
+Plant = Annotated[SoftArmPlant | TendonArmPlant, Field(discriminator="kind")]

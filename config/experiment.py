@@ -38,6 +38,20 @@ class Happening(ConfigModel):
         return self
 
 
+class Pretraining(ConfigModel):
+    """What the controller knows before it begins: this body, with nothing at its tip.
+
+    The model is made in virtual time when it is needed first, and kept.
+    """
+
+    waypoints: Annotated[int, Field(ge=1)] = 80
+    """Random places of the axes that were gone to, one after the other."""
+
+    seed: Annotated[int, Field(ge=0)] | None = None
+    """Of the waypoints, and of the emulated devices meanwhile. None: the experiment's own, and so
+    the same tracker."""
+
+
 class Experiment(ConfigModel):
     """One experiment file."""
 
@@ -47,6 +61,8 @@ class Experiment(ConfigModel):
     """The robot file, relative to this file; `builtin:soft_arm` for one that is shipped."""
     trajectory: TrajectoryOptions
     controller: ControllerOptions
+    pretraining: Pretraining | None = None
+    """For controllers that know a model. None: what their own `model` says."""
     tip_load_g: NotNegative = 0.0
     """From the start."""
     happenings: list[Happening] = Field(default_factory=list)

@@ -73,9 +73,7 @@ class Hardware:
                 bus,
                 [(index, axis) for index, axis in enumerate(robot.axes) if axis.drive.bus == name],
                 {
-                    axis.drive.node: ObjectDictionary(
-                        eds_path(axis.drive.eds, file.path), axis.drive.node
-                    )
+                    axis.drive.node: ObjectDictionary(eds_path(axis.drive.eds, file.path))
                     for axis in robot.axes
                     if axis.drive.bus == name
                 },

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from config.axis import Axis, LinearAxis, LinearStepper
-from config.emulated_plants import SoftArmPlant
+from config.axis import Axis, LinearAxis, LinearStepper, TendonMotor
+from config.emulated_plants import TendonArmPlant
 from config.emulation import Emulation
 from config.loader import eds_path
 from config.robot import Robot
@@ -30,6 +30,7 @@ from sim_backends.faults import FaultyDevice, inject
 from sim_backends.plants.plant import Plant, TipLoad
 from sim_backends.plants.shooting import warm_up
 from sim_backends.plants.soft_arm import SoftArm
+from sim_backends.plants.tendon_arm import TendonArm
 from sim_backends.play import PLAYS
 
 _BEYOND_TRAVEL = 0.02
@@ -153,11 +154,21 @@ class _Heart:
 
 
 def _plant(emulation: Emulation, robot: Robot) -> Plant:
-    assert isinstance(emulation.plant, SoftArmPlant)
+    if isinstance(emulation.plant, TendonArmPlant):
+        return _tendon_arm(emulation.plant, robot)
     bores = [axis.bore_mm if isinstance(axis, LinearStepper) else None for axis in robot.axes]
     if None in bores:
         raise LabError("a soft arm needs linear_stepper axes with a bore_mm: they push its gas")
     return SoftArm(emulation.plant, [bore for bore in bores if bore is not None])
+
+
+def _tendon_arm(plant: TendonArmPlant, robot: Robot) -> Plant:
+    motors = [axis for axis in robot.axes if isinstance(axis, TendonMotor)]
+    if not len(motors) == len(robot.axes) == len(plant.tendons):
+        raise LabError(
+            f"a tendon arm needs a tendon_motor axis for each of its {len(plant.tendons)} tendons"
+        )
+    return TendonArm(plant)
 
 
 def _drives(

@@ -119,6 +119,7 @@ class LabPorts:
             "actuators": body.actuators.tolist(),
             "actuator_forces": body.state.actuator_forces.tolist(),
             "centreline_mm": body.state.centreline_mm.tolist(),
+            "body_radius_mm": body.state.radius_mm,
             "tip_load_g": self._lab.body.load.mass_g,
             "plant_failures": body.plant_failures,
             "last_plant_failure": body.last_failure,

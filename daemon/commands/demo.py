@@ -7,10 +7,14 @@ import tempfile
 from importlib.resources import files
 from pathlib import Path
 
+from config.loader import load_robot
 from daemon.cli import EXIT_FAILED, EXIT_OK
 from daemon.clock import run_in_real_time
-from daemon.demo.processes import ProcessError, Processes
 from daemon.demo.tour import Tour, TourError
+from daemon.experiment.trial import TrialError
+from daemon.exploration.model_cache import pretrained
+from daemon.learning.pretraining import PretrainingError
+from daemon.own_processes import OwnProcesses, ProcessError
 from daemon.recording.error_table import table_text
 from daemon.recording.report import write_report
 from daemon.recording.result import read_result
@@ -29,13 +33,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     robot = Path(str(files("config") / "robots" / "soft_arm.yaml"))
+    print("what is known of the arm is learnt once; the first time takes a minute", flush=True)
+    try:
+        model = pretrained(load_robot(robot), tell=lambda text: print(f"  {text}", flush=True))
+    except (TrialError, PretrainingError, OSError) as error:
+        print(f"the arm cannot be explored: {error}", file=sys.stderr)
+        return EXIT_FAILED
     with tempfile.TemporaryDirectory(prefix="tentacled-") as directory:
-        return run_in_real_time(_demonstrate(robot, Path(directory), arguments))
+        return run_in_real_time(_demonstrate(robot, Path(directory), model, arguments))
 
 
-async def _demonstrate(robot: Path, directory: Path, arguments: argparse.Namespace) -> int:
-    stop, processes = StopSignals(), Processes(robot, directory, arguments.runs)
-    tour = asyncio.create_task(_guide(processes, directory, arguments.cycle))
+async def _demonstrate(
+    robot: Path, directory: Path, model: Path, arguments: argparse.Namespace
+) -> int:
+    where = [str(robot), "--runtime-dir", str(directory)]
+    daemon = ["run", *where, "--runs", str(arguments.runs)]
+    stop, processes = StopSignals(), OwnProcesses(["emulate", *where], daemon)
+    tour = asyncio.create_task(_guide(processes, directory, arguments.cycle, model))
     ending = asyncio.create_task(stop.wait(None))
     try:
         await asyncio.wait((tour, ending), return_when=asyncio.FIRST_COMPLETED)
@@ -56,11 +70,11 @@ async def _demonstrate(robot: Path, directory: Path, arguments: argparse.Namespa
     return EXIT_OK
 
 
-async def _guide(processes: Processes, directory: Path, cycle_s: float) -> str:
+async def _guide(processes: OwnProcesses, directory: Path, cycle_s: float, model: Path) -> str:
     """Returns the folder of the recording."""
     print("starting the emulated lab and the daemon (the first time, physics is compiled: 10 s)")
     await processes.start()
-    return await Tour(directory, cycle_s).run()
+    return await Tour(directory, cycle_s, model).run()
 
 
 def _tell_result(folder: Path) -> None:

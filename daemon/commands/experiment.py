@@ -9,7 +9,9 @@ from daemon.cli import EXIT_FAILED, EXIT_OK
 from daemon.experiment.experiment_file import load_experiment
 from daemon.experiment.in_real_time import carry_out_in_real_time
 from daemon.experiment.in_virtual_time import carry_out_in_virtual_time
+from daemon.experiment.pretrained import with_model
 from daemon.experiment.trial import TrialError
+from daemon.learning.pretraining import PretrainingError
 from daemon.recording.error_table import table_text
 from daemon.recording.report import write_report
 
@@ -36,14 +38,21 @@ def run(arguments: argparse.Namespace) -> int:
     carry_out = carry_out_in_real_time if arguments.real_time else carry_out_in_virtual_time
     try:
         arguments.out.mkdir(parents=True)
-        result = carry_out(file, seed, arguments.out, lambda line: print(line, flush=True))
+        file = with_model(file, seed, _tell)
+        result = carry_out(file, seed, arguments.out, _tell)
     except FileExistsError:
         print(f"{arguments.out} is there already: name a new folder", file=sys.stderr)
         return EXIT_FAILED
-    except (TrialError, OSError) as error:
+    except (TrialError, PretrainingError, OSError) as error:
         print(error, file=sys.stderr)
         return EXIT_FAILED
     print(table_text(result.cycles))
+    if result.true_cycles:
+        print(f"the same of the true tip:\n{table_text(result.true_cycles)}")
     if not arguments.no_report:
         print(write_report(arguments.out))
     return EXIT_OK
+
+
+def _tell(line: str) -> None:
+    print(line, flush=True)

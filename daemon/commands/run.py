@@ -10,6 +10,7 @@ from daemon.cli import EXIT_FAILED, EXIT_OK
 from daemon.clock import MonotonicClock, run_in_real_time
 from daemon.connections import RealConnections
 from daemon.lab_client import LabRefusedError, LabUnreachableError, ask
+from daemon.learning.warm_up import warm_up
 from daemon.loop.real_time import RealTime
 from daemon.recording.flight_recorder import FlightRecorder
 from daemon.recording.recovery import recover_unfinished
@@ -75,6 +76,7 @@ async def _serve(checked: CheckedRobot, arguments: argparse.Namespace) -> None:
         None if arguments.no_real_time else RealTime(),
         runs=arguments.runs,
     )
+    warm_up()
     if surroundings.real_time is not None:
         surroundings.real_time.prepare()
     service = RobotService(checked.file, with_lab_ports(robot, directory), surroundings)

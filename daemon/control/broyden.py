@@ -4,6 +4,8 @@ A sample for the correction ends only when axes and tip have gone far enough: fr
 next there is mostly noise.
 """
 
+from itertools import chain
+from math import isfinite
 from pathlib import Path
 
 import numpy as np
@@ -50,7 +52,7 @@ class BroydenController:
         self._anchor = None
 
     def observe(self, observation: Observation) -> None:
-        if not (np.isfinite(observation.u).all() and np.isfinite(observation.tip_mm).all()):
+        if not all(map(isfinite, chain(observation.u.tolist(), observation.tip_mm.tolist()))):
             return
         if self._estimate is None:
             self._exploration.observe(observation)
@@ -65,8 +67,8 @@ class BroydenController:
             return
         moved, tip_moved = here[0] - self._anchor[0], here[1] - self._anchor[1]
         if (
-            float(np.linalg.norm(moved)) >= self._options.sample_travel_share
-            and float(np.linalg.norm(tip_moved)) >= self._options.sample_tip_mm
+            float(moved @ moved) >= self._options.sample_travel_share**2
+            and float(tip_moved @ tip_moved) >= self._options.sample_tip_mm**2
         ):
             self._estimate.correct(moved, tip_moved)
             self._anchor = here

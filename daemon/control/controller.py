@@ -34,6 +34,9 @@ class Observation:
     tip_velocity_mm_s: Vector
     reference_mm: Vector
     reference_velocity_mm_s: Vector
+    believed: bool = True
+    """Whether the tip was measured at this step. Otherwise it is only extrapolated: nothing to
+    learn from."""
 
 
 @dataclass(frozen=True)

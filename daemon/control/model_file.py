@@ -1,7 +1,6 @@
 """Learnt models on disk: one npz with arrays and a JSON text that says whose they are."""
 
 import json
-import os
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from config.robot import Robot
-from daemon.control.axis_ranges import AxisRanges
 from daemon.control.controller import ModelError
+from daemon.learning.npz_file import save_npz
+from daemon.learning.robot_fit import whose
 from drivers.pose import Vector
 
 _METADATA = "metadata"
@@ -19,25 +19,13 @@ _METADATA = "metadata"
 
 def model_metadata(controller: str, robot: Robot) -> dict[str, Any]:
     """Whose model it is: a file is loaded again only where all of this is the same."""
-    axes = AxisRanges.of(robot)
-    ends = zip(axes.lowest.tolist(), axes.highest.tolist(), strict=True)
-    return {
-        "controller": controller,
-        "robot": robot.robot,
-        "axes": list(axes.names),
-        "travel": [list(pair) for pair in ends],
-    }
+    return {"controller": controller, **whose(robot)}
 
 
 def save_model(path: Path, metadata: Mapping[str, Any], arrays: Mapping[str, Vector]) -> None:
     """Write a model; a reader sees the old file or the whole new one."""
-    partial = path.with_name(path.name + ".partial")
     text = json.dumps(metadata, sort_keys=True)
-    with partial.open("wb") as file:
-        np.savez(file, allow_pickle=False, **{_METADATA: np.array(text)}, **arrays)
-        file.flush()
-        os.fsync(file.fileno())
-    partial.replace(path)
+    save_npz(path, {_METADATA: np.array(text), **arrays})
 
 
 def load_model(

@@ -2,8 +2,8 @@
 
 The wanted step of the tip is the reference's own motion plus a share of the error (Ho 2018,
 eq. 14). The step of the axes is the one nearest to a posture that makes it, by damped least squares
-over axes measured in shares of their travel. Axes that meet a limit are held there and the others
-take over.
+over axes measured in shares of their travel, the dearer ones weighing more. Axes that meet a limit
+are held there and the others take over.
 """
 
 import numpy as np
@@ -29,6 +29,19 @@ class TipFollower:
         self.axes = AxisRanges.of(robot)
         self._options = options
         self._posture = self._fixed_posture()
+        self.unit = self.axes.travel / np.sqrt(self._weights())
+        """(m,) how far each axis goes for the price of 1."""
+
+    @property
+    def posture(self) -> Vector:
+        """(m,) that the axes are drawn to."""
+        return self._posture.copy()
+
+    def set_posture(self, posture: Vector) -> None:
+        """Draw to (m,) another one, as far as the axes go. Raises ValueError for no numbers."""
+        if np.shape(posture) != (self.axes.count,) or not np.isfinite(posture).all():
+            raise ValueError(f"a posture is {self.axes.count} finite numbers, not {posture}")
+        self._posture = np.clip(posture, self.axes.lowest, self.axes.highest)
 
     def reset(self, observation: Observation) -> None:
         """Motion begins: the posture may be the one of this moment."""
@@ -40,33 +53,60 @@ class TipFollower:
         options, dt_s = self._options, step_time(observation)
         error = observation.reference_mm - observation.tip_mm
         share = min(options.gain_per_s * dt_s, 1.0)
-        step = observation.reference_velocity_mm_s * dt_s + share * error
+        step = share * error
+        if options.feed_forward:
+            step = step + observation.reference_velocity_mm_s * dt_s
         if not np.isfinite(step).all():
             raise ControllerError("where the tip is, or shall be, is not a number")
         length, most = float(np.linalg.norm(step)), options.max_tip_speed_mm_s * dt_s
         return np.asarray(step if length <= most else step * (most / length))
 
-    def axis_step(self, jacobian: Matrix, tip_step: Vector, observation: Observation) -> Vector:
+    def drawn(self, observation: Observation) -> Vector:
+        """(m,) change of the targets that the posture asks for."""
+        share = min(self._options.posture_gain_per_s * step_time(observation), 1.0)
+        return np.asarray(share * (self._posture - observation.targets))
+
+    def axis_step(
+        self,
+        jacobian: Matrix,
+        tip_step: Vector,
+        observation: Observation,
+        near: Vector | None = None,
+    ) -> Vector:
         """(m,) change of the targets. jacobian: (3, m) mm per mm or rad.
 
+        near: (m,) a step that should be changed as little as need be; None: the posture's.
         Raises ControllerError for a Jacobian or targets that are not finite.
         """
         if not (np.isfinite(jacobian).all() and np.isfinite(observation.targets).all()):
             raise ControllerError("the controller's model is not a number here: learn it anew")
-        dt_s = step_time(observation)
-        share = min(self._options.posture_gain_per_s * dt_s, 1.0)
-        drawn = share * (self._posture - observation.targets)
+        drawn = self.drawn(observation) if near is None else near
         lowest, highest = self.axes.room(observation.targets)
-        travel = self.axes.travel
-        step = travel * bounded_step(
-            jacobian * travel,
+        unit = self.unit
+        step = unit * bounded_step(
+            jacobian * unit,
             tip_step,
-            drawn / travel,
-            lowest / travel,
-            highest / travel,
+            drawn / unit,
+            lowest / unit,
+            highest / unit,
             self._options.damping_mm,
         )
-        return self.axes.slowed(step, dt_s)
+        return self.axes.slowed(step, step_time(observation))
+
+    def within_limits(self, step: Vector, observation: Observation) -> Vector:
+        """(m,) a step as far as travel and speed of each axis let it be."""
+        lowest, highest = self.axes.room(observation.targets)
+        return self.axes.slowed(np.clip(step, lowest, highest), step_time(observation))
+
+    def _weights(self) -> Vector:
+        weights = self._options.axis_weights
+        if weights is None:
+            return np.ones(self.axes.count)
+        if len(weights) != self.axes.count:
+            raise ControllerError(
+                f"axis_weights are {len(weights)}, and the robot has {self.axes.count} axes"
+            )
+        return np.asarray(np.array(weights) / np.mean(weights))
 
     def _fixed_posture(self) -> Vector:
         posture, axes = self._options.posture, self.axes

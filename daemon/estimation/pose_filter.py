@@ -6,8 +6,8 @@ there is nothing to compare with, and after a gap too long to bridge.
 """
 
 from collections import deque
-from dataclasses import dataclass
 from math import hypot, sqrt
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +23,7 @@ _FARTHEST_MM = 1e5
 _TURN_RAD_S = 1.0
 
 
-@dataclass(frozen=True)
-class TipEstimate:
+class TipEstimate(NamedTuple):
     """The tip at one time, in the base sensor's frame."""
 
     t_ns: int
@@ -89,9 +88,9 @@ class PoseFilter:
         ahead_s = (t_ns - self._state_ns) / _NS_PER_S
         return TipEstimate(
             t_ns,
-            self._position.position(ahead_s),
-            self._position.velocity(),
-            self._orientation.quaternion(ahead_s),
+            np.array(self._position.position(ahead_s)),
+            np.array(self._position.velocity()),
+            np.array(self._orientation.quaternion(ahead_s)),
             self._position.standard_deviation(ahead_s),
             (t_ns - self._believed_ns) / _NS_PER_S,
             self.quality,
@@ -119,8 +118,8 @@ class PoseFilter:
         ahead_s = (t_ns - self._state_ns) / _NS_PER_S
         gate = self._settings.outlier_sigma**2
         if not (
-            self._position.surprise(pose.position_mm, ahead_s) <= gate
-            and self._orientation.surprise(pose.quaternion, ahead_s) <= gate
+            self._position.surprise(pose.position_mm.tolist(), ahead_s) <= gate
+            and self._orientation.surprise(pose.quaternion.tolist(), ahead_s) <= gate
         ):
             return self._begin(t_ns, pose)
         self._correct(t_ns, pose)
@@ -129,8 +128,8 @@ class PoseFilter:
 
     def _correct(self, t_ns: int, pose: Pose) -> None:
         ahead_s = (t_ns - self._state_ns) / _NS_PER_S
-        self._position.update(pose.position_mm, ahead_s)
-        self._orientation.update(pose.quaternion, ahead_s)
+        self._position.update(pose.position_mm.tolist(), ahead_s)
+        self._orientation.update(pose.quaternion.tolist(), ahead_s)
         self._state_ns = self._believed_ns = self._last_believed_ns = t_ns
 
     def _begin(self, t_ns: int, pose: Pose) -> bool:
@@ -141,8 +140,8 @@ class PoseFilter:
         if len(self._candidates) < self._settings.outliers_in_a_row:
             return False
         self._state_ns, first = self._candidates[0]
-        self._position.begin(first.position_mm)
-        self._orientation.begin(first.quaternion)
+        self._position.begin(first.position_mm.tolist())
+        self._orientation.begin(first.quaternion.tolist())
         for then_ns, candidate in self._candidates[1:]:
             self._correct(then_ns, candidate)
         self._candidates.clear()

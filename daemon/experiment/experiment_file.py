@@ -13,6 +13,7 @@ from config.problems import ConfigError, Problem
 from config.robot import Robot
 from config.schema_errors import schema_problems
 from config.yaml_document import YamlDocument, read_yaml
+from daemon.recording.run_folder import describe_run
 from daemon.robot_argument import check_robot
 
 _BUILTIN = "builtin:"
@@ -26,6 +27,12 @@ class ExperimentFile:
     experiment: Experiment
     file: RobotFile
     robot: Robot
+
+    def describe(self, folder: Path, wall_ns: int, seed: int) -> None:
+        """Write into a run's folder what is run, with which model. Raises OSError."""
+        model = getattr(self.experiment.controller, "model", None)
+        models = {} if model is None else {"controller": Path(model)}
+        describe_run(folder, self.robot, self.file.path, wall_ns, seed, models)
 
 
 def load_experiment(path: Path) -> ExperimentFile:

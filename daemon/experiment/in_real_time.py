@@ -1,60 +1,39 @@
 """An experiment with the devices in a process of their own, over their real ports, as on a rig."""
 
 import asyncio
-import subprocess
-import sys
 import tempfile
-from dataclasses import replace
 from pathlib import Path
-from typing import Final
 
 from daemon.clock import MonotonicClock, run_in_real_time
 from daemon.connections import RealConnections
-from daemon.control.trajectories import make_trajectory
+from daemon.experiment.carry_out import carry_out
 from daemon.experiment.experiment_file import ExperimentFile
-from daemon.experiment.in_virtual_time import Tell
-from daemon.experiment.trial import Trial, TrialError
+from daemon.experiment.trial import Tell, TrialError
 from daemon.lab_client import LabRefusedError, LabUnreachableError, ask
+from daemon.learning.warm_up import warm_up
 from daemon.loop.real_time import RealTime
+from daemon.own_processes import OwnProcesses, ProcessError
 from daemon.recording.flight_recorder import FlightRecorder
-from daemon.recording.result import Result
-from daemon.recording.run_folder import describe_run, robot_yaml
-from daemon.runtime_directory import LAB_FILE, with_lab_ports
-from daemon.service.operator import Operator
-from daemon.service.robot_service import RobotService
-from daemon.service.run_recording import RunRecording
+from daemon.recording.result import Result, read_result
+from daemon.recording.run_folder import robot_yaml
+from daemon.runtime_directory import with_lab_ports
 from daemon.service.surroundings import Surroundings
 from safety.risk_source import NoModel
-
-_LAB_ENDS_WITHIN_S: Final = 5.0
 
 
 def carry_out_in_real_time(file: ExperimentFile, seed: int, folder: Path, tell: Tell) -> Result:
     """Takes as long as the trajectory. Raises TrialError, OSError.
 
-    folder: an empty one, for the run.
+    folder: an empty one, for the run. What was recorded before an error is there too.
     """
     with tempfile.TemporaryDirectory(prefix="tentacled-") as name:
         directory = Path(name)
-        robot_path = directory / "robot.yaml"
-        robot_path.write_text(robot_yaml(file.robot, file.file.path))
-        command = [sys.executable, "-m", "daemon.cli", "emulate", str(robot_path)]
-        lab = subprocess.Popen(
-            [*command, "--runtime-dir", name, "--seed", str(seed)], stdout=subprocess.PIPE
-        )
-        try:
-            assert lab.stdout is not None
-            lab.stdout.readline()  # it speaks when its ports are there
-            if not (directory / LAB_FILE).exists():
-                raise TrialError("the emulated lab did not start")
-            return run_in_real_time(_carry_out(file, seed, folder, directory, tell))
-        finally:
-            lab.terminate()
-            try:
-                lab.wait(_LAB_ENDS_WITHIN_S)
-            except subprocess.TimeoutExpired:
-                lab.kill()
-                lab.wait()
+        (directory / "robot.yaml").write_text(robot_yaml(file.robot, file.file.path))
+        run_in_real_time(_with_lab(file, seed, folder, directory, tell))
+    result = read_result(folder)
+    if result is None:
+        raise TrialError(f"{folder}: the run left no result")
+    return result
 
 
 class _RunningLab:
@@ -83,36 +62,36 @@ class _RunningLab:
             self._tell(str(error))
 
 
+async def _with_lab(
+    file: ExperimentFile, seed: int, folder: Path, directory: Path, tell: Tell
+) -> None:
+    where = ["--runtime-dir", str(directory), "--seed", str(seed)]
+    lab = OwnProcesses(["emulate", str(directory / "robot.yaml"), *where])
+    try:
+        await lab.start()
+        await _carry_out(file, seed, folder, directory, tell)
+    except ProcessError as error:
+        raise TrialError(f"the emulated lab did not start: {error}") from None
+    finally:
+        await lab.end()
+
+
 async def _carry_out(
     file: ExperimentFile, seed: int, folder: Path, directory: Path, tell: Tell
-) -> Result:
-    clock = MonotonicClock()
-    robot = with_lab_ports(file.robot, directory)
-    real_time = RealTime()
+) -> None:
+    clock, real_time = MonotonicClock(), RealTime()
+    warm_up()
+    real_time.prepare()
     surroundings = Surroundings(
         RealConnections(clock), clock, FlightRecorder(), NoModel(), True, real_time
     )
-    service = RobotService(replace(file.file, robot=file.robot), robot, surroundings)
 
     def describe() -> Path:
-        describe_run(folder, file.robot, file.file.path, clock.wall_time_ns(), seed)
+        file.describe(folder, clock.wall_time_ns(), seed)
         return folder
 
     async def make_folder() -> Path:
         return await asyncio.to_thread(describe)
 
-    recording = RunRecording(service, make_folder, seed)
-    operator = Operator(service, recording, seed, None)
-    trajectory = make_trajectory(file.experiment.trajectory, file.path.parent)
-    lab = _RunningLab(directory, tell)
-    real_time.prepare()
-    trial = Trial(file.experiment, trajectory, service, operator, lab, tell)
-    devices = asyncio.create_task(service.run())
-    try:
-        await trial.run()
-    finally:
-        await service.rest()
-        devices.cancel()
-        await asyncio.gather(devices, return_exceptions=True)
-        await recording.end()
-    return recording.result()
+    robot, lab = with_lab_ports(file.robot, directory), _RunningLab(directory, tell)
+    await carry_out(file, robot, surroundings, make_folder, lab, None, seed, tell)

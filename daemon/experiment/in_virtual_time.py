@@ -1,39 +1,31 @@
 """An experiment with devices in the same process, on a clock that jumps: fast, and repeatable."""
 
-import asyncio
 import gc
-from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from random import Random
 
 import msgspec
 
-from daemon.control.trajectories import make_trajectory
+from daemon.experiment.carry_out import carry_out
 from daemon.experiment.experiment_file import ExperimentFile
-from daemon.experiment.trial import Trial
+from daemon.experiment.trial import Tell, TrialError
 from daemon.lab_connections import LabConnections
 from daemon.recording.direct_recorder import DirectRecorder
-from daemon.recording.result import Result, write_result
+from daemon.recording.result import Result, read_result, write_result
 from daemon.recording.run_files import RUN_FILE
-from daemon.recording.run_folder import describe_run
 from daemon.recording.run_reader import control_hash
-from daemon.service.operator import Operator
-from daemon.service.robot_service import RobotService
-from daemon.service.run_recording import RunRecording
 from daemon.service.surroundings import Surroundings
 from drivers.clock import WallClock
+from drivers.pose import Vector
 from safety.risk_source import NoModel
 from sim_backends.lab import Lab
 from sim_backends.virtual_time import run_in_virtual_time, virtual_clock
-
-Tell = Callable[[str], None]
 
 
 def carry_out_in_virtual_time(file: ExperimentFile, seed: int, folder: Path, tell: Tell) -> Result:
     """The same file and seed give the same recording, to the last bit. Raises TrialError, OSError.
 
-    folder: an empty one, for the run.
+    folder: an empty one, for the run. What was recorded before an error is there too.
     """
     gc.collect()
     gc.freeze()  # what is there by now stays: to look through it again and again costs a tenth
@@ -41,7 +33,9 @@ def carry_out_in_virtual_time(file: ExperimentFile, seed: int, folder: Path, tel
         run_in_virtual_time(_carry_out(file, seed, folder, tell))
     finally:
         gc.unfreeze()
-    result = msgspec.json.decode((folder / "result.json").read_bytes(), type=Result)
+    result = read_result(folder)
+    if result is None:
+        raise TrialError(f"{folder}: the run left no result")
     hashed = msgspec.structs.replace(result, control_sha256=control_hash(folder / RUN_FILE))
     write_result(folder, hashed)
     return hashed
@@ -51,27 +45,29 @@ async def _carry_out(file: ExperimentFile, seed: int, folder: Path, tell: Tell) 
     clock = virtual_clock()
     lab = Lab(file.robot, file.file.path, clock, seed)
     lab.start()
-    surroundings = _surroundings(lab, clock, seed)
-    robot_file = replace(file.file, robot=file.robot)
-    service = RobotService(robot_file, file.robot, surroundings)
 
     async def make_folder() -> Path:
-        describe_run(folder, file.robot, file.file.path, clock.wall_time_ns(), seed)
+        file.describe(folder, clock.wall_time_ns(), seed)
         return folder
 
-    recording = RunRecording(service, make_folder, seed)
-    operator = Operator(service, recording, seed, None)
-    trajectory = make_trajectory(file.experiment.trajectory, file.path.parent)
-    trial = Trial(file.experiment, trajectory, service, operator, lab, tell)
-    devices = asyncio.create_task(service.run())
+    surroundings, truth = _surroundings(lab, clock, seed), _TruthOf(lab)
     try:
-        await trial.run()
+        await carry_out(file, file.robot, surroundings, make_folder, lab, truth, seed, tell)
     finally:
-        await service.rest()
-        devices.cancel()
-        await asyncio.gather(devices, return_exceptions=True)
-        await recording.end()
         lab.stop()
+
+
+class _TruthOf:
+    """Of a lab in this process."""
+
+    def __init__(self, lab: Lab) -> None:
+        self._body = lab.body
+
+    def tip_mm(self) -> Vector:
+        return self._body.record.state.tip.position_mm
+
+    def failures(self) -> int:
+        return self._body.record.plant_failures
 
 
 def _surroundings(lab: Lab, clock: WallClock, seed: int) -> Surroundings:

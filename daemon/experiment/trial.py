@@ -7,11 +7,14 @@ from typing import Final
 from config.experiment import Experiment
 from daemon.control.trajectories import Trajectory
 from daemon.experiment.happenings import Happenings, LabControl
+from daemon.experiment.session import Session
+from daemon.experiment.stopwatch import Stopwatch, TimedController
 from daemon.remote.messages import Acquire, Answer, Arm, Disarm, Message, Refusal, Tip
-from daemon.service.operator import Operator
 from daemon.service.refused import RefusedError
-from daemon.service.robot_service import RobotService
 from safety.states import OperatingState
+
+Tell = Callable[[str], None]
+"""Hears in words of what happens."""
 
 _USER: Final = "experiment"
 _READY_WITHIN_S: Final = 120.0
@@ -31,24 +34,25 @@ class Trial:
         self,
         experiment: Experiment,
         trajectory: Trajectory,
-        service: RobotService,
-        operator: Operator,
+        session: Session,
         lab: LabControl,
-        tell: Callable[[str], None],
+        stopwatch: Stopwatch,
+        tell: Tell,
     ) -> None:
         self.resumptions = 0
         """How often the motion had to be resumed after something had held it."""
         self._experiment = experiment
         self._trajectory = trajectory
-        self._service = service
-        self._operator = operator
+        self._service = session.service
+        self._operator = session.operator
+        self._stopwatch = stopwatch
         self._tell = tell
         self._token = ""
         self._happenings = Happenings(
             experiment.happenings, experiment.tip_load_g, lab, self._happened
         )
         self._last_ns: int | None = None
-        service.surroundings.listeners.append(self._step)
+        self._service.surroundings.listeners.append(self._step)
 
     async def run(self) -> None:
         """Raises TrialError; the robot is then left to `RobotService.rest`."""
@@ -56,7 +60,7 @@ class Trial:
         await self._acquire()
         renewing = asyncio.create_task(self._keep_lease())
         try:
-            await self._operator.load(self._trajectory, self._experiment.controller)
+            await self._load()
             self._carried_out(await self._operator.handle(_USER, Arm(token=self._token)))
             self._operator.start(self._experiment.blend_speed_mm_s)
             async with asyncio.timeout(self._experiment.longest_s):
@@ -84,6 +88,13 @@ class Trial:
     async def _acquire(self) -> None:
         answer = self._carried_out(await self._operator.handle(_USER, Acquire(token=self._token)))
         self._token = answer.token
+
+    async def _load(self) -> None:
+        await self._operator.load(self._trajectory, self._experiment.controller)
+        loaded = self._operator.loaded
+        assert loaded is not None
+        timed = TimedController(loaded.controller, self._stopwatch)
+        self._operator.loaded = loaded._replace(controller=timed)
 
     async def _keep_lease(self) -> None:
         while True:

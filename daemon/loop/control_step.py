@@ -106,7 +106,7 @@ class ControlLoop:
         if sensed is None:
             return
         believed = self._estimate(sensed)
-        wish = self._decide(sensed)
+        wish = self._decide(sensed, believed)
         decision = self._pass_the_gate(sensed, wish)
         self._act(decision)
         self._publish(sensed, believed, wish, decision)
@@ -186,7 +186,7 @@ class ControlLoop:
         self.tip = self.filter.estimate(sensed.frame.t_ns)
         return believed
 
-    def _decide(self, sensed: Sensed) -> Wish | None:
+    def _decide(self, sensed: Sensed, believed: bool) -> Wish | None:
         """What the controller wants; None: to stand still."""
         controller, reference, tip = self.controller, self.reference, self.tip
         if controller is None or reference is None or tip is None:
@@ -209,6 +209,7 @@ class ControlLoop:
             tip.velocity_mm_s,
             aim.position_mm,
             aim.velocity_mm_s,
+            believed,
         )
         self.aim = aim if running else None
         try:

@@ -116,19 +116,11 @@ def tip_pose(payload: bytes, wall_ns: int) -> bytes | None:
         return None
     if tip.tip_mm is None or len(tip.tip_mm) != 3:
         return None
-    x, y, z = (value * 1e-3 for value in tip.tip_mm)
+    x, y, z = tip.tip_mm
     w, i, j, k = tip.quaternion or (1.0, 0.0, 0.0, 0.0)
     sec, nsec = divmod(wall_ns, _NS_PER_S)
-    return msgspec.json.encode(
-        {
-            "timestamp": {"sec": sec, "nsec": nsec},
-            "frame_id": "base",
-            "pose": {
-                "position": {"x": x, "y": y, "z": z},
-                "orientation": {"x": i, "y": j, "z": k, "w": w},
-            },
-        }
-    )
+    pose = _Pose(_Vector3(x * 1e-3, y * 1e-3, z * 1e-3), _Quaternion(i, j, k, w))
+    return _ENCODER.encode(_PoseInFrame(_Time(sec, nsec), "base", pose))
 
 
 class _TipPose(msgspec.Struct):
@@ -139,6 +131,40 @@ class _TipPose(msgspec.Struct):
 
 
 _TIP_DECODER: Final = msgspec.json.Decoder(_TipPose)
+
+
+class _Time(msgspec.Struct, gc=False):
+    sec: int
+    nsec: int
+
+
+class _Vector3(msgspec.Struct, gc=False):
+    x: float
+    y: float
+    z: float
+
+
+class _Quaternion(msgspec.Struct, gc=False):
+    x: float
+    y: float
+    z: float
+    w: float
+
+
+class _Pose(msgspec.Struct, gc=False):
+    position: _Vector3
+    orientation: _Quaternion
+
+
+class _PoseInFrame(msgspec.Struct, gc=False):
+    """What `_POSE_IN_FRAME` describes."""
+
+    timestamp: _Time
+    frame_id: str
+    pose: _Pose
+
+
+_ENCODER: Final = msgspec.json.Encoder()
 
 
 def _simplified(schema: dict[str, Any], definitions: dict[str, Any]) -> dict[str, Any]:

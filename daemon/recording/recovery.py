@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import IO, Final
 
 from mcap.records import Channel, Message, Metadata, Schema
-from mcap.writer import Writer
 
+from daemon.recording.mcap_file import McapFile
 from daemon.recording.patient_file import PatientFile, sync_folder
 from daemon.recording.run_files import RUN_FILE, unfinished
 from daemon.recording.run_reader import RunReader, UnreadableRunError
-from daemon.recording.run_writer import start_mcap
+from daemon.recording.run_writer import LIBRARY
 
 RECOVERY: Final = "recovery"
 """Name of the metadata record that a recovered recording has."""
@@ -75,14 +75,14 @@ def _abandoned(file: IO[bytes]) -> bool:
 def _rewrite(part: Path, path: Path) -> Recovered:
     reader = RunReader(part)
     with _new_file(path.with_name(f".{path.name}.recovered")) as (beside, file):
-        writer = start_mcap(file)
+        writer = McapFile(file, LIBRARY)
         messages = _copy(reader, writer)
         lost = part.stat().st_size - reader.read_bytes
         if not reader.whole:
             writer.add_metadata(
                 RECOVERY, {"lost_bytes": str(lost), "damaged_records": str(reader.damaged)}
             )
-        writer.finish()  # type: ignore[no-untyped-call]
+        writer.finish()
         file.flush()
         file.sync()
         if file.failed:
@@ -93,7 +93,7 @@ def _rewrite(part: Path, path: Path) -> Recovered:
     return Recovered(path.parent, messages, lost)
 
 
-def _copy(reader: RunReader, writer: Writer) -> int:
+def _copy(reader: RunReader, writer: McapFile) -> int:
     """All records from one file to the other. Returns the number of messages."""
     schemas, channels = {0: 0}, dict[int, int]()
     messages = 0

@@ -44,7 +44,7 @@ def close_up_figure(tip: Series) -> Figure | None:
     if not cycles:
         return None
     number, last, reference = cycles[-1]
-    centre, plane = _plane_of(reference)
+    centre, plane = plane_of(reference)
 
     def flat(points: Array) -> Array:
         return (points - centre) @ plane.T
@@ -127,7 +127,7 @@ def _draw_worst(axes: Axes, tip: Array, reference: Array, at: int, error_mm: flo
     axes.legend(loc="best")
 
 
-def _plane_of(reference: Array) -> tuple[Array, Array]:
+def plane_of(reference: Array) -> tuple[Array, Array]:
     """Centre of the points and the two directions (rows) in which they spread most."""
     centre = reference.mean(axis=0)
     _, _, directions = np.linalg.svd(reference - centre, full_matrices=False)

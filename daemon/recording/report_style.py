@@ -85,6 +85,11 @@ def as_data_uri(made: Figure) -> str:
         if sum(_points(one) for one in drawn) > _VECTOR_POINTS_AT_MOST:
             for one in drawn:
                 one.set_rasterized(True)
+    # Laid out once, and for good: saving would draw it all to nowhere first, to lay it out.
+    layout = made.get_layout_engine()
+    if layout is not None:
+        layout.execute(made)
+        made.set_layout_engine("none")
     buffer = io.BytesIO()
     made.savefig(buffer, format="svg", dpi=_DPI, metadata={"Date": None, "Creator": None})
     return "data:image/svg+xml;base64," + base64.b64encode(buffer.getvalue()).decode()

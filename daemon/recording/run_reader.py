@@ -11,12 +11,15 @@ from typing import IO, Final, NamedTuple
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import breakup_chunk
+from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 
 from daemon.recording.channels import CONTROL_TOPICS
 
 _RECORD_HEAD: Final = struct.Struct("<BQ")
+_MESSAGE_HEAD: Final = struct.Struct("<HIQQ")
+"""Channel, sequence, log time, publish time."""
+_MESSAGE: Final = int(Opcode.MESSAGE)
 _HASHED: Final = struct.Struct("<QQ")
 _PARSERS: Final[dict[int, Callable[[ReadDataStream], McapRecord]]] = {
     Opcode.CHUNK: Chunk.read,
@@ -97,23 +100,49 @@ class RunReader:
             record = _PARSERS[opcode](ReadDataStream(BytesIO(body)))
             inner = [record]
             if isinstance(record, Chunk):
-                inner = breakup_chunk(record, validate_crc=True)
+                inner = _broken_up(record)
         except Exception:  # whatever a parser says of damaged bytes: the rest may be well
             self.damaged += 1
             return []
+        known: list[McapRecord] = []
         for each in inner:
+            if isinstance(each, Message):
+                # The chunk that declared its channel may be one of the damaged.
+                if each.channel_id in self.channels:
+                    known.append(each)
+                continue
+            known.append(each)
             if isinstance(each, Schema):
                 self.schemas[each.id] = each
             elif isinstance(each, Channel):
                 self.channels[each.id] = each
             elif isinstance(each, Metadata):
                 self.metadata[each.name] = dict(each.metadata)
-        # The chunk that declared a channel may be one of the damaged.
-        return [
-            each
-            for each in inner
-            if not isinstance(each, Message) or each.channel_id in self.channels
-        ]
+        return known
+
+
+def _broken_up(chunk: Chunk) -> list[McapRecord]:
+    """The records in a chunk: as the library's own `breakup_chunk`, at a tenth of the cost.
+
+    Raises whatever a parser says of damaged bytes.
+    """
+    stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+    data, at = stream.read(size), 0
+    records: list[McapRecord] = []
+    while at < size:
+        opcode, length = _RECORD_HEAD.unpack_from(data, at)
+        at += _RECORD_HEAD.size
+        end = at + length
+        if end > size:
+            raise ValueError("a record is longer than its chunk")
+        if opcode == _MESSAGE:
+            channel, sequence, log_ns, publish_ns = _MESSAGE_HEAD.unpack_from(data, at)
+            payload = data[at + _MESSAGE_HEAD.size : end]
+            records.append(Message(channel, log_ns, payload, publish_ns, sequence))
+        elif opcode in _PARSERS:
+            records.append(_PARSERS[opcode](ReadDataStream(BytesIO(data[at:end]))))
+        at = end
+    return records
 
 
 def control_hash(path: Path, topics: Iterable[str] = CONTROL_TOPICS) -> str:

@@ -2,11 +2,10 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import IO, Final, cast
-
-from mcap.writer import CompressionType, Writer
+from typing import Final
 
 from daemon.recording.channels import TIP_POSE, TOPICS, channel_format, tip_pose
+from daemon.recording.mcap_file import McapFile
 from daemon.recording.patient_file import PatientFile, sync_folder
 from daemon.recording.run_files import unfinished
 from daemon.remote.messages import Tip
@@ -17,7 +16,6 @@ HEADER: Final = "run"
 ENDING: Final = "ending"
 """Name of the metadata record that only a recording that was ended properly has."""
 
-_CHUNK_BYTES: Final = 1 << 20
 _PENDING_AT_MOST: Final = 16 << 20
 _TIP: Final = TOPICS[Tip]
 
@@ -41,7 +39,7 @@ class RunWriter:
         self._channels: dict[str, int] = {}
         self._sequences: dict[str, int] = {}
         self._file = PatientFile(unfinished(path))
-        self._mcap = start_mcap(self._file)
+        self._mcap = McapFile(self._file, LIBRARY)
         self._mcap.add_metadata(HEADER, {**header, "wall_offset_ns": str(wall_offset_ns)})
 
     @property
@@ -68,7 +66,7 @@ class RunWriter:
 
     def flush(self) -> None:
         """End the chunk: what was written so far can be read from now on, whatever happens."""
-        self._mcap.flush()  # type: ignore[no-untyped-call]
+        self._mcap.flush()
 
     def sync(self) -> None:
         """Flush, and wait until the disk has it."""
@@ -80,9 +78,9 @@ class RunWriter:
 
         dropped_before: messages that were lost on the way to here; the file tells how many.
         """
-        self._mcap.flush()  # type: ignore[no-untyped-call]
+        self._mcap.flush()
         self._mcap.add_metadata(ENDING, {"dropped": str(dropped_before + self.dropped)})
-        self._mcap.finish()  # type: ignore[no-untyped-call]
+        self._mcap.finish()
         self._file.flush()
         self._file.sync()
         complete = not self._file.failed
@@ -108,12 +106,3 @@ class RunWriter:
         self._channels[topic] = self._mcap.register_channel(topic, kind.message_encoding, schema)
         self._sequences[topic] = 0
         return self._channels[topic]
-
-
-def start_mcap(file: PatientFile) -> Writer:
-    """An MCAP file that begins in `file`."""
-    writer = Writer(
-        cast(IO[bytes], file), chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD
-    )
-    writer.start(library=LIBRARY)
-    return writer

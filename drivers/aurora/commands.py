@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass
+from functools import lru_cache
 
 from drivers.aurora.crc import crc16
 from drivers.aurora.errors import CodecError
@@ -32,12 +33,14 @@ class Command:
     arguments: str = ""
 
 
+@lru_cache(maxsize=64)
 def encode_command(word: str, arguments: str = "") -> bytes:
-    """The bytes of a command with its checksum and the closing CR."""
+    """The bytes of a command with its checksum and the closing CR. Most are sent again soon."""
     covered = f"{word}:{arguments}".encode("ascii")
     return covered + b"%04X\r" % crc16(covered)
 
 
+@lru_cache(maxsize=64)
 def decode_command(line: bytes) -> Command:
     """The command in a line without its CR, with a checksum or, after a space, without one.
 

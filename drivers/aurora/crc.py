@@ -1,5 +1,7 @@
 """CRC-16/ARC, the checksum of every command and reply."""
 
+from functools import lru_cache
+
 _REFLECTED_POLYNOMIAL = 0xA001
 
 
@@ -16,8 +18,13 @@ A table of words would halve the steps, but at forty replies a second it is neve
 """
 
 
-def crc16(data: bytes | bytearray) -> int:
-    """CRC-16/ARC of `data`: reflected 0x8005, starts at 0, no final inversion."""
+@lru_cache(maxsize=8)
+def crc16(data: bytes) -> int:
+    """CRC-16/ARC of `data`: reflected 0x8005, starts at 0, no final inversion.
+
+    What was asked last is remembered: heads of replies are always the same, and where the device
+    is emulated in the same process each reply is asked for twice.
+    """
     register = 0
     table = _AFTER_BYTE
     for byte in data:

@@ -2,8 +2,8 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,8 +25,7 @@ class Absence(Enum):
     """Numbers came, but they are not a pose."""
 
 
-@dataclass(frozen=True, slots=True)
-class ToolSample:
+class ToolSample(NamedTuple):
     """One sensor in one frame."""
 
     handle: int
@@ -46,8 +45,7 @@ class ToolSample:
         return not self.port_status & _OUTSIDE
 
 
-@dataclass(frozen=True, slots=True)
-class TrackerFrame:
+class TrackerFrame(NamedTuple):
     """One frame."""
 
     frame_number: int

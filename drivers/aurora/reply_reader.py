@@ -69,7 +69,7 @@ class ReplyReader:
         if len(buffer) < BINARY_HEADER.size:
             return None
         _, length, header_crc = BINARY_HEADER.unpack_from(buffer)
-        if length > MAX_BODY_BYTES or crc16(buffer[:4]) != header_crc:
+        if length > MAX_BODY_BYTES or crc16(bytes(buffer[:4])) != header_crc:
             self._noise(1)
             return None
         end = BINARY_HEADER.size + length + CHECKSUM.size

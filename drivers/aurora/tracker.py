@@ -150,6 +150,11 @@ class AuroraTracker:
             self._health.counted(),
         )
 
+    @property
+    def tracking(self) -> bool:
+        """Whether it is set up and measures. The same as in `status`, for every bus cycle."""
+        return self._state is TrackerState.TRACKING
+
     async def run(self) -> None:
         """Track for ever. Cancelled, it leaves the device as it was at power-up, within 1 s."""
         while True:

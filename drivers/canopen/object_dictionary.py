@@ -1,5 +1,6 @@
 """What a node's EDS file says of its objects: which there are, and of what type."""
 
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +16,11 @@ class EdsError(ValueError):
 class ObjectDictionary:
     """The objects of one kind of node."""
 
-    def __init__(self, path: Path, node: int) -> None:
+    def __init__(self, path: Path) -> None:
         """Raises EdsError."""
         self._path = path
         try:
-            self._objects: Any = eds_reader.import_od(str(path), node)
+            self._objects = _objects(path, path.stat().st_mtime_ns)
         except Exception as error:  # the reader raises whatever its parsers do
             raise EdsError(f"{path}: not an EDS file: {error}") from error
 
@@ -57,3 +58,11 @@ class ObjectDictionary:
             return entry[subindex]
         except KeyError:
             return None
+
+
+@lru_cache(maxsize=32)
+def _objects(path: Path, modified_ns: int) -> Any:
+    """Nodes of one kind share a file, and reading it takes a while. Which node it is does not
+    matter: that only changes default values."""
+    del modified_ns
+    return eds_reader.import_od(str(path))

@@ -30,7 +30,7 @@ _SYNC: Final = (cob_ids.SYNC, b"")
 _OPEN_AGAIN_S: Final = 0.1
 _WATCH_EVERY_NS: Final = 10_000_000
 _LAST_FRAMES_S: Final = 0.01  # until what was sent has left the interface's queue
-_WAITS_FOR_OTHERS: Final = (PowerState.SWITCHED_ON, PowerState.OPERATION_ENABLED)
+_WAITS_FOR_OTHERS: Final = (PowerState.OPERATION_ENABLED, PowerState.SWITCHED_ON)
 _BITS: Final = tuple(worst_case_bits(length) for length in range(9))
 
 
@@ -271,23 +271,25 @@ class DriveBus:
 
     def _outputs(self, step: PermittedStep | None) -> list[tuple[int, bytes]]:
         """What all axes are sent for the next SYNC."""
-        frames = []
+        frames, next_sync_ns = [], self._next_sync_ns
         for channel in self.channels:
-            output = channel.output(self._next_sync_ns, step)
+            output = channel.output(next_sync_ns, step)
             if output is not None:
                 frames.append((channel.rpdo_id, output))
         return frames
 
     def _sent(self, frames: Sequence[tuple[int, bytes]], taken: int) -> None:
-        traffic = self.traffic
+        traffic, tap = self.traffic, self._tap
         traffic.sent += taken
-        traffic.refused += len(frames) - taken
-        for _, data in frames[:taken]:
+        if taken < len(frames):
+            traffic.refused += len(frames) - taken
+            frames = frames[:taken]
+        for _, data in frames:
             traffic.bits += _BITS[len(data)]
-        if self._tap is not None:
+        if tap is not None:
             t_ns = self._clock.now_ns()
-            for can_id, data in frames[:taken]:
-                self._tap(can_id, data, t_ns)
+            for can_id, data in frames:
+                tap(can_id, data, t_ns)
 
     def _watch(self, link: CanLink, t_ns: int) -> None:
         """Look after the nodes; once all are well, their frames need not wake us one by one."""
@@ -304,15 +306,14 @@ class DriveBus:
 
     def _current_step(self) -> PermittedStep | None:
         """The step, unless an axis has stopped following: none may move on without the others."""
-        if self._step is not None and not all(channel.following for channel in self.channels):
-            self._step = None
-        together = all(
-            channel.state in _WAITS_FOR_OTHERS
-            for channel in self.channels
-            if channel.goal is PowerGoal.ENABLED
-        )
+        alone = False
         for channel in self.channels:
-            channel.waits_for_others = not together
+            if not channel.following:
+                self._step = None
+            if channel.goal is PowerGoal.ENABLED and channel.state not in _WAITS_FOR_OTHERS:
+                alone = True
+        for channel in self.channels:
+            channel.waits_for_others = alone
         return self._step
 
     async def _open(self) -> bool:

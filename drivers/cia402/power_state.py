@@ -22,6 +22,10 @@ class PowerState(Enum):
     FAULT = "fault"
     UNKNOWN = "unknown"
 
+    # Members are looked up in every cycle, and there is one of each: an enumeration's own hash is
+    # that of the name, and slow.
+    __hash__ = object.__hash__
+
     @property
     def energised(self) -> bool:
         """Whether the motor has torque."""
@@ -102,6 +106,8 @@ class PowerGoal(Enum):
     """Torque on, following targets."""
     QUICK_STOP = "quick stop"
     """Brake on the drive's own ramp; where it ends the drive's 0x605A says."""
+
+    __hash__ = object.__hash__
 
 
 _TOWARDS: Final = {

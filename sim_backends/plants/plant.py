@@ -28,12 +28,14 @@ class BodyState:
 
     centreline_mm: (n, 3) from base to tip. tip: placement of the tip's frame.
     actuator_forces: (m,) N that each actuator must hold (N·mm for a rotation), positive where
-    the body pushes the actuator back towards lower positions.
+    the body pushes the actuator back towards lower positions. radius_mm: nothing of the body is
+    further from its centreline.
     """
 
     centreline_mm: FloatArray
     tip: Pose
     actuator_forces: FloatArray
+    radius_mm: float
 
 
 class PlantError(RuntimeError):

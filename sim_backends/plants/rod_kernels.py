@@ -19,7 +19,7 @@ ABSENT, TENDON, CHAMBER = 0, 1, 2
 LEAST_STRETCH = 0.05
 """A body pressed to a twentieth of its length is no rod any more."""
 
-_LOCAL_TOLERANCE = 1e-7
+_LOCAL_TOLERANCE = 1e-6
 _LOCAL_ITERATIONS = 50
 _LARGEST_CORRECTION = 0.5
 
@@ -141,7 +141,8 @@ def _imbalance(
     residual: FloatArray,
     h: FloatArray,
 ) -> None:
-    """What `wrench` exceeds the cross-section's resistance by, and its stiffness h (6, 6)."""
+    """What `wrench` exceeds the cross-section's resistance by, and its stiffness h (6, 6), of which
+    the upper triangle is filled."""
     for a in range(6):
         residual[a] = wrench[a] - rod.stiffness[k, a] * (strain[a] - rod.rest[k, j, a])
         for b in range(6):
@@ -157,39 +158,36 @@ def _imbalance(
         if rod.kind[k, i] == TENDON:
             x, y = rod.offset[k, j, i, 0], rod.offset[k, j, i, 1]
             _add_tendon_stiffness(x, y, tension / length, along, h)
-    for a in range(1, 6):
-        for b in range(a):
-            h[a, b] = h[b, a]
 
 
 @_kernel
 def _factor(h: FloatArray) -> bool:
-    """Cholesky factor in place (lower triangle). False where h is not positive definite."""
+    """L D L' of the upper triangle of h, in place: L below the diagonal, 1/D on it.
+
+    False where h is not positive definite.
+    """
     for a in range(6):
-        for b in range(a + 1):
-            rest = h[a, b]
-            for c in range(b):
-                rest -= h[a, c] * h[b, c]
-            if a > b:
-                h[a, b] = rest / h[b, b]
-            elif rest > 0.0:
-                h[a, a] = np.sqrt(rest)
-            else:
-                return False
+        pivot = h[a, a]
+        if not pivot > 0.0:
+            return False
+        h[a, a] = 1.0 / pivot
+        for b in range(a + 1, 6):
+            h[b, a] = h[a, b] * h[a, a]
+            for c in range(b, 6):
+                h[b, c] -= h[b, a] * h[a, c]
     return True
 
 
 @_kernel
 def _solve(h: FloatArray, x: FloatArray) -> None:
-    """Solve in place with the factor of `_factor`."""
-    for a in range(6):
+    """Solve in place with the factors of `_factor`."""
+    for a in range(1, 6):
         for c in range(a):
             x[a] -= h[a, c] * x[c]
-        x[a] /= h[a, a]
     for a in range(5, -1, -1):
+        x[a] *= h[a, a]
         for c in range(a + 1, 6):
             x[a] -= h[c, a] * x[c]
-        x[a] /= h[a, a]
 
 
 @_inlined
@@ -330,13 +328,13 @@ def march(rod: LoadedRod, base_moment: FloatArray, out: March) -> bool:
 
 
 @_kernel
-def _multiply(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
-    """out = a b, for matrices too small to be worth a call of BLAS."""
+def _multiply(a: FloatArray, b: FloatArray, columns: int, out: FloatArray) -> None:
+    """out = a b, of b the first columns, for matrices too small to be worth a call of BLAS."""
     for i in range(a.shape[0]):
-        for j in range(b.shape[1]):
+        for j in range(columns):
             out[i, j] = a[i, 0] * b[0, j]
         for c in range(1, a.shape[1]):
-            for j in range(b.shape[1]):
+            for j in range(columns):
                 out[i, j] += a[i, c] * b[c, j]
 
 
@@ -369,26 +367,28 @@ def _integral(
     generator: FloatArray,
     state: FloatArray,
     source: FloatArray,
+    columns: int,
     slope: FloatArray,
     scratch: FloatArray,
     out: FloatArray,
 ) -> None:
-    """∫ X over an interval of length h, for X' = generator X + source from X = state.
+    """∫ X over an interval of length h, for X' = generator X + source from X = state; the first
+    columns of it.
 
     The series h X + h²/2 D + h³/6 A D + h⁴/24 A² D with D = A X + source, D the first slope.
     """
-    _multiply(generator, state, slope)
+    _multiply(generator, state, columns, slope)
     for a in range(6):
-        for b in range(state.shape[1]):
+        for b in range(columns):
             slope[a, b] += source[a, b]
             scratch[a, b] = h / 4.0 * slope[a, b]
     for order in (3.0, 2.0):
-        _multiply(generator, scratch, out)
+        _multiply(generator, scratch, columns, out)
         for a in range(6):
-            for b in range(state.shape[1]):
+            for b in range(columns):
                 scratch[a, b] = h / order * (slope[a, b] + out[a, b])
     for a in range(6):
-        for b in range(state.shape[1]):
+        for b in range(columns):
             out[a, b] = h * (state[a, b] + scratch[a, b])
 
 
@@ -481,7 +481,7 @@ def _exponential(h: float, a: FloatArray, scratch: FloatArray, out: FloatArray) 
             out[i, j] = h / 4.0 * a[i, j]
         out[i, i] += 1.0
     for order in (3.0, 2.0, 1.0):
-        _multiply(a, out, scratch)
+        _multiply(a, out, 6, scratch)
         for i in range(6):
             for j in range(6):
                 out[i, j] = h / order * scratch[i, j]
@@ -491,23 +491,26 @@ def _exponential(h: float, a: FloatArray, scratch: FloatArray, out: FloatArray) 
 @_kernel
 def _add_lengthening(
     h: float,
+    kind: NDArray[np.int8],
     pushes: FloatArray,
     strains: FloatArray,
     answers: FloatArray,
     spread: FloatArray,
     integral: FloatArray,
+    columns: int,
     change: FloatArray,
     response: FloatArray,
 ) -> None:
     """Lengthening of the routes over an interval: what each pushes, times the change of strain."""
-    _multiply(strains, integral, change)
-    for i in range(answers.shape[1]):
+    _multiply(strains, integral, columns, change)
+    for i in range(columns - 3):
         for a in range(6):
             change[a, 3 + i] -= h * answers[a, i] * spread[i]
-    for i in range(answers.shape[1]):
-        for b in range(integral.shape[1]):
+    for i in range(columns - 3):
+        if kind[i] != ABSENT:
             for a in range(6):
-                response[3 + i, b] += pushes[a, i] * change[a, b]
+                for b in range(columns):
+                    response[3 + i, b] += pushes[a, i] * change[a, b]
 
 
 @_kernel
@@ -520,27 +523,32 @@ def tangent(
     Filled: response (3+m, 3+m), d(tip moment, route lengths) / d(base moment, pulls); transfer
     (N, 6, 6), which takes a turn φ and a change of moment δm, both in the base frame, from node to
     node. With C the compliance of the cross-section and b what a route pushes, the change of strain
-    is C (n × φ, δm + m × φ) - C b δτ.
+    is C (n × φ, δm + m × φ) - C b δτ. Columns of routes that are still to begin stay zero and are
+    left out.
     """
-    routes, columns = rod.kind.shape[1], 3 + rod.kind.shape[1]
+    routes, width = rod.kind.shape[1], 3 + rod.kind.shape[1]
     r, h, c, turned = np.empty((3, 3)), np.empty((6, 6)), np.empty((6, 6)), np.empty((6, 6))
     q, n, m, v, along = np.empty(4), np.empty(3), np.empty(3), np.empty(3), np.empty(6)
-    wrench, unused, scratch = np.zeros(6), np.empty(6), np.empty((6, columns))
+    wrench, unused, scratch = np.zeros(6), np.empty(6), np.empty((6, width))
     strains, generator = np.empty((6, 6)), np.empty((6, 6))
-    pushes, answers = np.empty((6, routes)), np.empty((6, routes))
-    state, source = np.zeros((6, columns)), np.zeros((6, columns))
-    slope, integral = np.empty((6, columns)), np.empty((6, columns))
+    pushes, answers = np.empty((6, routes)), np.zeros((6, routes))
+    state, source = np.zeros((6, width)), np.zeros((6, width))
+    slope, integral = np.zeros((6, width)), np.empty((6, width))
     state[3, 0] = state[4, 1] = state[5, 2] = 1.0
+    columns = 3
     _fill(response, 0.0)
     for k in range(rod.step.shape[0]):
+        for i in range(columns - 3, routes):
+            if rod.kind[k, i] != ABSENT:
+                columns = 4 + i
         _middle(rod, k, path, q, r, n, m, v, along, pushes)
         _imbalance(rod, k, 1, wrench, path.strain[k, 1], along, unused, h)
         if not _factor(h):
             return False
         _compliance(r, h, along, c)
         _wrench_by_turn(n, m, turned)
-        _multiply(c, turned, strains)
-        _multiply(c, pushes, answers)
+        _multiply(c, turned, 6, strains)
+        _multiply(c, pushes, columns - 3, answers)
         _generator(n, v, strains, turned[:3], generator)
         _exponential(rod.step[k], generator, turned, transfer[k])
         _copy(answers[3:], source[:3, 3:])
@@ -548,12 +556,21 @@ def tangent(
         for i in range(routes):
             for a in range(6):
                 source[a, 3 + i] *= -spread[k, i]
-        _integral(rod.step[k], generator, state, source, slope, scratch, integral)
-        _multiply(generator, integral, slope)
+        _integral(rod.step[k], generator, state, source, columns, slope, scratch, integral)
+        _multiply(generator, integral, columns, slope)
         _add(state, 1.0, slope)
         _add(state, rod.step[k], source)
         _add_lengthening(
-            rod.step[k], pushes, strains, answers, spread[k], integral, slope, response
+            rod.step[k],
+            rod.kind[k],
+            pushes,
+            strains,
+            answers,
+            spread[k],
+            integral,
+            columns,
+            slope,
+            response,
         )
     _copy(state[3:], response[:3])
     return True
@@ -604,11 +621,11 @@ def unstable_directions(step: FloatArray, transfer: FloatArray, foundation: floa
         for a in range(3):
             behind[a, a] += step[k] * foundation
         turn, bend = transfer[k, :3, :3], transfer[k, :3, 3:]
-        _multiply(behind, bend, pivot)
+        _multiply(behind, bend, 3, pivot)
         _add(pivot, 1.0, transfer[k, 3:, 3:])
-        _multiply(bend.T, pivot, product)
+        _multiply(bend.T, pivot, 3, product)
         negative += _negative_pivots(product)
-        _multiply(behind, turn, product)
+        _multiply(behind, turn, 3, product)
         _add(product, 1.0, transfer[k, 3:, :3])
         _divide(pivot, product, behind)
     return negative

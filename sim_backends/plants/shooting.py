@@ -23,6 +23,9 @@ _TOLERANCE = 1e-9
 _CLOSE = 1e-2
 """Error, in the measure of _TOLERANCE, of a guess that is worth improving."""
 
+_BEARABLE = 10.0
+"""Where no step leads nearer for a while: how much the error may rise above its least meanwhile."""
+
 _DIFFERENCE = 1e-6
 """Step of finite differences, in the measure of _TOLERANCE."""
 
@@ -44,14 +47,15 @@ class Drive(Protocol):
         ...
 
     def imbalance(
-        self, length_mm: FloatArray, pull_n: FloatArray
+        self, march: March, pull_n: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Pull minus what the drive pulls with at these lengths, N, and the derivatives of this
-        by each route's own length and pull; all (m,)."""
+        """(m,) pulls minus what the drive pulls with at such a rod, N, and the derivatives (m, m)
+        of this by the routes' lengths and by their pulls."""
         ...
 
-    def holding(self, length_mm: FloatArray) -> FloatArray:
-        """(m,) N/mm with which the drives resist a small disturbance from rest; friction holds."""
+    def holding(self, march: March) -> FloatArray:
+        """(m, n) G: the drives resist a small change of the lengths from rest with G G', N/mm.
+        Friction holds."""
         ...
 
 
@@ -96,12 +100,13 @@ class ConstantPull:
         return self._presence * pull_n, self._presence
 
     def imbalance(
-        self, length_mm: FloatArray, pull_n: FloatArray
+        self, march: March, pull_n: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        return pull_n - self._pull, np.zeros_like(length_mm), np.ones_like(pull_n)
+        count = len(march.length_mm)
+        return pull_n - self._pull, np.zeros((count, count)), np.eye(count)
 
-    def holding(self, length_mm: FloatArray) -> FloatArray:
-        return np.zeros_like(length_mm)
+    def holding(self, march: March) -> FloatArray:
+        return np.zeros((len(march.length_mm), 0))
 
 
 class _Trial(NamedTuple):
@@ -124,8 +129,13 @@ class _Trial(NamedTuple):
 class Solver:
     """Finds equilibria of one rod. Keeps nothing between calls."""
 
-    def __init__(self, rod: Rod) -> None:
+    def __init__(self, rod: Rod, tolerance: float = _TOLERANCE, patience: int = 0) -> None:
+        """tolerance: of the tip's moment, and of every drive's imbalance times its lever, against
+        EI/L. patience: steps that come no nearer to be borne, as there are some where drives have
+        dry friction: what slips in the end is first found out by trying."""
         self._rod = rod
+        self._tolerance = tolerance
+        self._patience = patience
         unit = rod.section.bending_n_mm2 / rod.length_mm
         arm_mm = float(np.abs(rod.offset[..., :2]).max(initial=1.0))
         self._scale = np.concatenate([np.full(3, 1.0 / unit), np.full(rod.routes, arm_mm / unit)])
@@ -195,26 +205,37 @@ class Solver:
         """Newton's method from where the last motion leads to, if that is close. None: not so."""
         trial = self._try(problem, start.unknowns + ahead, start.march.strain)
         if trial is None or trial.error > _CLOSE:
-            return None
+            if not self._patience:
+                return None
+            stopped = self._try(problem, start.unknowns, start.march.strain)
+            if trial is None or (stopped is not None and stopped.error < trial.error):
+                trial = stopped
         return self._improve(problem, trial, start.response)
 
     def _improve(
         self, problem: Problem, trial: _Trial | None, response: FloatArray
     ) -> Equilibrium | None:
         """Newton's method: with the old response while it serves, then with better and better
-        ones, then in shorter steps."""
-        tried = 0
+        ones, then in shorter steps. A kink is not passed by a better response, so with patience
+        there is only one before the shorter steps."""
+        tried, patience, highest = 0, self._patience, np.inf
         for _ in range(_ITERATIONS):
             if trial is None:
                 return None
-            if trial.error <= _TOLERANCE:
+            if trial.error <= self._tolerance:
                 return self._if_stable(problem, trial)
+            highest = min(highest, _BEARABLE * trial.error)
             step = newton_step(response, trial.by_length, trial.by_pull, trial.residual)
             better = self._try(problem, trial.unknowns + step, trial.march.strain)
-            if better is not None and better.error <= 0.3 * trial.error:
+            nearer = better is not None and better.error <= 0.3 * trial.error
+            if better is not None and (nearer or (patience and better.error < highest)):
                 change = better.outcome - trial.outcome
                 response = broyden(response, better.unknowns - trial.unknowns, change, self._scale)
                 trial, tried = better, 0
+                if not nearer:
+                    patience -= 1
+            elif tried and self._patience:
+                trial, tried = self._shorten(problem, trial, step), 0
             elif tried < 2:
                 fresh = self._differences(problem, trial) if tried else self._tangent(trial)
                 if fresh is None:
@@ -240,7 +261,7 @@ class Solver:
         march = self._rod.march(loaded, unknowns[:3], guess)
         if march is None:
             return None
-        imbalance, by_length, by_pull = problem.drive.imbalance(march.length_mm, pull)
+        imbalance, by_length, by_pull = problem.drive.imbalance(march, pull)
         tip_moment = march.moment_nmm[-1]
         outcome = np.concatenate((tip_moment, march.length_mm))
         residual = np.concatenate((tip_moment, imbalance))
@@ -272,24 +293,22 @@ class Solver:
         if not np.isfinite(response).all():
             return None
         if unstable:
-            spring = problem.drive.holding(trial.march.length_mm)
-            if unstable != _held_by_drives(response, spring):
+            springs = problem.drive.holding(trial.march)
+            if unstable != _held_by_drives(response, springs):
                 return None
         return Equilibrium(trial.march, trial.unknowns, response)
 
 
-def _held_by_drives(response: FloatArray, spring: FloatArray) -> int:
+def _held_by_drives(response: FloatArray, springs: FloatArray) -> int:
     """In how many directions the drives' own stiffness holds a rod that alone would turn away.
 
-    With the rod's energy K and springs k on its routes' lengths, count the negative eigenvalues of
-    [[K, g], [g', −1/k]] both ways: those of K + g k g' are as many fewer than those of K as
-    −1/k − g' K⁻¹ g has positive ones. Here that is multiplied by √k from both sides, so that no
-    spring (k = 0) is no exception.
+    With the rod's energy K and springs G G' on its routes' lengths ℓ, with g = dℓ, count the
+    negative eigenvalues of [[K, g' G], [G' g, −1]] both ways: those of K + g' G G' g are as many
+    fewer than those of K as −1 − G' g K⁻¹ g' G has positive ones.
     """
     by_moment, by_pull = response[3:, :3], response[3:, 3:]
     lengthening = by_pull - by_moment @ np.linalg.pinv(response[:3, :3]) @ response[:3, 3:]
-    root = np.sqrt(spring)
-    whole = root[:, None] * lengthening * root - np.eye(len(spring))
+    whole = springs.T @ lengthening @ springs - np.eye(springs.shape[1])
     eigenvalues = np.linalg.eigvalsh(0.5 * (whole + whole.T))
     return int(np.count_nonzero(eigenvalues > -_NEUTRAL))
 

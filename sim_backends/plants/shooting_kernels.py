@@ -16,16 +16,21 @@ def newton_step(
     """Newton's step for (base moment, pulls). Not finite where the Jacobian is singular.
 
     The residual is the tip's moment (3,) and the drives' imbalance (m,); response (3+m, 3+m) gives
-    tip moment and lengths by the unknowns, by_length and by_pull (m,) the imbalance by these.
+    tip moment and lengths by the unknowns, by_length and by_pull (m, m) the imbalance by these.
     """
     size, first = residual.shape[0], residual.shape[0] - by_pull.shape[0]
     a, x = np.empty((size, size)), -residual
-    for i in range(size):
-        share = by_length[i - first] if i >= first else 1.0
+    for i in range(first):
         for j in range(size):
-            a[i, j] = share * response[i, j]
-        if i >= first:
-            a[i, i] += by_pull[i - first]
+            a[i, j] = response[i, j]
+    for i in range(size - first):
+        for j in range(size):
+            a[first + i, j] = by_pull[i, j - first] if j >= first else 0.0
+        for k in range(size - first):
+            share = by_length[i, k]
+            if share != 0.0:
+                for j in range(size):
+                    a[first + i, j] += share * response[first + k, j]
     for c in range(size):
         pivot = c
         for i in range(c + 1, size):

@@ -11,20 +11,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from config.emulated_plants import SoftArmPlant
-from drivers.pose import Pose
 from sim_backends.plants.creep import Creep
 from sim_backends.plants.gas import ATMOSPHERE_MPA, GasLines
 from sim_backends.plants.hysteresis import StopOperators
+from sim_backends.plants.load import GRAVITY_N_G, listed, tip_force
 from sim_backends.plants.plant import BodyState, FloatArray, PlantError, TipLoad
 from sim_backends.plants.rod import Rod, Section, helix
+from sim_backends.plants.rod_kernels import March
+from sim_backends.plants.shape import body_state
 from sim_backends.plants.shooting import ConstantPull, Equilibrium, Path, Problem, Solver
 
 CHAMBERS = 6
 INTERVALS = 20
 SLIDERS = 6
 
-GRAVITY_N_G = 9.80665e-3
-"""Weight in N of one gram."""
+_DOWN = np.array([0.0, 0.0, -1.0])
+"""It stands on its base."""
 
 
 @dataclass(frozen=True)
@@ -55,20 +57,20 @@ class _Chambers:
         return self.presence * pull_n, self.presence
 
     def imbalance(
-        self, length_mm: FloatArray, pull_n: FloatArray
+        self, march: March, pull_n: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        pressure, by_length = self.gas.chamber_pressure(length_mm)
-        held, stiffness = self.sliders.force(length_mm)
+        pressure, by_length = self.gas.chamber_pressure(march.length_mm)
+        held, stiffness = self.sliders.force(march.length_mm)
         area = self.gas.area_mm2
         return (
             pull_n + (pressure - ATMOSPHERE_MPA) * area - held,
-            by_length * area - stiffness,
-            np.ones_like(pull_n),
+            np.diag(by_length * area - stiffness),
+            np.eye(CHAMBERS),
         )
 
-    def holding(self, length_mm: FloatArray) -> FloatArray:
-        _, by_length = self.gas.chamber_pressure(length_mm)
-        return self.sliders.sticking() - by_length * self.gas.area_mm2
+    def holding(self, march: March) -> FloatArray:
+        _, by_length = self.gas.chamber_pressure(march.length_mm)
+        return np.diag(np.sqrt(self.sliders.sticking() - by_length * self.gas.area_mm2))
 
 
 class SoftArm:
@@ -82,7 +84,7 @@ class SoftArm:
         self._area_mm2 = config.chamber_area_mm2 * np.asarray(config.chamber_area_ratios)
         self._rod = _rod(config)
         self._solver = Solver(self._rod)
-        self._weight_n = np.array([0.0, 0.0, -GRAVITY_N_G * config.mass_g])
+        self._weight_n = GRAVITY_N_G * config.mass_g * _DOWN
         self._rested, self._amount = self._rest()
         self._memory = self._rested
 
@@ -110,7 +112,8 @@ class SoftArm:
         actuators: (6,) mm, positive pushes gas into the chamber. Raises PlantError for inputs that
         make no sense and where there is no equilibrium; the arm then keeps its last state.
         """
-        cylinder_mm3, load_n = self._cylinders(actuators), self._tip_force(load)
+        cylinder_mm3 = self._cylinders(actuators)
+        load_n = tip_force(load, _DOWN, self._config.axial_stiffness_n)
         if not 0.0 <= dt_s < np.inf:
             raise PlantError(f"a step takes 0 s or longer, not {dt_s} s")
         memory = self._memory
@@ -119,8 +122,8 @@ class SoftArm:
         )
         if found is None:
             raise PlantError(
-                f"the arm has no equilibrium at actuators {_list(actuators)} mm with "
-                f"{load.mass_g:g} g and {_list(load.force_n)} N at the tip"
+                f"the arm has no equilibrium at actuators {listed(actuators)} mm with "
+                f"{load.mass_g:g} g and {listed(load.force_n)} N at the tip"
             )
         lengths = found.march.length_mm
         gas = self._gas(memory, cylinder_mm3, dt_s)
@@ -134,7 +137,7 @@ class SoftArm:
             load_n=load_n,
         )
         gauge_mpa = gas.cylinder_pressure(lengths) - ATMOSPHERE_MPA
-        return _body_state(found, gauge_mpa * self._piston_mm2)
+        return body_state(found.march, self._config.body_radius_mm, gauge_mpa * self._piston_mm2)
 
     def _path(
         self, memory: _Memory, cylinder_mm3: FloatArray, load_n: FloatArray, dt_s: float
@@ -172,20 +175,6 @@ class SoftArm:
                 f"of the cylinder at {-end[index]:.1f} and {end[index]:.1f} mm"
             )
         return np.asarray(at_zero - self._piston_mm2 * positions)
-
-    def _tip_force(self, load: TipLoad) -> FloatArray:
-        """(3,) N. Raises PlantError for a load that is none, or that would double the length."""
-        force = np.array(load.force_n, dtype=np.float64)
-        if not 0.0 <= load.mass_g < np.inf or force.shape != (3,) or not np.isfinite(force).all():
-            raise PlantError(f"there is no load of {load.mass_g} g and {load.force_n} N")
-        most = self._config.axial_stiffness_n
-        if max(GRAVITY_N_G * load.mass_g, float(np.abs(force).max())) > most:
-            raise PlantError(
-                f"{load.mass_g:g} g and {_list(load.force_n)} N at the tip are more than the arm "
-                f"can bear ({most:g} N)"
-            )
-        force[2] -= GRAVITY_N_G * load.mass_g
-        return force
 
     def _rest(self) -> tuple[_Memory, FloatArray]:
         """The arm as it stands when left alone for long, and the gas that this encloses."""
@@ -241,13 +230,3 @@ def _sliders(config: SoftArmPlant, length_mm: FloatArray) -> StopOperators:
         config.hysteresis_reach_mm * np.arange(1, SLIDERS + 1) / SLIDERS,
         np.repeat(length_mm[:, None], SLIDERS, axis=1),
     )
-
-
-def _body_state(equilibrium: Equilibrium, actuator_forces: FloatArray) -> BodyState:
-    march = equilibrium.march
-    tip = Pose(march.position_mm[-1].copy(), march.quaternion[-1].copy())
-    return BodyState(march.position_mm.copy(), tip, actuator_forces)
-
-
-def _list(values: Sequence[float] | FloatArray) -> str:
-    return "[" + ", ".join(f"{value:g}" for value in np.asarray(values)) + "]"

@@ -10,10 +10,12 @@ from tests.benchmarks import (
     can_cycle,
     daemon,
     emulation,
+    local_controllers,
     lwpr,
     plant,
     recording,
     remote,
+    tendon_arm,
 )
 from tests.benchmarks.timing import machine
 
@@ -22,10 +24,12 @@ MEASUREMENTS: dict[str, Callable[[], Any]] = {
     "can_cycle": can_cycle.measure,
     "daemon": daemon.measure,
     "emulation": emulation.measure,
+    "local_controllers": local_controllers.measure,
     "lwpr": lwpr.measure,
     "plant": plant.measure,
     "recording": recording.measure,
     "remote": remote.measure,
+    "tendon_arm": tendon_arm.measure,
 }
 
 

@@ -83,7 +83,7 @@ async def _all(bus: Bus, robot: list[Axis]) -> Figures:
         links.append(await open_link(bus, receiver, clock))
         return links[0]
 
-    dictionaries = {a.drive.node: ObjectDictionary(EDS, a.drive.node) for a in robot}
+    dictionaries = {a.drive.node: ObjectDictionary(EDS) for a in robot}
     master = DriveBus("can0", bus, list(enumerate(robot)), dictionaries, opener, clock)
     cycles = 0
 

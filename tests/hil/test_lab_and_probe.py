@@ -10,6 +10,8 @@ from typing import Any
 
 import pytest
 
+from config.loader import load_robot
+from daemon.exploration.model_cache import pretrained
 from tests import SOFT_ARM
 from tests.hil.processes import (
     PATIENCE_S,
@@ -189,7 +191,14 @@ def test_a_wrong_scenario_is_explained_and_nothing_starts(tmp_path: Path) -> Non
     assert f"{scenario}:3:25: events[0].inject: 'tracker.mising'" in said.stderr
 
 
+@pytest.fixture(scope="module")
+def explored() -> Path:
+    """The model that the demonstration begins with, which takes a minute the first time."""
+    return pretrained(load_robot(SOFT_ARM))
+
+
 @pytest.mark.parametrize("after_s", [0.0, 4.0, 20.0])
+@pytest.mark.usefixtures("explored")
 def test_ctrl_c_ends_the_demonstration_with_nothing_left(tmp_path: Path, after_s: float) -> None:
     # Not in tmp_path: the name of a unix socket has room for about a hundred characters.
     with TemporaryDirectory(prefix="t-") as temporary:

@@ -10,12 +10,17 @@ class Agenda:
 
     def __init__(self, now_ns: int = 0) -> None:
         self.now_ns = now_ns
-        self._due: list[tuple[int, int, Callable[[], None]]] = []
+        self._due: list[tuple[int, int, Callable[[], None], int]] = []
         self._order = count()
 
-    def at(self, t_ns: int, action: Callable[[], None]) -> None:
-        """Do it then; what is due at the same time is done in the order it was put down."""
-        heapq.heappush(self._due, (max(t_ns, self.now_ns), next(self._order), action))
+    def at(self, t_ns: int, action: Callable[[], None], unseen_ns: int = 0) -> None:
+        """Do it then; what is due at the same time is done in the order it was put down.
+
+        unseen_ns: for how long nobody outside can see whether it was done. So long it may wait for
+        other things; it will not know.
+        """
+        t_ns = max(t_ns, self.now_ns)
+        heapq.heappush(self._due, (t_ns, next(self._order), action, t_ns + unseen_ns))
 
     def after(self, wait_ns: int, action: Callable[[], None]) -> None:
         """Do it in so long."""
@@ -26,9 +31,9 @@ class Agenda:
         self._due.clear()
 
     def run(self, t_ns: int) -> int | None:
-        """Do all that is due up to then; returns when the next thing is due."""
+        """Do all that is due up to then; returns when it has to be called again."""
         while self._due and self._due[0][0] <= t_ns:
-            self.now_ns, _, action = heapq.heappop(self._due)
+            self.now_ns, _, action, _ = heapq.heappop(self._due)
             action()
         self.now_ns = max(self.now_ns, t_ns)
-        return self._due[0][0] if self._due else None
+        return min([seen_ns for _, _, _, seen_ns in self._due], default=None)

@@ -69,6 +69,7 @@ class EmulatedAurora:
             self._pending,
             config.strict_baud_rate,
             self._random,
+            round(config.reply_delay_s * 1e9),
             self._execution_ns,
             self._answer,
         )

@@ -80,6 +80,11 @@ class Pending:
             self._counts[name] = left - 1
         return left > 0
 
+    @property
+    def any_lasts(self) -> bool:
+        """False: there is no fault with a duration, and `holds` need not be asked."""
+        return bool(self._ends_ns)
+
     def holds(self, name: str, t_ns: int, who: str = "") -> bool:
         """Whether it lasts at this time."""
         return t_ns < self._ends_ns.get((name, who), 0)

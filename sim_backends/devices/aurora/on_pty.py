@@ -68,6 +68,7 @@ class PtyAurora:
     def _flushed(self) -> None:
         if self._pty is None or self._pty.client_baud_rate != _BREAK_BAUD_RATE:
             return
+        self._pump.touch()  # what was sent before may have arrived unseen
         if self._device.port.left_unanswered:
             self._device.line_break(self._clock.now_ns())
             self._pump.touch()

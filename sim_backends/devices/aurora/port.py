@@ -35,15 +35,17 @@ class Port:
         pending: Pending,
         strict_baud_rate: bool,
         random: np.random.Generator,
+        least_ns: int,
         begin: Callable[[bytes], int],
         answer: Callable[[bytes], bytes | int],
     ) -> None:
-        """begin: time in ns that a command line takes. answer: its reply, empty for none; or the
-        host time at which to ask again."""
+        """begin: time in ns that a command line takes; least_ns: none takes less. answer: its
+        reply, empty for none; or the host time at which to ask again."""
         self._agenda = agenda
         self._pending = pending
         self._strict = strict_baud_rate
         self._random = random
+        self._least_ns = least_ns
         self._begin = begin
         self._answer = answer
         self._reader = CommandReader()
@@ -66,7 +68,8 @@ class Port:
         self._on_the_way += len(data)
         start_ns = max(t_ns, self._input_free_ns)
         self._input_free_ns = start_ns + wire_ns(len(data), max(baud_rate, 300))
-        self._agenda.at(self._input_free_ns, lambda: self._arrive(data, baud_rate))
+        arrive = partial(self._arrive, data, baud_rate)
+        self._agenda.at(self._input_free_ns, arrive, self._least_ns + self._unseen_ns)
 
     def restart(self) -> None:
         """Back to power-up settings; nothing that was going on goes on."""
@@ -108,12 +111,18 @@ class Port:
         if self._commands and not self._busy:
             self._busy = True
             line = self._commands.popleft()
-            self._agenda.after(self._begin(line), lambda: self._reply_to(line))
+            due_ns = self._agenda.now_ns + self._begin(line)
+            self._agenda.at(due_ns, partial(self._reply_to, line), self._unseen_ns)
+
+    @property
+    def _unseen_ns(self) -> int:
+        """Whatever is answered, the first byte of it is on the line for so long."""
+        return wire_ns(1, self.settings.baud_rate)
 
     def _reply_to(self, line: bytes) -> None:
         answer = self._answer(line)
         if isinstance(answer, int):
-            self._agenda.at(answer, lambda: self._reply_to(line))
+            self._agenda.at(answer, partial(self._reply_to, line), self._unseen_ns)
         else:
             self.send(answer)
 

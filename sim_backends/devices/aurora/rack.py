@@ -6,6 +6,10 @@ from config.emulated_tracker import EmulatedTool
 from drivers.aurora.port_handles import HandleList, PortHandle
 from drivers.aurora.status_bits import PortStatus
 
+_OCCUPIED = PortStatus.OCCUPIED.value
+_INITIALISED = PortStatus.INITIALISED.value
+_ENABLED = PortStatus.ENABLED.value
+
 FIRST_HANDLE, LAST_HANDLE = 0x0A, 0x31
 MEMORY_BYTES = 1024
 
@@ -40,10 +44,15 @@ class Handle:
     @property
     def status(self) -> PortStatus:
         """Its status bits."""
-        status = PortStatus(0) if self.gone else PortStatus.OCCUPIED
+        return PortStatus(self.bits)
+
+    @property
+    def bits(self) -> int:
+        """The same as a number, for replies at every frame: flags of an enumeration are slow."""
+        bits = 0 if self.gone else _OCCUPIED
         if self.initialised:
-            status |= PortStatus.INITIALISED
-        return status | PortStatus.ENABLED if self.enabled else status
+            bits |= _INITIALISED
+        return bits | _ENABLED if self.enabled else bits
 
 
 class Rack:

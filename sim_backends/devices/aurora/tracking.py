@@ -1,7 +1,7 @@
 """The measuring side of the emulated tracker: a frame at a time, from the body's true poses."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,11 +19,10 @@ BodyPoses = Callable[[int], Mapping[str, Pose]]
 """Poses of `tip` and `base` in the robot's base frame at a host time in ns."""
 
 _BESIDE_THE_GENERATOR = Pose(np.array([400.0, 0.0, 50.0]), np.array([1.0, 0.0, 0.0, 0.0]))
-_OUTSIDE = PortStatus.OUT_OF_VOLUME | PortStatus.PARTIALLY_OUT_OF_VOLUME
+_OUTSIDE = int(PortStatus.OUT_OF_VOLUME | PortStatus.PARTIALLY_OUT_OF_VOLUME)
 
 
-@dataclass(frozen=True)
-class Frame:
+class Frame(NamedTuple):
     """One frame: its number, its host time, and what was measured, by handle."""
 
     number: int
@@ -52,6 +51,8 @@ class Tracking:
         self._sensing = Sensing(config, seed)
         turn = np.array(config.base_quaternion)
         self._base = Pose(np.array(config.base_position_mm), turn / np.linalg.norm(turn))
+        self._true_poses: dict[str, tuple[Pose, Pose]] = {}
+        """The last one of each sensor, in the robot's frame and in the field generator's."""
         self._outliers: dict[str, Vector] = {}
         self._run = 0
         self._index = 0
@@ -108,10 +109,19 @@ class Tracking:
 
     def _measured(self, socket: Socket, poses: Mapping[str, Pose], t_ns: int) -> Measured:
         pose = poses.get(socket.tool.attached_to)
-        true = self._base @ pose if pose is not None else _BESIDE_THE_GENERATOR
+        true = self._seen(socket.name, pose) if pose is not None else _BESIDE_THE_GENERATOR
         period_s = self._grid.period_ns * 1e-9
         measured = self._sensing.measure(socket.tool, true, period_s, self._grid.is_fast)
+        if not self._outliers and not self._pending.any_lasts:
+            return measured
         return self._with_faults(measured, socket.name, t_ns)
+
+    def _seen(self, who: str, pose: Pose) -> Pose:
+        """In the field generator's frame; what does not move is not worked out again."""
+        last = self._true_poses.get(who)
+        if last is None or last[0] is not pose:
+            last = self._true_poses[who] = (pose, self._base @ pose)
+        return last[1]
 
     def _with_faults(self, measured: Measured, who: str, t_ns: int) -> Measured:
         holds = self._pending.holds
@@ -122,13 +132,13 @@ class Tracking:
             return Measured(None, PortStatus.SENSOR_BROKEN)
         pose = measured.pose
         if pose is not None and offset_mm is not None:
-            measured = replace(measured, pose=Pose(pose.position_mm + offset_mm, pose.quaternion))
+            measured = measured._replace(pose=Pose(pose.position_mm + offset_mm, pose.quaternion))
         if pose is not None and holds("implausible_pose", t_ns, who):
-            measured = replace(measured, pose=Pose(pose.position_mm, np.zeros(4)))
+            measured = measured._replace(pose=Pose(pose.position_mm, np.zeros(4)))
         if holds("out_of_volume", t_ns, who):
-            return replace(measured, flags=PortStatus.OUT_OF_VOLUME)
+            return measured._replace(flags=PortStatus.OUT_OF_VOLUME)
         if holds("partially_out_of_volume", t_ns, who):
-            return replace(measured, flags=PortStatus.PARTIALLY_OUT_OF_VOLUME)
+            return measured._replace(flags=PortStatus.PARTIALLY_OUT_OF_VOLUME)
         return measured
 
 
@@ -136,11 +146,11 @@ def _reading(number: int, handle: Handle, frame: Frame, out_of_volume_too: bool)
     measured = frame.measured.get(number)
     if not handle.enabled or measured is None:
         return ToolReading(number, HandleState.DISABLED)
-    status = int(handle.status | measured.flags)
-    if measured.pose is None or (measured.flags & _OUTSIDE and not out_of_volume_too):
+    status = handle.bits | measured.flags.value
+    if measured.pose is None or (measured.flags.value & _OUTSIDE and not out_of_volume_too):
         return ToolReading(number, HandleState.MISSING, None, None, 0.0, status, frame.number)
-    q0, qx, qy, qz = (float(value) for value in measured.pose.quaternion)
-    x, y, z = (float(value) for value in measured.pose.position_mm)
+    q0, qx, qy, qz = measured.pose.quaternion.tolist()
+    x, y, z = measured.pose.position_mm.tolist()
     return ToolReading(
         number,
         HandleState.VALID,

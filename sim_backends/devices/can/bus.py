@@ -9,10 +9,10 @@ from heapq import heapify, heappop, heappush
 
 import numpy as np
 
-from drivers.can.bits import frame_bits
 from drivers.can.frame import EXTENDED_FLAG, REMOTE_FLAG, STANDARD_ID_MASK
 from sim_backends.devices.can.adapter import Adapter
 from sim_backends.devices.can.events import NEVER_NS, EventQueue
+from sim_backends.devices.can.frame_length import frame_bits
 from sim_backends.devices.can.port import ControllerState, FrameHandler, Port
 from sim_backends.devices.can.statistics import BusStatistics
 
@@ -63,6 +63,7 @@ class CanBus:
         self.has_stood_still = False
         """Whether it makes up for more than the loop can ever leave it alone."""
         self._frames = self._error_frames = self._busy_ns = 0
+        frame_bits(0, b"")  # compiled now, and not when the first frame is sent
 
     # Nodes
 
@@ -149,9 +150,9 @@ class CanBus:
     def _run(self, until_ns: int) -> None:
         heap = self.queue.heap
         while True:
+            bus_ns = self._bus_ns
             # What becomes ready at the very end of a frame still competes for the next slot.
-            if heap and heap[0][0] <= self._bus_ns:
-                t_ns = heap[0][0]
+            if heap and (t_ns := heap[0][0]) <= bus_ns:
                 if t_ns > until_ns:
                     break
                 entry = heappop(heap)
@@ -161,26 +162,28 @@ class CanBus:
                     self._offer(entry[3], entry[4], entry[5])
                 else:
                     entry[2].fire(t_ns)
-            elif self._bus_ns > until_ns:
+            elif bus_ns > until_ns:
                 break
             else:
-                self.now_ns = self._bus_ns
+                self.now_ns = bus_ns
                 if self._sending is not None:
-                    self._end_frame()
-                self._start_frame()
-        self.now_ns = max(self.now_ns, until_ns)
+                    self._end_frame(self._sending)
+                if self._competing and self._stalled_since_ns is None:
+                    self._start_frame()
+                else:
+                    self._bus_ns = NEVER_NS
+        if until_ns > self.now_ns:
+            self.now_ns = until_ns
 
     # Frames
 
     def queue_frame(self, port: Port, can_id: int, data: bytes, t_ns: int) -> None:
         """For `Port.send`: this frame is ready at `t_ns`."""
-        if self.advancing and t_ns <= self.now_ns:
+        if t_ns <= self.now_ns:
             self._offer(port, can_id, data)
             return
         queue = self.queue
         queue.number += 1
-        if t_ns < self.now_ns:
-            t_ns = self.now_ns
         heappush(queue.heap, (t_ns, queue.number, None, port, can_id, data))
 
     def flush(self, port: Port) -> None:
@@ -189,7 +192,7 @@ class CanBus:
         port.competing = False
         if port.fifo is not None:
             port.fifo.clear()
-        self._competing = [entry for entry in self._competing if entry[2] is not port]
+        self._competing[:] = [entry for entry in self._competing if entry[2] is not port]
         heapify(self._competing)
         heap = self.queue.heap
         heap[:] = [entry for entry in heap if not (entry[2] is None and entry[3] is port)]
@@ -219,9 +222,6 @@ class CanBus:
             self._bus_ns = self.now_ns
 
     def _start_frame(self) -> None:
-        if not self._competing or self._stalled_since_ns is not None:
-            self._bus_ns = NEVER_NS
-            return
         self._sending = entry = heappop(self._competing)
         duration_ns = frame_bits(entry[3], entry[4]) * self.bit_ns
         if self._troubled:
@@ -229,14 +229,13 @@ class CanBus:
         self._busy_ns += duration_ns
         self._bus_ns = self.now_ns + duration_ns
 
-    def _end_frame(self) -> None:
-        assert self._sending is not None
+    def _end_frame(self, sent: tuple[int, int, Port, int, bytes]) -> None:
+        self._sending = None
         if self._failed:
             self._failed = False
-            self._transmission_failed(self._sending)
+            self._transmission_failed(sent)
             return
-        _, _, port, can_id, data = self._sending
-        self._sending = None
+        _, _, port, can_id, data = sent
         self._frames += 1
         port.sent += 1
         port.pending -= 1
@@ -286,7 +285,6 @@ class CanBus:
     def _transmission_failed(self, entry: tuple[int, int, Port, int, bytes]) -> None:
         """Error frame: everyone counts it, and the sender tries again."""
         port = entry[2]
-        self._sending = None
         self._error_frames += 1
         self._errors_counted = True
         heappush(self._competing, entry)

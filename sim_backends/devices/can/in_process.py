@@ -74,9 +74,16 @@ class InProcessLink:
         return True
 
     def send_all(self, frames: Sequence[tuple[int, bytes]]) -> int:
-        for taken, (can_id, data) in enumerate(frames):
-            if not self.send(can_id, data):
-                return taken
+        port = self._port
+        if self._pump.awaited or self._full or port.capacity - port.pending < len(frames):
+            return self._send_one_by_one(frames)
+        # The ordinary cycle: there is room for all, and nobody waits for them.
+        if not self._open or not self._bus.up:
+            return 0
+        if port.state is not ControllerState.OFF:
+            t_ns = self._clock.now_ns()
+            for can_id, data in frames:
+                port.send(can_id, data, t_ns)
         return len(frames)
 
     def read_in_cycle(self, on: bool) -> None:
@@ -106,6 +113,12 @@ class InProcessLink:
         if not plugged:
             self.close()
             self._receiver.link_lost(OSError(errno.ENODEV, os.strerror(errno.ENODEV)))
+
+    def _send_one_by_one(self, frames: Sequence[tuple[int, bytes]]) -> int:
+        for taken, (can_id, data) in enumerate(frames):
+            if not self.send(can_id, data):
+                return taken
+        return len(frames)
 
     def _touch(self) -> None:
         self._touch_due = False

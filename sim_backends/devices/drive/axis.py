@@ -38,7 +38,7 @@ _NO_MODE: Final = 0
 _SYNCHRONOUS_MODES: Final = (CyclicPosition.code, CyclicVelocity.code)
 _POSITION_MODES: Final = (ProfilePosition.code, CyclicPosition.code)
 _TICK_S: Final = 0.002
-_SILENCE_S: Final = 0.02
+_SILENCE_S: Final = 0.05
 
 
 class AxisEvents(Protocol):
@@ -300,7 +300,7 @@ class Axis:
         """Controlword or targets have been written, by PDO or SDO."""
         self.advance(t_ns)
         power = self.power
-        control, previous = self._control.number, power.control
+        control, previous = int(self._control.value), power.control
         if control != previous or not power.settled:
             power.obey(control, t_ns)
             if power.following and control != previous:

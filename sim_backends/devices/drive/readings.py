@@ -72,9 +72,10 @@ class Readings:
         torque_nmm = self._shaft.torque_nmm
         if not torque_nmm:
             return 0
-        permille = round(torque_nmm / max(1, self._rated.number) * 1000)
-        permille = max(-0x8000, min(0x7FFF, permille))
-        return -permille if self._units.reversed else permille
+        permille = round(torque_nmm / (self._rated.number or 1) * 1000)
+        if not -0x8000 <= permille <= 0x7FFF:
+            permille = 0x7FFF if permille > 0 else -0x8000
+        return -permille if self._units.per_increment < 0.0 else permille
 
     def following_error(self, t_ns: int) -> int:
         self._advance(t_ns)

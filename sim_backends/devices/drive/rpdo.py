@@ -31,6 +31,7 @@ class Rpdo:
         self._timer = timers.timer(self._timed_out)
         self._emergency = emergency
         self._layout = _NOTHING
+        self._size = 0
         self._entries: list[Entry | None] = []
         self._plain = True
         self._hooks: list[Callable[[int], None]] = []
@@ -43,6 +44,7 @@ class Rpdo:
         """Take over the parameters as they are now."""
         mapping = self.parameters.mapping()
         self._layout = PdoLayout(mapped.field for mapped in mapping)
+        self._size = self._layout.size
         self._entries = [mapped.entry for mapped in mapping]
         self._plain = all(entry is not None and _is_plain(entry) for entry in self._entries)
         hooks = [e.on_write for e in self._entries if e is not None and e.on_write is not None]
@@ -58,8 +60,8 @@ class Rpdo:
 
     def received(self, _can_id: int, data: bytes, t_ns: int) -> None:
         """The PDO was on the bus."""
-        size = self._layout.size
-        if (len(data) != size or self._wrong_length) and not self._length_checked(len(data), t_ns):
+        wrong = len(data) != self._size
+        if (wrong or self._wrong_length) and not self._length_checked(len(data), t_ns):
             return
         if self._deadline_ns:
             self._timer.set(t_ns + self._deadline_ns)

@@ -66,9 +66,12 @@ class Shaft:
         """What the motor gives, positive towards higher positions."""
         if not self.energised:
             return 0.0
+        load, limit = self.load_nmm, self.limit_nmm
         if self.pushing:
-            return self.pushing * self.limit_nmm
-        return max(-self.limit_nmm, min(self.limit_nmm, self.load_nmm))
+            return self.pushing * limit
+        if -limit <= load <= limit:
+            return load
+        return limit if load > 0.0 else -limit
 
     @property
     def moving(self) -> bool:

@@ -43,7 +43,7 @@ class SyncConsumer:
         self.cob_id.check = _check_cob_id
         self._overflow.check = self._check_overflow
         self._period_us.on_write = lambda _: self.restart()
-        self._period_ns = 0
+        self._period_ns = self._lost_after_ns = 0
         self._last_ns: int | None = None
         self._wrong_length = False
         self.deaf = False
@@ -52,6 +52,7 @@ class SyncConsumer:
     def restart(self) -> None:
         """Watch anew, from the next SYNC on."""
         self._period_ns = self._timers.host_ns(self._period_us.number * 1e-6)
+        self._lost_after_ns = int(self._lost_after_periods * self._period_ns)
         self._timer.cancel()
         self._last_ns = None
 
@@ -60,12 +61,12 @@ class SyncConsumer:
         if self.deaf:
             return
         counter = None
-        if data or self._overflow.number or self._wrong_length:
+        if data or self._overflow.value or self._wrong_length:
             if not self._length_checked(data, t_ns):
                 return
             counter = data[0] if data else None
         if self._period_ns:
-            self._timer.set(t_ns + int(self._lost_after_periods * self._period_ns))
+            self._timer.set(t_ns + self._lost_after_ns)
             if self._on_late is not None:
                 self._check_lateness(self._on_late, t_ns)
         self._on_sync(counter, t_ns)

@@ -1,11 +1,15 @@
 """The arm's physics, a tracker with noise, the pose filter and a controller, frame by frame."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from config.control import PoseFilterSettings
+from config.emulated_plants import SoftArmPlant
+from config.exploration import WaypointExploration
 from config.loader import load_robot
 from config.robot import Robot
 from config.trajectory import Rectangle
@@ -13,22 +17,30 @@ from daemon.control.axis_ranges import AxisRanges
 from daemon.control.blend import Blend
 from daemon.control.controller import Controller, Observation
 from daemon.control.trajectories import make_trajectory
+from daemon.control.waypoint_exploration import WaypointExplorationController
 from daemon.estimation.pose_filter import PoseFilter
+from daemon.learning.dataset import Dataset, Frames
+from daemon.learning.pretrained_model import PretrainedModel
+from daemon.learning.pretraining import PretrainingSettings, pretrain
 from drivers.pose import Pose, Vector
 from sim_backends.plants.plant import BodyState, TipLoad
 from sim_backends.plants.soft_arm import SoftArm
+from sim_backends.plants.variation import variation
 
 DT_S = 0.025
 NOISE_MM = 0.2
 BLEND_MM_S = 10.0
-EXPLORE_FRAMES = 2000
+EXPLORE_FRAMES = 40_000
 BORE_MM = 25.0
+LEARN_CALLS = 2
+"""In a frame: once after every bus cycle, or a little less."""
+LEARN_BUDGET_S = 0.0005
 
 ROBOT: Robot = load_robot(Path(__file__).parents[3] / "config" / "robots" / "soft_arm.yaml").robot
 
 
 def rectangle(cycle_s: float, z_mm: float = 185.0) -> Rectangle:
-    """The one of Ho 2018: 25 × 100 mm."""
+    """The one of Ho 2018, Table 1: 25 × 100 mm."""
     return Rectangle(
         kind="rectangle",
         center_mm=(0.0, 0.0, z_mm),
@@ -38,16 +50,35 @@ def rectangle(cycle_s: float, z_mm: float = 185.0) -> Rectangle:
     )
 
 
-def soft_arm() -> SoftArm:
+def wide_rectangle(cycle_s: float) -> Rectangle:
+    """The one of Ho 2018, Table 2: 40 × 60 mm."""
+    return Rectangle(
+        kind="rectangle",
+        center_mm=(0.0, 0.0, 185.0),
+        width_mm=40.0,
+        height_mm=60.0,
+        cycle_s=cycle_s,
+    )
+
+
+def soft_arm(body: int = 0) -> SoftArm:
+    """body: 0 for the arm as it is written down, else the seed of another one."""
     assert ROBOT.emulation is not None
-    return SoftArm(ROBOT.emulation.plant, [BORE_MM] * 6)
+    plant = ROBOT.emulation.plant
+    assert isinstance(plant, SoftArmPlant)
+    return SoftArm(variation(plant, body) if body else plant, [BORE_MM] * 6)
 
 
 @dataclass(frozen=True)
 class Followed:
-    """Distance between the filtered tip and the reference in each frame, mm."""
+    """What became of a trajectory, frame by frame, mm."""
 
     errors_mm: Vector
+    """From the filtered tip to the reference."""
+    true_errors_mm: Vector
+    """From the tip itself."""
+    u: Vector
+    """(n, 6)"""
 
     @property
     def mean_mm(self) -> float:
@@ -57,25 +88,39 @@ class Followed:
     def max_mm(self) -> float:
         return float(self.errors_mm.max())
 
+    @property
+    def true_mean_mm(self) -> float:
+        return float(self.true_errors_mm.mean())
+
 
 class ClosedLoop:
     """Targets reach the axes one frame late; the arm starts at rest with all axes at zero."""
 
-    def __init__(self, controller: Controller, load_g: float = 0.0, seed: int = 1) -> None:
+    def __init__(
+        self, controller: Controller, load_g: float = 0.0, seed: int = 1, body: int = 0
+    ) -> None:
+        """seed: of the tracker's noise. body: see `soft_arm`."""
         self.controller = controller
-        self.arm = soft_arm()
-        self.load = TipLoad(mass_g=load_g)
+        self.arm = soft_arm(body)
+        self.load_g = load_g
         self.axes = AxisRanges.of(ROBOT)
         self.filter = PoseFilter(PoseFilterSettings())
         self.noise = np.random.default_rng(seed)
+        self.seen: Callable[[Vector], Vector | None] = lambda measured_mm: measured_mm
+        """What the tracker makes of a measured tip: to be replaced by who wants it ill."""
+        self.permitted: Callable[[Vector], Vector] = lambda step: step
+        """What the gate makes of a step."""
+        self.believed = True
+        self._filling: tuple[float, float] | None = None
         self.targets = np.zeros(6)
         self.t_ns = 0
-        self.body: BodyState = self.arm.step(self.targets, self.load, 60.0)
+        self.body: BodyState = self.arm.step(self.targets, TipLoad(mass_g=load_g), 60.0)
         while self.filter.estimate(self.t_ns) is None:
-            self._measure()
+            self.measure()
 
     @property
     def tip_mm(self) -> Vector:
+        """As the filter has it."""
         estimate = self.filter.estimate(self.t_ns)
         assert estimate is not None
         return estimate.position_mm
@@ -92,20 +137,27 @@ class ClosedLoop:
             estimate.velocity_mm_s,
             reference_mm,
             velocity_mm_s,
+            self.believed,
         )
+
+    def fill(self, to_g: float, g_s: float) -> None:
+        """From now on the load grows, as if water were poured in."""
+        self._filling = to_g, g_s
 
     def start(self) -> None:
         self.controller.reset(self.observation(self.tip_mm, np.zeros(3)))
 
     def step(self, reference_mm: Vector, velocity_mm_s: Vector) -> Vector:
         """One frame. Returns the step that was proposed."""
-        self._measure()
+        self.measure()
         observation = self.observation(reference_mm, velocity_mm_s)
         self.controller.observe(observation)
         step = self.controller.propose(observation).delta_u
+        for _ in range(LEARN_CALLS):
+            self.controller.learn(LEARN_BUDGET_S)
         assert np.isfinite(step).all()
         assert (np.abs(step) <= self.axes.max_velocity * DT_S * (1 + 1e-9)).all()
-        self.targets = self.targets + step
+        self.targets = self.targets + self.permitted(step)
         assert (self.targets >= self.axes.lowest - 1e-9).all()
         assert (self.targets <= self.axes.highest + 1e-9).all()
         return step
@@ -127,18 +179,68 @@ class ClosedLoop:
     def follow(self, options: Rectangle) -> Followed:
         """The whole trajectory, from its start."""
         trajectory = make_trajectory(options, Path())
-        errors = []
+        errors, true_errors, u = [], [], []
         for k in range(round(trajectory.duration_s / DT_S)):
             reference, velocity = trajectory.at(k * DT_S)
             self.step(reference, velocity)
             errors.append(float(np.linalg.norm(self.tip_mm - reference)))
-        return Followed(np.array(errors))
+            true_errors.append(float(np.linalg.norm(self.body.tip.position_mm - reference)))
+            u.append(self.u)
+        return Followed(np.array(errors), np.array(true_errors), np.array(u))
 
-    def _measure(self) -> None:
+    def measure(self) -> None:
         """Time passes: the axes get to where they were told to be, the tracker sees the tip."""
+        if self._filling is not None:
+            to_g, g_s = self._filling
+            self.load_g = min(self.load_g + g_s * DT_S, to_g)
         self.u = self.targets.copy()
-        self.body = self.arm.step(self.u, self.load, DT_S)
+        self.body = self.arm.step(self.u, TipLoad(mass_g=self.load_g), DT_S)
         self.t_ns += round(DT_S * 1e9)
         tip = self.body.tip
-        seen = tip.position_mm + NOISE_MM * self.noise.normal(size=3)
-        self.filter.update(self.t_ns, Pose(seen, tip.quaternion))
+        seen = self.seen(tip.position_mm + NOISE_MM * self.noise.normal(size=3))
+        pose = None if seen is None else Pose(seen, tip.quaternion)
+        self.believed = self.filter.update(self.t_ns, pose)
+
+
+def started(
+    controller: Controller,
+    start_mm: Vector,
+    load_g: float = 0.0,
+    seed: int = 1,
+    body: int = 0,
+) -> ClosedLoop:
+    """The controller is ready, and the tip where a trajectory starts."""
+    loop = ClosedLoop(controller, load_g, seed, body)
+    loop.start()
+    loop.explore()
+    loop.lead(start_mm)
+    return loop
+
+
+@cache
+def explored(waypoints: int, seed: int = 1, body: int = 0) -> Dataset:
+    """What going through random waypoints shows, with nothing at the tip."""
+    options = WaypointExploration(kind="waypoint_exploration", waypoints=waypoints)
+    controller = WaypointExplorationController(options, ROBOT, seed)
+    loop = ClosedLoop(controller, seed=seed, body=body)
+    loop.start()
+    t_ns, tip_mm, u, notes = [], [], [], []
+    while not controller.ready:
+        loop.step(loop.tip_mm, np.zeros(3))
+        t_ns.append(loop.t_ns)
+        tip_mm.append(loop.tip_mm)
+        u.append(loop.u)
+        notes.append(controller.note)
+    _, line = np.unique(notes, return_inverse=True)
+    frames = Frames(np.array(t_ns), np.array(tip_mm), np.array(u), line)
+    return Dataset.of(frames, ROBOT, {"seed": seed})
+
+
+@cache
+def pretrained(
+    waypoints: int, seed: int = 1, body: int = 0, epochs: int = 15, fields: int | None = None
+) -> PretrainedModel:
+    """The model of an exploration. Nobody may learn on it: save it, and load it again."""
+    dataset = explored(waypoints, seed, body)
+    settings = PretrainingSettings(epochs=epochs, fields=fields, seed=seed)
+    return PretrainedModel.of(pretrain(dataset, settings), dataset)

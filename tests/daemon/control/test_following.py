@@ -55,7 +55,7 @@ def test_what_broyden_measured_at_first_is_what_the_arm_does() -> None:
         settled = ClosedLoop(made(Broyden(kind="broyden")))
         settled.targets = loop.targets + 3.0 * np.eye(6)[axis]
         for _ in range(60):
-            settled._measure()
+            settled.measure()
         truth = (settled.body.tip.position_mm - before) / 3.0
         assert np.linalg.norm(measured[:, axis] - truth) < 0.25 * np.linalg.norm(truth)
 

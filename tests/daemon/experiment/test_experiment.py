@@ -4,13 +4,15 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from config.problems import ConfigError
 from daemon.experiment.experiment_file import load_experiment
 from daemon.experiment.in_virtual_time import carry_out_in_virtual_time
+from daemon.experiment.step_series import StepSeries
 from daemon.experiment.trial import TrialError
-from daemon.recording.result import Result
+from daemon.recording.result import Result, read_result
 from daemon.recording.run_reader import RunReader
 
 SHIPPED = sorted((Path(__file__).parents[3] / "config" / "experiments").glob("*.yaml"))
@@ -47,10 +49,31 @@ def test_the_table_has_each_cycle_and_the_errors_are_small(circle: tuple[Result,
     assert result.simulated
 
 
+def test_the_result_has_the_truth_and_what_the_controller_cost(
+    circle: tuple[Result, Path],
+) -> None:
+    result, folder = circle
+    assert [row.cycle for row in result.true_cycles] == [0, 1]
+    assert len(result.drifts) == 2
+    assert all(0.0 <= drift < 0.2 for drift in result.drifts)
+    assert result.limits is not None
+    assert result.limits.distortion_mm is not None
+    assert 0.0 < result.limits.noise_mm < result.limits.reading_noise_mm < 1.0
+    assert result.computing is not None
+    assert result.computing.steps == pytest.approx(result.steps, abs=2)
+    assert 0.0 < result.computing.median_ms <= result.computing.p99_ms <= result.computing.max_ms
+    steps = StepSeries.load(folder / "steps.npz")
+    of_cycles = [row.samples for row in result.cycles]
+    assert [int((steps.cycle == number).sum()) for number in steps.cycles] == of_cycles
+    # What the controller saw, and where the tip was, are not the same and not far apart.
+    apart = np.linalg.norm(steps.tip_mm - steps.true_mm, axis=1)
+    assert 0.1 < np.median(apart) < 2.5
+
+
 def test_the_run_folder_tells_all(circle: tuple[Result, Path]) -> None:
     _, folder = circle
     names = {path.name for path in folder.iterdir()}
-    assert names == {"run.mcap", "robot.yaml", "provenance.json", "result.json"}
+    assert names == {"run.mcap", "robot.yaml", "provenance.json", "result.json", "steps.npz"}
     reader = RunReader(folder / "run.mcap")
     topics = {message.topic for message in reader.messages()}
     assert {"/tip", "/axes", "/risk", "/state", "/event", "/raw/tracker", "/raw/can/can0"} <= topics
@@ -82,6 +105,17 @@ def test_loads_and_faults_happen_and_the_motion_goes_on(tmp_path: Path) -> None:
     told = [json.loads(event.data)["text"] for event in events]
     assert "tip load filled up to 20 g at 10 g/s" in told
     assert "tracker.missing=0.5s" in told
+
+
+def test_a_run_that_is_given_up_leaves_what_it_has_seen(tmp_path: Path) -> None:
+    text = CIRCLE + "happenings: [{at_s: 5.0, inject: drive.can0/2.power_cycle=1s}]\n"
+    with pytest.raises(TrialError, match="the robot is fault"):
+        carry_out(tmp_path / "broken", text)
+    result = read_result(tmp_path / "broken" / "run")
+    assert result is not None
+    assert [row.cycle for row in result.cycles] == [row.cycle for row in result.true_cycles]
+    assert result.cycles[0].samples == pytest.approx(160, abs=3)
+    assert result.faults[0] == "node_lost", result.faults
 
 
 def test_another_plant_is_another_body(circle: tuple[Result, Path], tmp_path: Path) -> None:

@@ -118,7 +118,7 @@ class Rig:
         return drives
 
     def _dictionary(self, axis: Axis) -> ObjectDictionary:
-        return ObjectDictionary(eds_path(axis.drive.eds, SHIPPED_ROBOTS), axis.drive.node)
+        return ObjectDictionary(eds_path(axis.drive.eds, SHIPPED_ROBOTS))
 
     async def _open(self, receiver: FrameReceiver) -> CanLink:
         return InProcessLink(self.bus, self.pump, self.clock, receiver)

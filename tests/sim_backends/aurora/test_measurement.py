@@ -64,6 +64,13 @@ def test_the_distortion_is_fixed_smooth_and_grows_towards_the_edge(seed: int) ->
         assert step < 0.25  # over 8.7 mm: no place where a local model would break
 
 
+def test_the_distortion_of_one_point_is_that_of_many() -> None:
+    field = SmoothField(0.8, np.random.default_rng(1))
+    points = CENTRE_MM + np.random.default_rng(2).uniform(-900.0, 900.0, size=(200, 3))
+    one_by_one = [field.at_point(*point) for point in points.tolist()]
+    np.testing.assert_allclose(one_by_one, field.at(points), atol=1e-12)
+
+
 def test_repeated_readings_at_one_place_share_the_distortion() -> None:
     positions, turns = readings(sensing(distortion_rms_mm=0.8, distortion_rms_rad=0.012), CORNER, 5)
     assert np.ptp(positions, axis=0) == pytest.approx(0.0)

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.can.bits import frame_bits
 from drivers.can.frame import EXTENDED_FLAG, REMOTE_FLAG
 from sim_backends.devices.can.bus import CanBus
+from sim_backends.devices.can.frame_length import frame_bits
 from tests.sim_backends.can.rig import MS, Node
 
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from drivers.can.bits import frame_bits
 from sim_backends.devices.can.bus import CanBus
+from sim_backends.devices.can.frame_length import frame_bits
 from sim_backends.devices.can.port import ControllerState
 from tests.sim_backends.can.rig import MS, Node
 

@@ -4,8 +4,8 @@ import struct
 
 import pytest
 
-from drivers.can.bits import frame_bits
 from drivers.can.frame import REMOTE_FLAG
+from sim_backends.devices.can.frame_length import frame_bits
 from tests.sim_backends.drive.rig import NODE, Rig
 
 CONTROLWORD, TARGET, MODE = 0x60400010, 0x607A0020, 0x60600008

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
 from sim_backends.plants.rod import Rod, Section, helix
-from sim_backends.plants.rod_kernels import FloatArray
+from sim_backends.plants.rod_kernels import FloatArray, March
 from sim_backends.plants.shooting import Equilibrium, Problem, Solver
 from tests.sim_backends.plants.rods import (
     NO_FORCE,
@@ -109,13 +109,14 @@ class Springs:
         return self._rod.presence * pull_n, self._rod.presence
 
     def imbalance(
-        self, length_mm: FloatArray, pull_n: FloatArray
+        self, march: March, pull_n: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        pull = self._stiffness * (length_mm - LENGTH_MM)
-        return pull_n - pull, -self.holding(length_mm), np.ones_like(pull_n)
+        each = np.eye(len(pull_n))
+        pull = self._stiffness * (march.length_mm - LENGTH_MM)
+        return pull_n - pull, -self._stiffness * each, each
 
-    def holding(self, length_mm: FloatArray) -> FloatArray:
-        return np.full_like(length_mm, self._stiffness)
+    def holding(self, march: March) -> FloatArray:
+        return np.diag(np.full(len(march.length_mm), np.sqrt(self._stiffness)))
 
 
 def test_springs_on_the_routes_hold_a_column_that_alone_would_buckle() -> None:

@@ -1,12 +1,12 @@
-"""The lab and the daemon, started and ended together: the daemon first, while its lab still is."""
+"""Commands of tentacled's own as processes: started one after the other, ended the other way."""
 
 import asyncio
 import ctypes
 import signal
 import sys
 from asyncio.subprocess import DEVNULL, PIPE, Process
+from collections.abc import Sequence
 from contextlib import suppress
-from pathlib import Path
 from typing import Final
 
 _STARTS_WITHIN_S: Final = 60.0
@@ -19,16 +19,16 @@ class ProcessError(RuntimeError):
     """A process did not start; the text says which, and what it said."""
 
 
-class Processes:
-    """Both in sessions of their own: Ctrl-C is for us, and we end them in order."""
+class OwnProcesses:
+    """Each in a session of its own: Ctrl-C is for us, and we end them in order."""
 
-    def __init__(self, robot: Path, directory: Path, runs: Path) -> None:
-        where = [str(robot), "--runtime-dir", str(directory)]
-        self._commands = (["emulate", *where], ["run", *where, "--runs", str(runs)])
+    def __init__(self, *commands: Sequence[str]) -> None:
+        """commands: the words after `tentacled`, of each process, in the order of starting."""
+        self._commands = commands
         self._running: list[Process] = []
 
     async def start(self) -> None:
-        """Raises ProcessError."""
+        """Returns when all are ready. Raises ProcessError; `end` is to be called then too."""
         for command in self._commands:
             process = await asyncio.create_subprocess_exec(
                 sys.executable,
@@ -38,13 +38,13 @@ class Processes:
                 stdin=DEVNULL,
                 stdout=PIPE,
                 start_new_session=True,
-                preexec_fn=_end_with_parent,
+                preexec_fn=end_with_parent,
             )
             self._running.append(process)
             await self._begun(process, command[0])
 
     async def end(self) -> None:
-        """The daemon first: it brings the drives to rest."""
+        """The last one first: a daemon brings its drives to rest while its lab still is."""
         for process in reversed(self._running):
             with suppress(ProcessLookupError):
                 process.terminate()
@@ -68,6 +68,6 @@ class Processes:
             raise ProcessError(f"`tentacled {name}` ended at once; see above for why")
 
 
-def _end_with_parent() -> None:
-    """In the child: should we be killed without a chance to end it, the kernel does."""
+def end_with_parent() -> None:
+    """In a child: should its parent be killed without a chance to end it, the kernel does."""
     _PRCTL(_PR_SET_PDEATHSIG, signal.SIGTERM)

@@ -1,0 +1,28 @@
+"""`tentacled compare --out DIR`: all controllers on the same experiments, side by side."""
+
+import argparse
+
+from daemon.studies.arguments import add_grid_arguments, shipped_study
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_grid_arguments(parser)
+    parser.add_argument(
+        "--study", default="controllers", metavar="STUDY", help="which; default: controllers"
+    )
+    parser.add_argument(
+        "--experiments", nargs="+", default=[], metavar="NAME", help="default: all of the study's"
+    )
+    parser.add_argument(
+        "--controllers", nargs="+", default=[], metavar="NAME", help="default: all of the study's"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    # matplotlib is slow to come: `--help` does without.
+    from daemon.studies.command import carry_out_study
+    from daemon.studies.write_up import comparison_figures, comparison_tables
+
+    path = shipped_study(arguments.study)
+    only = [*arguments.experiments, *arguments.controllers]
+    return carry_out_study(path, arguments, only, comparison_tables, comparison_figures)

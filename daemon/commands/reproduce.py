@@ -1,0 +1,27 @@
+"""`tentacled reproduce STUDY --out DIR`: a paper's experiments, its tables with ours in them."""
+
+import argparse
+
+from daemon.studies.arguments import add_grid_arguments, shipped_study
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("study", metavar="STUDY", help="ho2018, or a study file")
+    add_grid_arguments(parser)
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help="run these experiments or controllers alone; the tables show all that is there",
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    # matplotlib is slow to come: `--help` does without.
+    from daemon.studies.command import carry_out_study
+    from daemon.studies.write_up import reproduction_figures, reproduction_tables
+
+    path = shipped_study(arguments.study)
+    tables, figures = reproduction_tables, reproduction_figures
+    return carry_out_study(path, arguments, arguments.only, tables, figures)

@@ -1,0 +1,1 @@
+"""Reads and writes what `safety.risk` calculates with: it must not touch files itself."""

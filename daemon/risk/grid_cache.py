@@ -1,0 +1,78 @@
+"""Distance grids are made once and kept: making one takes seconds, reading it does not."""
+
+import hashlib
+import os
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from safety.risk.distance_grid import DistanceGrid, distance_grid
+from safety.risk.environment import Environment
+
+_VERSION: Final = 1
+"""Of what the numbers mean: what was kept by another version is made again."""
+_NUMBERS: Final = ("spacing_mm", "exact_to_mm", "margin_mm", "solid_around")
+
+
+def default_cache_directory() -> Path:
+    """Where grids are kept."""
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "tentacled" / "distance_grids"
+
+
+def cached_grid(
+    environment: Environment,
+    spacing_mm: float = 1.5,
+    exact_to_mm: float = 20.0,
+    directory: Path | None = None,
+) -> DistanceGrid:
+    """The grid of these surroundings, from the directory if it is there.
+
+    A file that cannot be read is made again; a directory that cannot be written to costs only time.
+    Raises EnvironmentFaultError as `distance_grid` does.
+    """
+    name = f"{_key(environment, spacing_mm, exact_to_mm)}.npz"
+    path = (directory or default_cache_directory()) / name
+    kept = _read(path)
+    if kept is not None:
+        return kept
+    grid = distance_grid(environment, spacing_mm, exact_to_mm)
+    _write(path, grid)
+    return grid
+
+
+def _key(environment: Environment, spacing_mm: float, exact_to_mm: float) -> str:
+    told = f"{_VERSION} {spacing_mm!r} {exact_to_mm!r} {environment.solid_around}"
+    digest = hashlib.sha256(told.encode())
+    digest.update(environment.vertices_mm.tobytes())
+    digest.update(environment.triangles.tobytes())
+    return digest.hexdigest()
+
+
+def _read(path: Path) -> DistanceGrid | None:
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+            spacing, exact_to, margin, around = (arrays[name].item() for name in _NUMBERS)
+            values = np.ascontiguousarray(arrays["values_mm"], np.float32)
+            origin = np.asarray(arrays["origin_mm"], np.float64)
+    except Exception:  # whatever a reader makes of bytes that are no grid
+        return None
+    if values.ndim != 3 or min(values.shape) < 2 or origin.shape != (3,):
+        return None
+    return DistanceGrid(origin, spacing, values, exact_to, margin, bool(around))
+
+
+def _write(path: Path, grid: DistanceGrid) -> None:
+    """Another process may read or write the same at the same time: it is put there whole."""
+    partly = path.with_suffix(f".{os.getpid()}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with partly.open("wb") as file:
+            numbers: dict[str, Any] = {name: getattr(grid, name) for name in _NUMBERS}
+            np.savez(file, origin_mm=grid.origin_mm, values_mm=grid.values_mm, **numbers)
+        partly.replace(path)
+    except OSError:
+        with suppress(OSError):
+            partly.unlink(missing_ok=True)

@@ -1,0 +1,305 @@
+"""contact_risk: how likely any part of the body, as thick as it is, touches something solid.
+
+Whole shapes are drawn from a mixture over the coefficients of the body's shape, and measured
+against a grid of distances. This is the risk that decides. It is not body_point_risk, which is the
+share of the body that is in something solid: see `body_point`.
+
+The draws are the same for every question, so that shapes move as the mixture moves: along a path a
+body stays the body that it was, and the risk does not flicker.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.special import betaincinv
+
+from safety.risk.contact_kernels import (
+    CAP_MM,
+    FINEST_MM,
+    Shapes,
+    Surroundings,
+    clearances,
+    place_shapes,
+    sweep,
+)
+from safety.risk.distance_grid import DistanceGrid
+from safety.risk.environment import InsertionPort
+from safety.risk.mixture import FloatArray, IndexArray, Mixture
+from safety.risk.shape_basis import ShapeBasis, SingleArray
+
+CONFIDENCE: Final = 0.95
+_WORST_SHARE: Final = 0.05
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WorstPlace:
+    """Where most of the worst twentieth of the shapes are nearest to something."""
+
+    arc_mm: float
+    """Along the body."""
+    place_mm: FloatArray
+    """(3,) where that part of the body is, on the average of them."""
+    nearest_mm: FloatArray
+    """(3,) the place of the surface nearest to there."""
+    clearance_mm: float
+    """None of the worst twentieth has more."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ContactRisk:
+    """What the sampled shapes say. Clearances are of the body's skin, negative in what is solid."""
+
+    probability: float
+    """The share of shapes that touch: the estimate."""
+    upper_limit: float
+    """With CONFIDENCE, the probability is not above this (Clopper and Pearson). Counted are all
+    shapes that are not proved to be clear. What decides."""
+    samples: int
+    touching: int
+    not_surely_clear: int
+    lowest_1_percent_mm: float
+    """One shape in a hundred has no more clearance than this."""
+    lowest_5_percent_mm: float
+    median_mm: float
+    mean_of_worst_mm: float
+    """Mean clearance of the worst twentieth of the shapes."""
+    worst: WorstPlace
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PathContactRisk:
+    """Of a way through several mixtures, and of each of them."""
+
+    on_the_way: ContactRisk
+    """Touching anywhere, at the waypoints or between them."""
+    at_waypoints: tuple[float, ...]
+    """The estimate at each."""
+
+
+@dataclass(slots=True, eq=False)
+class _Measured:
+    """All draws in one mixture."""
+
+    shapes: Shapes
+    component: IndexArray
+    """(S,) which each draw belongs to."""
+    mixture: Mixture | None = None
+    """None: nothing has been measured yet."""
+
+
+class ContactModel:
+    """contact_risk of one body in one environment. Not for several threads: they would share its
+    room.
+
+    Raises ValueError where the grid is not made for so thick a body.
+    """
+
+    def __init__(
+        self,
+        basis: ShapeBasis,
+        grid: DistanceGrid,
+        port: InsertionPort | None,
+        samples: int = 1000,
+        seed: int = 0,
+    ) -> None:
+        # Decided is where interpolated distances are up to so much, from corners one cube away.
+        decided_mm = grid.error_mm + FINEST_MM + CAP_MM
+        needed_mm = float(basis.radius_mm.max()) + decided_mm + 2.0 * grid.error_mm
+        if needed_mm > grid.exact_to_mm:
+            raise ValueError(
+                f"the grid is exact to {grid.exact_to_mm:g} mm, and the body needs {needed_mm:.3g}"
+            )
+        random = np.random.default_rng(seed)
+        self._basis = basis
+        self._grid = grid
+        self._uniform = random.random(samples)
+        self._normal = random.standard_normal((samples, basis.coefficients))
+        self._modes = basis.modes.reshape(basis.coefficients, -1)
+        self._surroundings = _surroundings(grid, port)
+        nowhere = np.zeros(samples, np.int64)
+        self._now, self._next = (_Measured(self._room(samples), nowhere) for _ in range(2))
+
+    @property
+    def basis(self) -> ShapeBasis:
+        """The body."""
+        return self._basis
+
+    def risk(self, mixture: Mixture) -> ContactRisk:
+        """Of the body at rest."""
+        self._measure(mixture)
+        return _figures(self._now.shapes.clearance, self._now.shapes.surely, self._worst())
+
+    def centrelines(self, mixture: Mixture) -> SingleArray:
+        """(samples, n, 3) the shapes themselves, to be drawn."""
+        self._measure(mixture)
+        return self._now.shapes.positions.reshape(len(self._uniform), -1, 3).copy()
+
+    def along(self, mixtures: Sequence[Mixture]) -> PathContactRisk:
+        """Of the body on its way through mixtures that lie close together.
+
+        Each draw is one body: it goes straight from its shape in one mixture to that in the next.
+        Where the weights make it another component's, it first arrives as what it was. A way that
+        begins where the last question was is quicker, if it is the same object.
+        """
+        if not mixtures:
+            raise ValueError("a path has at least one waypoint")
+        self._measure(mixtures[0])
+        swept, surely = self._now.shapes.clearance.copy(), self._now.shapes.surely.copy()
+        estimates, worst = [_share_touching(swept)], self._worst()
+        for mixture in mixtures[1:]:
+            before = self._now
+            self._now, self._next = self._next, self._now
+            self._measure_anew(mixture)
+            self._sweep(before, self._now, swept, surely)
+            estimates.append(_share_touching(self._now.shapes.clearance))
+            worst = min(worst, self._worst(), key=lambda place: place.clearance_mm)
+        return PathContactRisk(_figures(swept, surely, worst), tuple(estimates))
+
+    def _measure(self, mixture: Mixture) -> None:
+        """Have the mixture's shapes now. Those of the last two mixtures are kept."""
+        if self._next.mixture is mixture:
+            self._now, self._next = self._next, self._now
+        if self._now.mixture is not mixture:
+            self._measure_anew(mixture)
+
+    def _measure_anew(self, mixture: Mixture) -> None:
+        if mixture.dimensions != self._basis.coefficients:
+            raise ValueError(
+                f"the body's shape has {self._basis.coefficients} coefficients, and the mixture is "
+                f"over {mixture.dimensions}"
+            )
+        component = mixture.chosen(self._uniform)
+        self._now.mixture = None
+        self._place(mixture, component, self._normal, self._now.shapes)
+        self._now.mixture, self._now.component = mixture, component
+
+    def _place(
+        self, mixture: Mixture, component: IndexArray, normal: FloatArray, shapes: Shapes
+    ) -> None:
+        """Fill `shapes` with those of the draws, and their clearances."""
+        base, modes = self._basis.base_mm.ravel(), self._modes
+        means, factors = mixture.means_mm, mixture.factors_per_mm
+        place_shapes(means, factors, component, normal, base, modes, shapes.positions)
+        clearances(self._surroundings, self._basis.radius_mm, shapes)
+
+    def _sweep(
+        self, start: "_Measured", end: "_Measured", swept: SingleArray, surely: SingleArray
+    ) -> None:
+        """Lower `swept` and `surely` by the way from the one's shapes to the other's."""
+        surroundings, radius = self._surroundings, self._basis.radius_mm
+        changed = np.flatnonzero(start.component != end.component)
+        if changed.size == 0 or end.mixture is None:
+            sweep(surroundings, radius, start.shapes, end.shapes, swept, surely)
+            return
+        arriving = self._room(changed.size)
+        self._place(end.mixture, start.component[changed], self._normal[changed], arriving)
+        kept = _taken(end.shapes, changed)
+        _put(end.shapes, changed, arriving)
+        sweep(surroundings, radius, start.shapes, end.shapes, swept, surely)
+        _put(end.shapes, changed, kept)
+        swept[changed] = np.minimum(swept[changed], kept.clearance)
+        surely[changed] = np.minimum(surely[changed], kept.surely)
+
+    def _worst(self) -> WorstPlace:
+        """Of the shapes now."""
+        shapes = self._now.shapes
+        few = _few(shapes.clearance.size)
+        threshold = np.partition(shapes.clearance, few - 1)[few - 1]
+        worst = np.flatnonzero(shapes.clearance <= threshold)
+        node = int(np.bincount(shapes.node[worst]).argmax())
+        mine = worst[shapes.node[worst] == node]
+        place_mm = shapes.positions[mine, 3 * node : 3 * node + 3].mean(axis=0, dtype=np.float64)
+        nearest_mm = _nearest_surface(self._grid, place_mm)
+        return WorstPlace(float(self._basis.arc_mm[node]), place_mm, nearest_mm, float(threshold))
+
+    def _room(self, samples: int) -> Shapes:
+        return Shapes(
+            np.empty((samples, 3 * self._basis.nodes), np.float32),
+            np.empty(samples, np.float32),
+            np.empty(samples, np.int64),
+            np.empty(samples, np.float32),
+        )
+
+
+def upper_limit(count: int, samples: int, confidence: float = CONFIDENCE) -> float:
+    """Clopper and Pearson's: a larger probability would give so few with less than 1 − confidence.
+
+    None of 1000 gives 0.003.
+    """
+    if count >= samples:
+        return 1.0
+    return float(betaincinv(count + 1, samples - count, confidence))
+
+
+def _figures(clearance: SingleArray, surely: SingleArray, worst: WorstPlace) -> ContactRisk:
+    samples = clearance.size
+    ordered = np.sort(clearance)
+    touching = int(np.searchsorted(ordered, 0.0, side="right"))
+    not_clear = samples - int(np.count_nonzero(surely > 0.0))
+    few = _few(samples)
+    return ContactRisk(
+        touching / samples,
+        upper_limit(not_clear, samples),
+        samples,
+        touching,
+        not_clear,
+        float(ordered[max(1, samples // 100) - 1]),
+        float(ordered[few - 1]),
+        float(ordered[samples // 2]),
+        float(ordered[:few].mean()),
+        worst,
+    )
+
+
+def _few(samples: int) -> int:
+    """How many are the worst twentieth."""
+    return max(1, int(_WORST_SHARE * samples))
+
+
+def _taken(shapes: Shapes, rows: IndexArray) -> Shapes:
+    return Shapes(
+        shapes.positions[rows], shapes.clearance[rows], shapes.node[rows], shapes.surely[rows]
+    )
+
+
+def _put(shapes: Shapes, rows: IndexArray, others: Shapes) -> None:
+    shapes.positions[rows], shapes.clearance[rows] = others.positions, others.clearance
+    shapes.node[rows], shapes.surely[rows] = others.node, others.surely
+
+
+def _share_touching(clearance: SingleArray) -> float:
+    return int(np.count_nonzero(clearance <= 0.0)) / clearance.size
+
+
+def _surroundings(grid: DistanceGrid, port: InsertionPort | None) -> Surroundings:
+    outside = -1.0 if grid.solid_around else 1.0
+    frame = [*grid.origin_mm, 1.0 / grid.spacing_mm, outside, grid.margin_mm, grid.error_mm]
+    hole = [0.0] * 6 + [-1.0, 0.0]
+    if port is not None:
+        inwards = np.asarray(port.inwards) / np.linalg.norm(port.inwards)
+        hole = [*port.centre_mm, *inwards, port.radius_mm, port.depth_mm]
+    return Surroundings(
+        grid.values_mm.ravel(),
+        np.array(grid.values_mm.shape, np.uint64),
+        np.array(frame, np.float32),
+        np.array(hole, np.float32),
+    )
+
+
+def _nearest_surface(grid: DistanceGrid, place_mm: FloatArray) -> FloatArray:
+    """(3,) from a place, as far as the distance says, down its slope."""
+    at = (place_mm - grid.origin_mm) / grid.spacing_mm
+    shape = np.array(grid.values_mm.shape)
+    if not np.isfinite(at).all():
+        return np.full(3, np.nan)
+    i, j, k = np.clip(np.rint(at), 1, shape - 2).astype(np.int64)
+    near = grid.values_mm[i - 1 : i + 2, j - 1 : j + 2, k - 1 : k + 2].astype(np.float64)
+    ends = [near[2, 1, 1] - near[0, 1, 1], near[1, 2, 1] - near[1, 0, 1]]
+    slope = np.array([*ends, near[1, 1, 2] - near[1, 1, 0]])
+    steepness = float(np.linalg.norm(slope))
+    if not steepness > 0.0:
+        return place_mm
+    nearest: FloatArray = place_mm - near[1, 1, 1] * slope / steepness
+    return nearest

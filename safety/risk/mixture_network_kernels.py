@@ -1,0 +1,248 @@
+"""The mixture density network's numerics, compiled: forward, and backward to its inputs.
+
+Every function that is cached on disk stands in this one file: numba notices a change only in the
+file of the cached function itself.
+
+m inputs, K components over d coordinates. A network comes as three flat things, because every
+array that is handed to compiled code costs a tenth of a microsecond:
+
+parameters: all matrices (outputs, inputs) and biases; float32 as a rule.
+plan: (1 + layers, 4) int64. The first row is the activation, then where trunk, means and factors
+    end. The others are inputs, outputs, where the matrix begins, where the biases begin.
+scaling: float64. (m,) offset and (m,) scale of the inputs, (d,) offset_mm of the means, and the
+    three numbers scale_mm, lowest and highest logarithm of a factor's diagonal.
+"""
+
+import numpy as np
+from numba import njit
+
+RELU, TANH, SILU = 0, 1, 2
+
+_SATURATED = 9.0
+"""Beyond, tanh is one but for 3e-8."""
+
+_kernel = njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract", "reassoc"})
+"""fastmath: sums may be reordered, so that they run in parallel lanes; NaN and inf stay what they
+are. error_model: a division by zero gives inf, and no exception."""
+
+
+@_kernel
+def forward(parameters, plan, scaling, u, weights, means, factors):  # type: ignore[no-untyped-def]
+    """Fill (K,) weights, (K, d) means in mm, (K, d, d) factors per mm, whose lower half is left.
+
+    Returns whether all are finite.
+    """
+    values = np.empty(_width(plan), parameters.dtype)
+    heads = _run(parameters, plan, scaling, u, values)
+    _to_mixture(values, heads, scaling, u.size, weights, means, factors)
+    total = parameters.dtype.type(0.0)
+    for i in range(values.size):  # activations and limits could hide what is not finite
+        total += abs(values[i])
+    return np.isfinite(total)
+
+
+@_kernel
+def backward(parameters, plan, scaling, u, by_weights, by_means, by_factors):  # type: ignore[no-untyped-def]
+    """(m,) derivative by u of a number whose derivatives by the mixture's parameters are given.
+
+    by_weights (K,), by_means (K, d), by_factors (K, d, d) of which the upper half counts.
+    """
+    values = np.empty(_width(plan), parameters.dtype)
+    heads = _run(parameters, plan, scaling, u, values)
+    slopes = np.zeros_like(values)
+    _from_mixture(values, heads, scaling, u.size, by_weights, by_means, by_factors, slopes)
+    return _back(parameters, plan, scaling, values, slopes)
+
+
+@_kernel
+def _width(plan):  # type: ignore[no-untyped-def]
+    """Numbers of the inputs and all layers together."""
+    return plan[1, 0] + plan[1:, 1].sum()
+
+
+@_kernel
+def _run(parameters, plan, scaling, u, values):  # type: ignore[no-untyped-def]
+    """Fill `values` with the inputs and what each layer has before its activation.
+
+    Returns where in it the results of the three heads begin.
+    """
+    m, layers = u.size, plan.shape[0] - 1
+    heads = (0, 0, 0)
+    active = np.empty(max(m, plan[1:, 1].max()), values.dtype)
+    for i in range(m):
+        values[i] = (u[i] - scaling[i]) / scaling[m + i]
+        active[i] = values[i]
+    trunk = active
+    place, stack = m, 0
+    for layer in range(layers):
+        inputs, outputs, matrix, bias = plan[1 + layer]
+        out = values[place : place + outputs]
+        if stack < 3 and layer == plan[0, 1 + stack]:
+            if stack == 0:
+                trunk = active.copy()
+            else:
+                active[:] = trunk
+            stack += 1
+        _multiply(parameters, matrix, bias, active[:inputs], out)
+        last = layer == layers - 1 or (stack < 3 and layer == plan[0, 1 + stack] - 1)
+        if stack == 0 or not last:
+            _activate(plan[0, 0], out, active)
+        elif stack == 1:
+            heads = (place, 0, 0)
+        elif stack == 2:
+            heads = (heads[0], place, 0)
+        else:
+            heads = (heads[0], heads[1], place)
+        place += outputs
+    return heads
+
+
+@_kernel
+def _multiply(parameters, matrix, bias, x, out):  # type: ignore[no-untyped-def]
+    """Write Mx + b to `out`, four rows at a time."""
+    count, zero = x.size, parameters.dtype.type(0.0)
+    o = 0
+    while o + 4 <= out.size:
+        at = matrix + o * count
+        first, second = parameters[at : at + count], parameters[at + count : at + 2 * count]
+        third = parameters[at + 2 * count : at + 3 * count]
+        fourth = parameters[at + 3 * count : at + 4 * count]
+        a, b, c, d = zero, zero, zero, zero
+        for i in range(count):
+            a += first[i] * x[i]
+            b += second[i] * x[i]
+            c += third[i] * x[i]
+            d += fourth[i] * x[i]
+        out[o], out[o + 1] = a + parameters[bias + o], b + parameters[bias + o + 1]
+        out[o + 2], out[o + 3] = c + parameters[bias + o + 2], d + parameters[bias + o + 3]
+        o += 4
+    while o < out.size:
+        row, a = parameters[matrix + o * count : matrix + (o + 1) * count], zero
+        for i in range(count):
+            a += row[i] * x[i]
+        out[o] = a + parameters[bias + o]
+        o += 1
+
+
+@_kernel
+def _activate(activation, before, after):  # type: ignore[no-untyped-def]
+    one, half, zero = before.dtype.type(1.0), before.dtype.type(0.5), before.dtype.type(0.0)
+    if activation == RELU:
+        for i in range(before.size):
+            after[i] = max(before[i], zero)
+    elif activation == TANH:
+        for i in range(before.size):
+            after[i] = _tanh(before[i], one)
+    else:
+        for i in range(before.size):
+            after[i] = half * before[i] * (one + _tanh(half * before[i], one))
+
+
+@_kernel
+def _slope(activation, before):  # type: ignore[no-untyped-def]
+    """Derivative of the activation."""
+    if activation == RELU:
+        return 1.0 if before > 0.0 else 0.0
+    if activation == TANH:
+        return 1.0 - _tanh(before, 1.0) ** 2
+    share = 0.5 * (1.0 + _tanh(0.5 * before, 1.0))
+    return share * (1.0 + before * (1.0 - share))
+
+
+@_kernel
+def _tanh(x, one):  # type: ignore[no-untyped-def]
+    """To 2e-7: Lambert's fraction for a quarter of x, and the double-angle formula twice.
+
+    Only arithmetic, so that many are done at once; the library's function takes one at a time.
+    one: 1 in the type to calculate in.
+    """
+    end = _SATURATED * one
+    z = min(max(x, -end), end) * (one / 4)
+    s = z * z
+    above = 135135 * one + s * (17325 * one + s * (378 * one + s))
+    below = 135135 * one + s * (62370 * one + s * (3150 * one + s * (28 * one)))
+    t = z * above / below
+    t = (t + t) / (one + t * t)
+    return (t + t) / (one + t * t)
+
+
+@_kernel
+def _to_mixture(values, heads, scaling, m, weights, means, factors):  # type: ignore[no-untyped-def]
+    """The heads' results as a mixture."""
+    components, d = means.shape
+    scale_mm, lowest, highest = scaling[2 * m + d], scaling[2 * m + d + 1], scaling[2 * m + d + 2]
+    raw = values[heads[2] :]
+    largest, total = -np.inf, 0.0
+    for k in range(components):
+        largest = max(largest, raw[k])
+    for k in range(components):
+        weights[k] = np.exp(raw[k] - largest)
+        total += weights[k]
+    place = heads[1]
+    for k in range(components):
+        weights[k] /= total
+        for i in range(d):
+            means[k, i] = scaling[2 * m + i] + scale_mm * values[heads[0] + k * d + i]
+            for j in range(i, d):
+                value = np.float64(values[place])
+                if i == j:
+                    value = np.exp(min(max(value, lowest), highest))
+                factors[k, i, j] = value / scale_mm
+                place += 1
+
+
+@_kernel
+def _from_mixture(  # type: ignore[no-untyped-def]
+    values, heads, scaling, m, by_weights, by_means, by_factors, slopes
+):
+    """Write the derivatives by the heads' results into `slopes`."""
+    components, d = by_means.shape
+    scale_mm, lowest, highest = scaling[2 * m + d], scaling[2 * m + d + 1], scaling[2 * m + d + 2]
+    raw = values[heads[2] :]
+    largest, total, mean = -np.inf, 0.0, 0.0
+    for k in range(components):
+        largest = max(largest, raw[k])
+    for k in range(components):
+        weight = np.exp(raw[k] - largest)
+        total += weight
+        mean += weight * by_weights[k]
+    mean /= total
+    place = heads[1]
+    for k in range(components):
+        slopes[heads[2] + k] = np.exp(raw[k] - largest) / total * (by_weights[k] - mean)
+        for i in range(d):
+            slopes[heads[0] + k * d + i] = scale_mm * by_means[k, i]
+            for j in range(i, d):
+                slope = by_factors[k, i, j] / scale_mm
+                if i == j:
+                    value = np.float64(values[place])
+                    slope *= np.exp(value) if lowest < value < highest else 0.0
+                slopes[place] = slope
+                place += 1
+
+
+@_kernel
+def _back(parameters, plan, scaling, values, slopes):  # type: ignore[no-untyped-def]
+    """Carry `slopes` of the heads' results back through all layers. Returns (m,) those by u."""
+    m, layers = plan[1, 0], plan.shape[0] - 1
+    end, trunk_end = values.size, plan[0, 1]
+    trunk = m + plan[1:trunk_end, 1].sum()
+    for layer in range(layers - 1, -1, -1):
+        inputs, outputs, matrix, _ = plan[1 + layer]
+        begins_head = layer == trunk_end or layer == plan[0, 2] or layer == plan[0, 3]
+        start = trunk if begins_head else end - outputs - inputs
+        below, given = slopes[start : start + inputs], slopes[end - outputs : end]
+        by_input = np.zeros(inputs, slopes.dtype)
+        for o in range(outputs):
+            row, slope = parameters[matrix + o * inputs : matrix + (o + 1) * inputs], given[o]
+            for i in range(inputs):
+                by_input[i] += slope * row[i]
+        for i in range(inputs):
+            if layer > 0:
+                by_input[i] *= _slope(plan[0, 0], values[start + i])
+            below[i] += by_input[i]
+        end -= outputs
+    result = np.empty(m)
+    for i in range(m):
+        result[i] = slopes[i] / scaling[m + i]
+    return result

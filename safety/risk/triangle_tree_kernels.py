@@ -1,0 +1,236 @@
+"""A tree of boxes over triangles, compiled: building it, and counting what a ray crosses.
+
+Every function that is cached on disk stands in this one file: numba notices a change only in the
+file of the cached function itself.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+LEAF = 4
+"""Triangles in a box that is not split any more."""
+DEEPEST = 96
+"""Of any tree: a stack of so many boxes is never too short."""
+_BINS = 12
+
+_inlined = njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+_kernel = njit(cache=True, error_model="numpy", nogil=True)
+_ROUNDING = 1e-13
+"""Of products of lengths: more than their rounding."""
+
+
+class TriangleTree(NamedTuple):
+    """Boxes within boxes, and the triangles in the boxes' order.
+
+    boxes: (b, 6) centre and half size. links: (b, 2) int64; (first child, 0), its sister comes
+    after it, or (first triangle, how many). corners: (t, 9). vertices: (t, 3) int64 numbers of the
+    corners. order: (t,) int64 number of each triangle in the mesh.
+    """
+
+    boxes: FloatArray
+    links: NDArray[np.int64]
+    corners: FloatArray
+    order: NDArray[np.int64]
+
+
+@_kernel
+def build(low, high, boxes, links, order):  # type: ignore[no-untyped-def]
+    """Split triangles with bounds low, high (t, 3) into boxes. Returns how many boxes there are.
+
+    Where to split is found by the surface area heuristic on a few planes per axis; where none of
+    them separates anything, the triangles are halved as they come.
+    """
+    middle = 0.5 * (low + high)
+    stack = np.empty((DEEPEST, 4), np.int64)
+    stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = 0, 0, order.size, 1
+    waiting, count = 1, 1
+    while waiting > 0:
+        waiting -= 1
+        node, begin, end, depth = stack[waiting]
+        _enclose(low, high, order, begin, end, boxes[node])
+        if end - begin <= LEAF:
+            links[node, 0], links[node, 1] = begin, end - begin
+            continue
+        split = begin
+        if depth < DEEPEST // 2:
+            axis, plane = _best_plane(low, high, middle, order, begin, end)
+            split = _partition(middle, order, begin, end, axis, plane)
+        if split in (begin, end):
+            split = (begin + end) // 2
+        links[node, 0], links[node, 1] = count, 0
+        stack[waiting, 0], stack[waiting, 1] = count, begin
+        stack[waiting, 2], stack[waiting, 3] = split, depth + 1
+        stack[waiting + 1, 0], stack[waiting + 1, 1] = count + 1, split
+        stack[waiting + 1, 2], stack[waiting + 1, 3] = end, depth + 1
+        waiting += 2
+        count += 2
+    return count
+
+
+@_kernel
+def _enclose(low, high, order, begin, end, box):  # type: ignore[no-untyped-def]
+    for axis in range(3):
+        lowest, highest = np.inf, -np.inf
+        for k in range(begin, end):
+            lowest = min(lowest, low[order[k], axis])
+            highest = max(highest, high[order[k], axis])
+        box[axis] = 0.5 * (lowest + highest)
+        # Half a size that covers both ends although the centre was rounded.
+        box[3 + axis] = max(highest - box[axis], box[axis] - lowest)
+
+
+@_kernel
+def _best_plane(low, high, middle, order, begin, end):  # type: ignore[no-untyped-def]
+    """Axis and coordinate at which the two sides' areas times their triangles are the least."""
+    best, best_axis, best_plane = np.inf, 0, np.nan
+    counts = np.empty(_BINS, np.int64)
+    bounds = np.empty((_BINS, 6))
+    right = np.empty(_BINS)
+    for axis in range(3):
+        first, last = np.inf, -np.inf
+        for k in range(begin, end):
+            first = min(first, middle[order[k], axis])
+            last = max(last, middle[order[k], axis])
+        if not last > first:
+            continue
+        counts[:] = 0
+        bounds[:, :3], bounds[:, 3:] = np.inf, -np.inf
+        for k in range(begin, end):
+            t = order[k]
+            b = min(_BINS - 1, int(_BINS * (middle[t, axis] - first) / (last - first)))
+            counts[b] += 1
+            _grow(bounds[b], low[t], high[t])
+        side = np.empty(6)
+        side[:3], side[3:] = np.inf, -np.inf
+        total = 0
+        for b in range(_BINS - 1, 0, -1):
+            total += counts[b]
+            _grow(side, bounds[b, :3], bounds[b, 3:])
+            right[b] = total * _area(side) if total > 0 else 0.0
+        side[:3], side[3:] = np.inf, -np.inf
+        total = 0
+        for b in range(1, _BINS):
+            total += counts[b - 1]
+            _grow(side, bounds[b - 1, :3], bounds[b - 1, 3:])
+            cost = total * _area(side) + right[b] if total > 0 else np.inf
+            if cost < best:
+                best, best_axis = cost, axis
+                best_plane = first + b * (last - first) / _BINS
+    return best_axis, best_plane
+
+
+@_kernel
+def _grow(bounds, low, high):  # type: ignore[no-untyped-def]
+    for axis in range(3):
+        bounds[axis] = min(bounds[axis], low[axis])
+        bounds[3 + axis] = max(bounds[3 + axis], high[axis])
+
+
+@_kernel
+def _area(bounds):  # type: ignore[no-untyped-def]
+    x, y, z = bounds[3] - bounds[0], bounds[4] - bounds[1], bounds[5] - bounds[2]
+    return x * y + y * z + z * x
+
+
+@_kernel
+def _partition(middle, order, begin, end, axis, plane):  # type: ignore[no-untyped-def]
+    """Bring the triangles below the plane to the front. Returns where the others begin."""
+    split = begin
+    for k in range(begin, end):
+        if middle[order[k], axis] < plane:
+            order[k], order[split] = order[split], order[k]
+            split += 1
+    return split
+
+
+@_kernel
+def winding_numbers(tree, points, directions):  # type: ignore[no-untyped-def]
+    """(n,) how often the surface goes round each of (n, 3) points, with its normals out.
+
+    A ray is cast from the point, in the first of (r, 3) directions in which it meets no edge. No
+    direction may have a component of zero. A point from which none is good is on the surface: that
+    counts as once.
+    """
+    result = np.ones(points.shape[0], np.int64)
+    stack = np.empty(DEEPEST, np.int64)
+    for k in range(points.shape[0]):
+        for ray in range(directions.shape[0]):
+            winding, clear = _crossings(tree, points, k, directions, ray, stack)
+            if clear:
+                result[k] = winding
+                break
+    return result
+
+
+@_kernel
+def _crossings(tree, points, k, directions, ray, stack):  # type: ignore[no-untyped-def]
+    """How often the ray goes out through the surface, less how often it goes in, and whether it
+    keeps clear of all edges."""
+    boxes, links = tree.boxes, tree.links
+    u, v, w = directions[ray, 0], directions[ray, 1], directions[ray, 2]
+    inverses = (1.0 / u, 1.0 / v, 1.0 / w)
+    stack[0] = 0
+    waiting, winding = 1, 0
+    while waiting > 0:
+        waiting -= 1
+        node = stack[waiting]
+        if not _meets(boxes, node, points, k, inverses):
+            continue
+        first, count = links[node, 0], links[node, 1]
+        if count == 0:
+            stack[waiting], stack[waiting + 1] = first, first + 1
+            waiting += 2
+        for t in range(first, first + count):
+            crossing, clear = _crossing(tree.corners, t, points, k, directions, ray)
+            if not clear:
+                return 0, False
+            winding += crossing
+    return winding, True
+
+
+@_inlined
+def _meets(boxes, box, points, k, inverses):  # type: ignore[no-untyped-def]
+    """Whether the ray goes through the box, made a little larger."""
+    enter, leave = 0.0, np.inf
+    for axis in range(3):
+        way = boxes[box, axis] - points[k, axis]
+        half = boxes[box, 3 + axis] + 1e-9 * (abs(way) + boxes[box, 3 + axis])
+        one, other = (way - half) * inverses[axis], (way + half) * inverses[axis]
+        enter, leave = max(enter, min(one, other)), min(leave, max(one, other))
+    return enter <= leave
+
+
+@_inlined
+def _crossing(corners, t, points, k, directions, ray):  # type: ignore[no-untyped-def]
+    """1 where the ray leaves through the triangle, −1 where it enters, 0 where it misses.
+
+    And whether that is sure: not where it meets an edge, or begins on the triangle, but for
+    rounding.
+    """
+    x, y, z = points[k, 0], points[k, 1], points[k, 2]
+    a0, a1, a2 = corners[t, 0] - x, corners[t, 1] - y, corners[t, 2] - z
+    b0, b1, b2 = corners[t, 3] - x, corners[t, 4] - y, corners[t, 5] - z
+    c0, c1, c2 = corners[t, 6] - x, corners[t, 7] - y, corners[t, 8] - z
+    u, v, w = directions[ray, 0], directions[ray, 1], directions[ray, 2]
+    ab = u * (a1 * b2 - a2 * b1) + v * (a2 * b0 - a0 * b2) + w * (a0 * b1 - a1 * b0)
+    bc = u * (b1 * c2 - b2 * c1) + v * (b2 * c0 - b0 * c2) + w * (b0 * c1 - b1 * c0)
+    ca = u * (c1 * a2 - c2 * a1) + v * (c2 * a0 - c0 * a2) + w * (c0 * a1 - c1 * a0)
+    size = max(abs(a0), abs(a1), abs(a2), abs(b0), abs(b1), abs(b2))
+    size = max(size, abs(c0), abs(c1), abs(c2))
+    doubt = _ROUNDING * size * size
+    lowest, highest = min(ab, bc, ca), max(ab, bc, ca)
+    if lowest < -doubt and highest > doubt:
+        return 0, True
+    if lowest <= doubt and highest >= -doubt:
+        return 0, False
+    p0, p1, p2, q0, q1, q2 = b0 - a0, b1 - a1, b2 - a2, c0 - a0, c1 - a1, c2 - a2
+    ahead = a0 * (p1 * q2 - p2 * q1) + a1 * (p2 * q0 - p0 * q2) + a2 * (p0 * q1 - p1 * q0)
+    way = 1 if lowest > 0.0 else -1
+    if abs(ahead) <= doubt * size:
+        return 0, False
+    return way if ahead * way > 0.0 else 0, True

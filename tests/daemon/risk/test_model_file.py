@@ -1,0 +1,91 @@
+"""Learned models on disk: what is written is read, and nothing else is believed."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from daemon.risk.model_file import read_model, write_model
+from safety.risk.risk_model import RiskModelError, risk_model
+from tests.safety.risk.networks import model_arrays
+
+ABOUT = {"robot": "arm", "points_activation": "silu", "shapes_activation": "relu", "seed": 3}
+U = [0.3, -1.0, 2.0, 0.5]
+
+
+def test_what_was_written_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "arm.npz"
+    write_model(path, model_arrays(), ABOUT)
+    read = read_model(path)
+    assert read.robot == "arm"
+    assert read.about["seed"] == 3
+    own = risk_model(model_arrays(), "silu", "relu")
+    for one, other in ((read.model.points, own.points), (read.model.shapes, own.shapes)):
+        first, second = one.mixture(U), other.mixture(U)
+        assert first is not None
+        assert second is not None
+        np.testing.assert_array_equal(first.means_mm, second.means_mm)
+    assert read.model.reach == own.reach
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_could_not_be_read_is_not_written(tmp_path: Path) -> None:
+    path = tmp_path / "arm.npz"
+    arrays = model_arrays()
+    del arrays["shapes/trunk.0.bias"]
+    with pytest.raises(RiskModelError, match=r"shapes/trunk\.0\.bias"):
+        write_model(path, arrays, ABOUT)
+    with pytest.raises(RiskModelError, match="about: robot is missing"):
+        write_model(path, model_arrays(), {**ABOUT, "robot": None})
+    assert not list(tmp_path.iterdir())
+
+
+def save(path: Path, **content: Any) -> None:
+    with path.open("wb") as file:
+        np.savez(file, **content)
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        ({}, "does not say what it is"),
+        ({"about": np.array("no JSON")}, "does not say what it is"),
+        ({"about": np.array('{"format": 99}')}, "is not of format 1: train it again"),
+        ({"about": np.array('{"format": 1, "robot": "arm"}')}, "points_activation is missing"),
+        ({"about": np.array([{"robot": 1}], dtype=object)}, "is no model"),
+    ],
+)
+def test_a_file_of_something_else_is_refused(
+    content: dict[str, Any], told: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "arm.npz"
+    save(path, **content)
+    with pytest.raises(RiskModelError, match=told) as error:
+        read_model(path)
+    assert str(path) in str(error.value)
+
+
+@pytest.mark.parametrize("keep", [0.0, 0.3, 0.9])
+def test_a_torn_file_is_refused(keep: float, tmp_path: Path) -> None:
+    path = tmp_path / "arm.npz"
+    write_model(path, model_arrays(), ABOUT)
+    content = path.read_bytes()
+    path.write_bytes(content[: int(keep * len(content))])
+    with pytest.raises(RiskModelError, match="is no model"):
+        read_model(path)
+
+
+def test_a_changed_byte_is_noticed(tmp_path: Path) -> None:
+    path = tmp_path / "arm.npz"
+    write_model(path, model_arrays(), ABOUT)
+    content = bytearray(path.read_bytes())
+    content[len(content) // 3] ^= 0xFF
+    path.write_bytes(content)
+    with pytest.raises(RiskModelError):
+        read_model(path)
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(RiskModelError, match=r"none\.npz: No such file"):
+        read_model(tmp_path / "none.npz")
