@@ -1,5 +1,6 @@
 """Which motions become samples, and which never do."""
 
+import itertools
 from collections.abc import Iterable
 from dataclasses import replace
 from math import hypot, sqrt
@@ -61,7 +62,7 @@ def test_a_sample_ends_when_the_tip_has_gone_far_enough_and_the_next_begins_ther
     u = back_and_forth(400)
     samples = samples_of(u, tips_of(u))
     assert len(samples) > 50
-    for sample, after in zip(samples, samples[1:], strict=False):
+    for sample, after in itertools.pairwise(samples):
         assert np.linalg.norm(sample.delta_tip_mm) >= AT_ONCE.tip_mm
         np.testing.assert_allclose(sample.tip_mm + sample.delta_tip_mm, after.tip_mm)
         np.testing.assert_allclose(sample.u + sample.delta_u, after.u)
