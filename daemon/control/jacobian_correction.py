@@ -1,9 +1,11 @@
-"""What a model's Jacobian lacks here and now, found by the motions of the last moment.
+"""What a Jacobian lacks here and now, found by the motions of the last moment.
 
 A learnt model knows how the Jacobian J changes from place to place; a load, creep or another body
-change all of it a little. The difference E is corrected by every motion x → d as in
-`jacobian_estimate`, E + (d − (J + E) x) xᵀP / (xᵀP x + r), but where the axes go on without telling
-anything new about it, it fades: the model is then the better guess.
+change all of it a little. The difference E is corrected by every motion x → d: as little as
+possible, and where it is uncertain rather than where it was just measured, E + (d − (J + E) x) xᵀP /
+(xᵀP x + r). P, how uncertain the rows of E are by direction, shrinks along what was measured and
+grows with the distance moved. While the axes go on, E fades where nothing new is told about it: the
+model is then the better guess.
 """
 
 import numpy as np
@@ -15,9 +17,9 @@ _RELATIVE_NOISE = 0.1
 _FIRST_STD_MM = 20.0
 _LARGEST_STD_MM = 200.0
 _SLOWEST, _FASTEST, _TURNED = -0.5, 2.0, 0.7
-"""How much less, and how much more, than the model has it a step may move the tip, and how far
-aside. There are directions in which the tip hardly moves, and noise would soon turn them round;
-and who believes that the axes do less than they do asks for too much."""
+"""How much less, and how much more, than J has it a step may move the tip, and how far aside. There
+are directions in which the tip hardly moves, and noise would soon turn them round; and who believes
+that the axes do less than they do asks for too much."""
 
 
 class JacobianCorrection:
@@ -35,7 +37,7 @@ class JacobianCorrection:
         self._reach = reach
 
     def correct(self, jacobian: Vector, moved: Vector, tip_moved: Vector) -> None:
-        """Take a motion: (m,) of the axes, (3,) of the tip. jacobian: (3, m) the model's there."""
+        """Take a motion: (m,) of the axes, (3,) of the tip. jacobian: (3, m) J there."""
         travelled = float(np.linalg.norm(moved))
         kept = float(np.exp(-travelled / self._reach))
         difference = kept * self.difference

@@ -14,16 +14,14 @@ import numpy as np
 
 from config.controllers import Learner
 from daemon.control.jacobian_correction import JacobianCorrection
-from daemon.control.jacobian_estimate import JacobianEstimate
 from daemon.learning.lwpr import Lwpr
 from daemon.learning.motion_sample import MotionSample
 from drivers.pose import Vector
 
 _COVERED_ABOVE = 0.01
 """Largest weight of a field from which on the forward model is believed in full."""
-_MEASURED_STD_MM = 20.0
 _CARRIED_DRIFT_MM = 25.0
-"""As for `broyden`, whose defaults these are."""
+"""As for `broyden`: nothing tells how the Jacobian changes from place to place."""
 
 
 class LearntJacobian:
@@ -35,8 +33,9 @@ class LearntJacobian:
         """Inputs [p, u, Δu], output Δp."""
         self._options = options
         self._travel = travel
-        self._carried: JacobianEstimate | None = None
         self._correction = self._no_correction()
+        self._carried: Vector | None = None
+        self._carrying = self._no_carrying()
         self._x = np.zeros(3 + 2 * len(travel))
 
     @property
@@ -48,8 +47,8 @@ class LearntJacobian:
         """Go by this forward model from now on."""
         self.forward = forward
         self._correction = self._no_correction()
-        centre = np.array(forward.settings.norm_in)[: len(self._x)]
-        middle = forward.centres.mean(axis=0) * centre[: 3 + len(self._travel)]
+        places = 3 + len(self._travel)
+        middle = forward.centres.mean(axis=0) * np.array(forward.settings.norm_in[:places])
         self._carry(self._modelled(middle[:3], middle[3:]))
 
     def measured(self, jacobian: Vector) -> None:
@@ -72,12 +71,11 @@ class LearntJacobian:
         middle_u = sample.u + 0.5 * sample.delta_u
         moved = sample.delta_u / self._travel
         share = self.covered(middle_mm, middle_u)
-        assert self._carried is not None
         if share > 0.0:
             modelled = self._modelled(middle_mm, middle_u)
             self._correction.correct(modelled, moved, sample.delta_tip_mm)
         if share < 1.0:
-            self._carried.correct(moved, sample.delta_tip_mm)
+            self._carry_on(moved, sample.delta_tip_mm)
         else:
             self._carry(self._at(middle_mm, middle_u, share))
 
@@ -87,26 +85,30 @@ class LearntJacobian:
         return {
             "correction": self._correction.difference,
             "correction_covariance": self._correction.covariance,
-            "carried": self._carried.jacobian,
-            "carried_covariance": self._carried.covariance,
+            "carried": self._carried,
+            "carried_covariance": self._carrying.covariance,
         }
 
     def restore(self, arrays: Mapping[str, Vector]) -> None:
-        """Go on from `to_arrays`."""
-        self._carry(arrays["carried"])
-        assert self._carried is not None
-        self._carried.covariance = np.array(arrays["carried_covariance"])
+        """Go on from `to_arrays`. Raises KeyError, and ValueError for other axes."""
+        m = len(self._travel)
+        shapes = [arrays[name].shape for name in ("correction", "carried")]
+        squares = [arrays[f"{name}_covariance"].shape for name in ("correction", "carried")]
+        if shapes != 2 * [(3, m)] or squares != 2 * [(m, m)]:
+            raise ValueError(f"its Jacobian is not for {m} axes")
         self._correction.difference = np.array(arrays["correction"])
         self._correction.covariance = np.array(arrays["correction_covariance"])
+        self._carry(arrays["carried"])
+        self._carrying.covariance = np.array(arrays["carried_covariance"])
 
     # Axes count in shares of their travel from here on.
 
     def _at(self, tip_mm: Vector, u: Vector, share: float) -> Vector:
         assert self._carried is not None
         if share <= 0.0:
-            return self._carried.jacobian
+            return self._carried
         corrected = self._modelled(tip_mm, u) + self._correction.difference
-        return np.asarray(share * corrected + (1.0 - share) * self._carried.jacobian)
+        return np.asarray(share * corrected + (1.0 - share) * self._carried)
 
     def _modelled(self, tip_mm: Vector, u: Vector) -> Vector:
         assert self.forward is not None
@@ -120,12 +122,14 @@ class LearntJacobian:
         return self._x
 
     def _carry(self, jacobian: Vector) -> None:
-        self._carried = JacobianEstimate(
-            np.array(jacobian),
-            _MEASURED_STD_MM**2 * np.eye(len(self._travel)),
-            self._options.sample_noise_mm,
-            _CARRIED_DRIFT_MM,
-        )
+        self._carried = np.array(jacobian)
+        self._carrying = self._no_carrying()
+
+    def _carry_on(self, moved: Vector, tip_moved: Vector) -> None:
+        assert self._carried is not None
+        self._carrying.correct(self._carried, moved, tip_moved)
+        self._carried = self._carried + self._carrying.difference
+        self._carrying.difference = np.zeros_like(self._carried)
 
     def _no_correction(self) -> JacobianCorrection:
         options = self._options
@@ -135,3 +139,7 @@ class LearntJacobian:
             options.correction_drift_mm,
             options.correction_reach,
         )
+
+    def _no_carrying(self) -> JacobianCorrection:
+        noise_mm = self._options.sample_noise_mm
+        return JacobianCorrection(len(self._travel), noise_mm, _CARRIED_DRIFT_MM, np.inf)
