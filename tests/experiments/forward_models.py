@@ -109,9 +109,7 @@ class Arms:
 
 def explored(waypoints: int, seed: int, exploration: dict[str, Any]) -> Dataset:
     """What the controller sees of one exploration."""
-    options = WaypointExploration(
-        kind="waypoint_exploration", waypoints=waypoints, **exploration
-    )
+    options = WaypointExploration(kind="waypoint_exploration", waypoints=waypoints, **exploration)
     control = WaypointExplorationController(options, ROBOT, seed)
     loop = ClosedLoop(control, seed=seed)
     loop.start()

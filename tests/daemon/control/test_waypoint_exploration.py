@@ -25,7 +25,8 @@ def controller(
 def explored(loop: ClosedLoop) -> tuple[Vector, Vector]:
     """Where axes and the true tip were, (n, 6) and (n, 3), from the start to the end."""
     loop.start()
-    places, tips = [], []
+    places: list[Vector] = []
+    tips: list[Vector] = []
     for _ in range(FRAMES_AT_MOST):
         loop.step(loop.tip_mm, np.zeros(3))
         if loop.controller.ready:
