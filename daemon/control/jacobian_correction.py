@@ -2,10 +2,10 @@
 
 A learnt model knows how the Jacobian J changes from place to place; a load, creep or another body
 change all of it a little. The difference E is corrected by every motion x → d: as little as
-possible, and where it is uncertain rather than where it was just measured, E + (d − (J + E) x) xᵀP /
-(xᵀP x + r). P, how uncertain the rows of E are by direction, shrinks along what was measured and
-grows with the distance moved. While the axes go on, E fades where nothing new is told about it: the
-model is then the better guess.
+possible, and where it is uncertain rather than where it was just measured,
+E + (d − (J + E) x) xᵀP / (xᵀP x + r). P, how uncertain the rows of E are by direction, shrinks
+along what was measured and grows with the distance moved. While the axes go on, E fades where
+nothing new is told about it: the model is then the better guess.
 """
 
 import numpy as np

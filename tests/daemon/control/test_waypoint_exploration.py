@@ -168,7 +168,7 @@ def test_a_hold_interrupts_a_line_and_does_not_end_it() -> None:
 
 def test_a_robot_without_a_workspace_uses_all_of_its_travel() -> None:
     free = ROBOT.model_copy(update={"workspace": None})
-    places = walked(controller(robot=free, waypoints=30, dither_share=0.0))
+    places = walked(controller(robot=free, waypoints=30, dither_share=0.0), frames=12_000)
     assert (np.ptp(places, axis=0) > 0.8 * TRAVEL_MM).all()
 
 

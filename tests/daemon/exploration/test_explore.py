@@ -84,7 +84,9 @@ def test_a_recorded_run_can_be_learnt_from_as_well(dataset: Dataset, run: Path) 
 def test_a_load_moves_the_tip_elsewhere(dataset: Dataset, tmp_path: Path) -> None:
     few = OPTIONS.model_copy(update={"waypoints": 1})
     loaded = explore(FILE, few, 3, tmp_path, quiet, tip_load_g=14.2)
-    assert np.abs(loaded.frames.tip_mm[0] - dataset.frames.tip_mm[0]).max() > 0.5
+    shared = min(len(loaded.frames.tip_mm), len(dataset.frames.tip_mm))
+    aside_mm = np.abs(loaded.frames.tip_mm[:shared] - dataset.frames.tip_mm[:shared])
+    assert aside_mm.max() > 0.5
 
 
 def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
@@ -163,7 +165,7 @@ def test_explore_and_pretrain_on_the_command_line(
 
     words = ["pretrain", str(PATH), str(data), "--out", str(model), "--epochs", "2"]
     assert main([*words, "--fields", "4"]) == EXIT_OK
-    shown = capsys.readouterr().out
+    shown = " ".join(capsys.readouterr().out.split())
     assert "4 receptive fields" in shown
     assert "kept back" in shown
     for name in ("model.epochs.png", "model.regression.png"):

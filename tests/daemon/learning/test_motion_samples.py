@@ -117,12 +117,14 @@ def test_a_sample_is_given_when_what_came_after_it_was_sound_too() -> None:
 
 
 def test_a_gap_is_not_bridged() -> None:
-    u = back_and_forth(40)
-    sampler = MotionSampler(replace(AT_ONCE, tip_mm=8.0, travel_share=0.9), TRAVEL)
-    for k in range(40):
+    u = back_and_forth(80)
+    sampler = MotionSampler(replace(AT_ONCE, tip_mm=3.0, travel_share=0.9), TRAVEL)
+    began_ns = []
+    for k in range(80):
         t_ns = (k + 10 * (k >= 20)) * FRAME_NS
-        sample = sampler.add(t_ns, tip_of(u[k]), u[k])
-        assert sample is None or sampler.began_ns >= 30 * FRAME_NS
+        if sampler.add(t_ns, tip_of(u[k]), u[k]) is not None and k >= 20:
+            began_ns.append(sampler.began_ns)
+    assert min(began_ns) >= 30 * FRAME_NS
 
 
 def test_nothing_spans_a_break() -> None:
@@ -163,10 +165,9 @@ def test_a_frozen_tracker_spoils_no_sample(speed_mm_s: float, filtered: bool) ->
     measured = tips_of(u, noise_mm=0.1)
     measured[300:] = measured[299]
     tips = through_the_filter(measured) if filtered else measured
-    before = samples_of(u[:300], tips[:300], SamplingSettings())
+    before = samples_of(u[:300], tips[:300], SamplingSettings(confirm_s=0.0))
     all_of_them = samples_of(u, tips, SamplingSettings())
-    assert len(before) > 3
-    assert len(all_of_them) <= len(before) + 1
+    assert 3 < len(all_of_them) <= len(before)
     assert unexplained_mm(all_of_them) < 1.0
 
 
