@@ -1,0 +1,333 @@
+"""Both controllers that learn: what they learn from, what they keep, and what they hold still.
+
+On the arm's physics with the tracker's noise, frame by frame. Models come from a short exploration:
+what is asked is what also a poor model gives.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from config.controllers import ForwardJacobian, RewardWeighted
+from config.exploration import MotorBabbling
+from daemon.control.controller import ControllerError, ModelError
+from daemon.control.learning_controller import LearningController
+from daemon.control.make_controller import make_controller
+from daemon.control.reward_weighted import RewardWeightedController
+from daemon.control.trajectories import make_trajectory
+from drivers.pose import Vector
+from tests.daemon.control.closed_loop import (
+    DT_S,
+    NOISE_MM,
+    ROBOT,
+    ClosedLoop,
+    Followed,
+    pretrained,
+    rectangle,
+    started,
+    wide_rectangle,
+)
+
+ROUND = rectangle(cycle_s=40.0)
+START_MM = make_trajectory(ROUND, Path()).start_mm
+LOAD_G = 14.2
+KINDS = ("reward_weighted", "forward_jacobian")
+both = pytest.mark.parametrize("kind", KINDS)
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """What a short exploration with nothing at the tip has taught."""
+    path = tmp_path_factory.mktemp("model") / "arm.npz"
+    pretrained(60, epochs=8).save(path)
+    return str(path)
+
+
+def made(kind: str, **options: object) -> LearningController:
+    options_of = {"reward_weighted": RewardWeighted, "forward_jacobian": ForwardJacobian}[kind]
+    controller = make_controller(options_of.model_validate({"kind": kind, **options}), ROBOT, 1)
+    assert isinstance(controller, LearningController)
+    return controller
+
+
+def followed(loop: ClosedLoop, laps: int = 1) -> list[Followed]:
+    return [loop.follow(ROUND) for _ in range(laps)]
+
+
+def learner(loop: ClosedLoop) -> LearningController:
+    assert isinstance(loop.controller, LearningController)
+    return loop.controller
+
+
+def window_of(loop: ClosedLoop) -> Vector:
+    """(n, 6 + 2 m) all samples that the local controllers go by."""
+    assert isinstance(loop.controller, RewardWeightedController)
+    assert loop.controller._local is not None
+    return np.array([np.concatenate(sample) for sample in loop.controller._local.window])
+
+
+# What is learnt.
+
+
+@both
+def test_a_load_that_was_never_felt_is_learnt_in_a_lap(kind: str, model: str) -> None:
+    online, offline = (
+        followed(started(made(kind, model=model, learning=learning), START_MM, LOAD_G), laps=2)
+        for learning in (True, False)
+    )
+    assert online[0].mean_mm <= offline[0].mean_mm
+    assert online[1].mean_mm < 0.85 * offline[1].mean_mm
+    assert online[1].mean_mm < 0.8
+
+
+@both
+def test_without_a_model_the_first_motions_teach_enough(kind: str) -> None:
+    babbling = MotorBabbling(duration_s=30.0).model_dump()
+    loop = started(made(kind, babbling=babbling), START_MM, LOAD_G)
+    assert followed(loop)[0].mean_mm < 1.0
+
+
+def test_babbling_that_shows_nothing_is_not_enough() -> None:
+    loop = ClosedLoop(made("reward_weighted", babbling={"duration_s": 5.0, "reach_share": 0.01}))
+    loop.start()
+    with pytest.raises(ControllerError, match="let them be longer or wider"):
+        loop.explore()
+
+
+@both
+def test_without_learning_nothing_changes(kind: str, model: str) -> None:
+    """Offline is what the model says, whatever happens: also after a lap under a load."""
+    controller = made(kind, model=model, learning=False)
+    loop = started(controller, START_MM, LOAD_G)
+    followed(loop)
+    untouched = made(kind, model=model, learning=False)
+    untouched.reset(loop.observation(START_MM, np.zeros(3)))
+    for reference in START_MM + np.eye(3):
+        asked = loop.observation(reference, np.zeros(3))
+        expected = untouched.propose(asked).delta_u
+        np.testing.assert_array_equal(controller.propose(asked).delta_u, expected)
+
+
+@both
+def test_who_shall_not_learn_needs_a_model(kind: str) -> None:
+    with pytest.raises(ControllerError, match="give `model`"):
+        made(kind, learning=False)
+
+
+# What never gets in.
+
+
+def poisoned(measured_mm: Vector, frame: int) -> Vector | None:
+    """What a bad tracker makes of a measurement: far off, not there, or not a number."""
+    if frame % 40 == 7:
+        return measured_mm + np.array([15.0, -10.0, 8.0])
+    if frame % 97 == 11:
+        return np.full(3, np.nan)
+    return None if frame % 53 in (20, 21) else measured_mm
+
+
+def test_outliers_gaps_and_what_is_no_number_teach_nothing(model: str) -> None:
+    loop = started(made("reward_weighted", model=model), START_MM)
+    frames = iter(range(10**9))
+    loop.seen = lambda measured_mm: poisoned(measured_mm, next(frames))
+    (lap,) = followed(loop)
+    assert_sound(window_of(loop))
+    assert lap.true_mean_mm < 1.0
+
+
+def test_a_frozen_tracker_teaches_nothing(model: str) -> None:
+    loop = started(made("reward_weighted", model=model), START_MM)
+    followed(loop)
+    last = loop.tip_mm
+    before = window_of(loop)
+    loop.seen = lambda _: last
+    for _ in range(200):
+        loop.step(last + np.array([20.0, 0.0, 0.0]), np.zeros(3))
+    after = window_of(loop)
+    assert_sound(after)
+    assert len(after) <= len(before) + 3
+
+
+def test_a_robot_that_is_held_teaches_nothing(model: str) -> None:
+    """The gate refuses every step; somebody pushes the tip about."""
+    loop = started(made("reward_weighted", model=model), START_MM)
+    followed(loop)
+    before = window_of(loop)
+    loop.permitted = lambda step: np.zeros_like(step)
+    push_mm = np.zeros(3)
+    loop.seen = lambda measured_mm: measured_mm + push_mm
+    for k in range(400):
+        push_mm[:] = 8.0 * np.sin(k / 40.0) * np.array([1.0, 0.5, 0.0])
+        loop.step(START_MM + np.array([5.0, 0.0, 0.0]), np.zeros(3))
+    after = window_of(loop)
+    assert len(after) <= len(before) + 3
+
+
+def test_steps_that_are_made_smaller_are_learnt_as_they_were(model: str) -> None:
+    """What counts is where the axes went, not where they were sent."""
+    loop = started(made("reward_weighted", model=model), START_MM)
+    loop.permitted = lambda step: 0.5 * step
+    followed(loop)
+    assert_sound(window_of(loop))
+
+
+def assert_sound(samples: Vector) -> None:
+    """Each is a motion that the axes can have caused."""
+    assert len(samples) > 20
+    assert np.isfinite(samples).all()
+    tip_mm, u = samples[:, :3], samples[:, 3:9]
+    delta_u, delta_tip = samples[:, 9:15], samples[:, 15:]
+    assert (np.abs(tip_mm - [0.0, 0.0, 185.0]) < [40.0, 70.0, 25.0]).all()
+    assert ((u >= -1e-9) & (u <= 50.0 + 1e-9)).all()
+    moved_mm = np.linalg.norm(delta_tip, axis=1)
+    per_travel = moved_mm / np.linalg.norm(delta_u / 50.0, axis=1)
+    assert moved_mm.max() < 8.0
+    assert per_travel.max() < 400.0
+    residuals = delta_tip - delta_u @ np.linalg.lstsq(delta_u, delta_tip, rcond=None)[0]
+    assert np.median(np.abs(residuals)) < 5.0 * NOISE_MM
+
+
+# What is kept.
+
+
+@both
+def test_who_goes_on_and_who_loads_it_do_the_same_to_the_last_bit(
+    kind: str, model: str, tmp_path: Path
+) -> None:
+    loop = started(made(kind, model=model), START_MM, LOAD_G)
+    followed(loop)
+    loop.controller.save(tmp_path / "learnt.npz")
+    loaded = made(kind, model=model)
+    loaded.load(tmp_path / "learnt.npz")
+    assert_alike(loop, loaded)
+
+
+@both
+def test_what_was_learnt_without_a_model_is_kept_as_well(kind: str, tmp_path: Path) -> None:
+    loop = started(made(kind, babbling={"duration_s": 20.0}), START_MM)
+    loop.controller.save(tmp_path / "learnt.npz")
+    loaded = made(kind, model=str(tmp_path / "learnt.npz"))
+    assert loaded.ready
+    assert_alike(loop, loaded)
+
+
+def assert_alike(loop: ClosedLoop, other: LearningController) -> None:
+    """Both are told the same for some seconds, learn from it, and say the same."""
+    trajectory = make_trajectory(ROUND, Path())
+    observation = loop.observation(START_MM, np.zeros(3))
+    loop.controller.reset(observation)
+    other.reset(observation)
+    for k in range(200):
+        seen = loop.observation(*trajectory.at(k * DT_S))
+        other.observe(seen)
+        theirs = other.propose(seen).delta_u
+        other.learn(0.0005)
+        loop.controller.observe(seen)
+        ours = loop.controller.propose(seen).delta_u
+        loop.controller.learn(0.0005)
+        np.testing.assert_array_equal(ours, theirs)
+        loop.targets = loop.targets + ours
+        loop.measure()
+
+
+@both
+def test_a_file_of_another_kind_or_none_is_refused(kind: str, model: str, tmp_path: Path) -> None:
+    other = KINDS[1 - KINDS.index(kind)]
+    loop = started(made(other, model=model), START_MM)
+    loop.controller.save(tmp_path / "other.npz")
+    (tmp_path / "none.npz").write_bytes(b"nothing")
+    controller = made(kind, model=model)
+    with pytest.raises(ModelError, match="its controller is"):
+        controller.load(tmp_path / "other.npz")
+    with pytest.raises(ModelError, match=r"none\.npz"):
+        controller.load(tmp_path / "none.npz")
+    with pytest.raises(ControllerError, match="cannot be loaded"):
+        made(kind, model=str(tmp_path / "absent.npz"))
+
+
+@both
+def test_nothing_is_saved_before_anything_is_learnt(kind: str, tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match="nothing is learnt yet"):
+        made(kind).save(tmp_path / "learnt.npz")
+
+
+# The axes that the tip does not need.
+
+
+def drift_per_lap(laps: list[Followed]) -> float:
+    """How far the axes' mean posture goes from the second lap to the last, per lap, in mm."""
+    postures = [lap.u.mean(axis=0) for lap in laps[1:]]
+    return float(np.linalg.norm(postures[-1] - postures[0])) / (len(postures) - 1)
+
+
+@both
+def test_the_attractor_keeps_the_posture_over_many_laps(kind: str, model: str) -> None:
+    """Off, every lap ends with the axes elsewhere; on, they come back to where they were."""
+    off, on = (
+        drift_per_lap(
+            followed(started(made(kind, model=model, posture_gain_per_s=gain), START_MM), laps=4)
+        )
+        for gain in (0.0, 0.3)
+    )
+    assert on < 0.1 * off
+
+
+@both
+def test_another_posture_gives_other_axes_at_the_same_error(kind: str, model: str) -> None:
+    laps = {}
+    for first in (18.0, 32.0):
+        posture = (first, first, first, 25.0, 25.0, 25.0)
+        options = {"model": model, "posture": posture, "posture_gain_per_s": 0.3}
+        laps[first] = followed(started(made(kind, **options), START_MM), laps=2)[1]
+    low, high = laps[18.0], laps[32.0]
+    assert (high.u - low.u)[:, :3].mean() > 5.0
+    assert high.mean_mm == pytest.approx(low.mean_mm, abs=0.15)
+
+
+@both
+def test_a_posture_may_be_changed_on_the_way(kind: str, model: str) -> None:
+    loop = started(made(kind, model=model, posture_gain_per_s=0.3), START_MM)
+    posture = np.array([32.0, 32.0, 32.0, 18.0, 18.0, 18.0])
+    before = followed(loop)[0]
+    learner(loop).set_posture(posture)
+    after = followed(loop, laps=2)[1]
+    assert mean_distance(after.u, posture) < 0.8 * mean_distance(before.u, posture)
+    assert after.mean_mm < before.mean_mm + 0.15
+
+
+def mean_distance(u: Vector, posture: Vector) -> float:
+    return float(np.linalg.norm(u - posture, axis=1).mean())
+
+
+@both
+@pytest.mark.parametrize("posture", [np.full(6, np.nan), np.zeros(5)])
+def test_a_posture_that_is_none_is_refused(kind: str, posture: Vector, model: str) -> None:
+    with pytest.raises(ValueError, match="6 finite numbers"):
+        made(kind, model=model).set_posture(posture)
+
+
+# Beyond reach.
+
+
+@both
+def test_out_of_reach_nothing_winds_up(kind: str, model: str) -> None:
+    """Half a minute at a place that cannot be reached, and it comes back as if it never was."""
+    loop = started(made(kind, model=model), START_MM)
+    for _ in range(1200):
+        loop.step(START_MM + np.array([0.0, 0.0, 80.0]), np.zeros(3))
+    loop.lead(START_MM)
+    assert np.linalg.norm(loop.tip_mm - START_MM) < 1.5
+    assert followed(loop)[0].mean_mm < 0.8
+
+
+def test_the_paper_s_law_follows_by_itself(model: str) -> None:
+    """No fallback, no feed-forward: 14.2 g are learnt all the same, and lag is what remains."""
+    slow = wide_rectangle(cycle_s=60.0)
+    loop = started(
+        made("reward_weighted", model=model, paper=True),
+        make_trajectory(slow, Path()).start_mm,
+        LOAD_G,
+    )
+    laps = [loop.follow(slow) for _ in range(2)]
+    assert laps[1].mean_mm < 2.5
