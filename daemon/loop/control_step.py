@@ -109,8 +109,9 @@ class ControlLoop:
         wish = self._decide(sensed, believed)
         decision = self._pass_the_gate(sensed, wish)
         self._act(decision)
+        on_bus_ns = self._clock.now_ns()
         self._publish(sensed, believed, wish, decision)
-        self._timekeeping.step_ended(frame.received_ns, self._clock.now_ns())
+        self._timekeeping.step_ended(frame.received_ns, on_bus_ns, self._clock.now_ns())
 
     def learn(self) -> None:
         """A little of what the controller has put off. For a moment with nothing else to do."""

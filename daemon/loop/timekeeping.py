@@ -41,9 +41,9 @@ class Timekeeping:
         self._last_ns = now_ns
         self.spent.begin()
 
-    def step_ended(self, began_ns: int, now_ns: int) -> None:
-        """A control step took from `began_ns`, when its frame had come, until now."""
-        self._lengths.add(now_ns - began_ns)
+    def step_ended(self, began_ns: int, on_bus_ns: int, now_ns: int) -> None:
+        """A frame had come at `began_ns`, its targets were on the bus, and all was told by now."""
+        self._lengths.add(on_bus_ns - began_ns)
         self._step_times.add(now_ns)
         self.spent.add("control step", now_ns - began_ns)
 

@@ -74,7 +74,7 @@ class LoopStatus(msgspec.Struct, frozen=True, kw_only=True):
     missed: int
     """Bus cycles that were skipped because the loop came too late."""
     step_p50_s: float
-    """Time from a frame's arrival to its targets' being ready."""
+    """Time from a frame's arrival to its targets' being on the bus, or ready for its next cycle."""
     step_p99_s: float
     last_overrun: str = ""
     """What the last late cycle was spent on."""

@@ -10,9 +10,12 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import yaml
 
+from config.loader import load_robot
+from daemon.exploration.model_cache import pretrained
 from daemon.recording.channels import read_can_payload
 from daemon.recording.run_reader import RunReader
 from daemon.remote.address import LocalAddress
@@ -36,6 +39,8 @@ _CIRCLE = {
     "cycle_s": 30.0,
     "cycles": 100,
 }
+Options = dict[str, Any]
+_PLAIN: Options = {"kind": "constant_curvature"}
 
 
 def measure() -> Figures:
@@ -51,6 +56,8 @@ def measure() -> Figures:
                 ("real_time_beside_a_burner", True, True),
             )
         },
+        "learning_100_hz": loop_figures(True, False, controller=_learner(), period_s=0.01),
+        "learning_200_hz": loop_figures(True, False, controller=_learner()),
         "flooded": loop_figures(True, False, rude=_flood),
         "frozen_subscriber": loop_figures(True, False, rude=_frozen),
         "stop": stop_figures(),
@@ -80,19 +87,25 @@ def spinning_in_a_hurry(duration_s: float = 5.0) -> Figures:
     return percentiles(gaps, 1e3) if gaps else {"count": 0}
 
 
-def loop_figures(real_time: bool, burner: bool, rude: object = None) -> Figures:
+def loop_figures(
+    real_time: bool,
+    burner: bool,
+    rude: object = None,
+    controller: Options = _PLAIN,
+    period_s: float = 0.005,
+) -> Figures:
     """Lateness of the bus cycle and length of the control step, while a circle is followed."""
-    with _robot(0.005, real_time) as (directory, daemon):
+    with _robot(period_s, real_time) as (directory, daemon):
         core = max(os.sched_getaffinity(0))
         if burner:
             os.sched_setaffinity(daemon.pid, {core})
         with _burner(core) if burner else _nothing():
-            return asyncio.run(_followed(directory, rude))
+            return asyncio.run(_followed(directory, rude, controller, period_s))
 
 
-async def _followed(directory: Path, rude: object) -> Figures:
+async def _followed(directory: Path, rude: object, controller: Options, period_s: float) -> Figures:
     async with await RobotClient.connect(LocalAddress.in_folder(directory), wait_s=30.0) as robot:
-        await _running(robot)
+        await _running(robot, controller)
         before = (await robot.status()).loop.missed
         with rude(directory) if callable(rude) else _nothing():
             trips = []
@@ -107,12 +120,17 @@ async def _followed(directory: Path, rude: object) -> Figures:
         stopped_in = time.perf_counter() - stopped_in
     return {
         **_loop(status.loop),
-        "missed_percent": round(100 * (status.loop.missed - before) / (_MEASURED_S * 200), 3),
+        "missed_percent": round(100 * (status.loop.missed - before) * period_s / _MEASURED_S, 3),
         "status_round_trip_ms": percentiles(trips, 1e3),
         "state": status.state,
         "reasons": [reason.name for reason in status.reasons],
         "stop_confirmed_ms": round(stopped_in * 1e3, 1),
     }
+
+
+def _learner() -> Options:
+    """What `make run` follows with, learning all the time."""
+    return {"kind": "reward_weighted", "model": str(pretrained(load_robot(SOFT_ARM)))}
 
 
 def stop_figures() -> Figures:
@@ -163,7 +181,7 @@ def _loop(loop: LoopStatus) -> Figures:
     }
 
 
-async def _running(robot: RobotClient) -> str:
+async def _running(robot: RobotClient, controller: Options = _PLAIN) -> str:
     """The robot follows its circle. Returns the folder of the recording.
 
     On a machine this busy something may stand in the way for a moment: then once more.
@@ -171,14 +189,14 @@ async def _running(robot: RobotClient) -> str:
     await robot.acquire()
     for attempt in range(_ATTEMPTS):
         try:
-            return await _started(robot)
+            return await _started(robot, controller)
         except RefusedError as refused:
             print(f"attempt {attempt + 1}: {refused}", file=sys.stderr)
             await robot.stop()
     raise AssertionError("the robot cannot be started on this machine")
 
 
-async def _started(robot: RobotClient) -> str:
+async def _started(robot: RobotClient, controller: Options) -> str:
     end = time.monotonic() + 60.0
     while (status := await robot.status()).state != OperatingState.READY.value:
         assert time.monotonic() < end, status
@@ -188,7 +206,7 @@ async def _started(robot: RobotClient) -> str:
     await robot.arm()
     recording = (await robot.status()).recording
     assert recording is not None
-    await robot.load(_CIRCLE, {"kind": "constant_curvature"})
+    await robot.load(_CIRCLE, controller)
     await robot.start()
     return recording
 

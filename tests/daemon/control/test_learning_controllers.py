@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from config.controllers import ForwardJacobian, RewardWeighted
+from config.controllers import load_controller_options
 from config.exploration import MotorBabbling
 from daemon.control.controller import ControllerError, ModelError
 from daemon.control.learning_controller import LearningController
@@ -45,8 +45,8 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 def made(kind: str, **options: object) -> LearningController:
-    options_of = {"reward_weighted": RewardWeighted, "forward_jacobian": ForwardJacobian}[kind]
-    controller = make_controller(options_of.model_validate({"kind": kind, **options}), ROBOT, 1)
+    asked = load_controller_options({"kind": kind, **options})
+    controller = make_controller(asked, ROBOT, seed=1)
     assert isinstance(controller, LearningController)
     return controller
 
@@ -121,7 +121,7 @@ def test_who_shall_not_learn_needs_a_model(kind: str) -> None:
 def poisoned(measured_mm: Vector, frame: int) -> Vector | None:
     """What a bad tracker makes of a measurement: far off, not there, or not a number."""
     if frame % 40 == 7:
-        return measured_mm + np.array([15.0, -10.0, 8.0])
+        return np.asarray(measured_mm + np.array([15.0, -10.0, 8.0]))
     if frame % 97 == 11:
         return np.full(3, np.nan)
     return None if frame % 53 in (20, 21) else measured_mm

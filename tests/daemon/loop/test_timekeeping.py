@@ -2,6 +2,8 @@
 
 import gc
 
+import pytest
+
 from daemon.loop.time_spent import TimeSpent
 from daemon.loop.timekeeping import Timekeeping
 from daemon.periodic_timer import Tick
@@ -42,9 +44,15 @@ def test_skipped_cycles_are_counted_and_the_gap_is_seen() -> None:
 def test_a_late_cycle_is_blamed_on_the_part_that_took_the_time() -> None:
     made = timekeeping(SetClock())
     made.cycle_begins(Tick(0, 0), 0)
-    made.step_ended(2 * MS, 34 * MS)
+    made.step_ended(2 * MS, 33 * MS, 34 * MS)
     made.cycle_begins(Tick(30 * MS, 2), 35 * MS)
     assert "control step took 32.0 ms" in made.last_overrun
+
+
+def test_a_step_counts_until_its_targets_are_on_the_bus() -> None:
+    made = timekeeping(SetClock())
+    made.step_ended(2 * MS, 4 * MS, 34 * MS)
+    assert made.step_s() == pytest.approx((2e-3, 2e-3, 2e-3))
 
 
 def test_a_late_cycle_is_blamed_on_the_collector() -> None:
