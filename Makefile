@@ -13,7 +13,7 @@ help:
 	@echo "make run          emulated lab, daemon and a client: once round a rectangle, live"
 	@echo "make test         lint, types and tests"
 	@echo "make hil          the daemon as processes, through every fault: five minutes of real time"
-	@echo "make bench        measure latency and CPU time; prints one JSON"
+	@echo "make bench        measure latency and CPU time; prints one JSON, plots to runs/bench"
 	@echo "make experiments  the long checks: fuzzing with a million inputs"
 	@echo "make mutation     test the tests of safety/: every small fault in it must be noticed"
 	@echo "make install      only the set-up;  make lint: only lint and types"
@@ -49,7 +49,7 @@ lint: $(DEVELOPMENT)
 	@$(BIN)/mypy
 
 bench: $(DEVELOPMENT)
-	@$(BIN)/python -m tests.benchmarks
+	@$(BIN)/python -m tests.benchmarks --plots runs/bench
 
 experiments: $(DEVELOPMENT)
 	@$(BIN)/python -m tests.fuzz --inputs 1000000

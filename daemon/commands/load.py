@@ -4,6 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from config.problems import ConfigError
 from config.yaml_document import read_yaml
 from daemon.cli import EXIT_FAILED
 from daemon.remote.command_line import (
@@ -41,5 +42,31 @@ def run(arguments: argparse.Namespace) -> int:
     if controller is not None and not isinstance(controller, dict):
         print(f"{arguments.file}: a controller is written like a trajectory", file=sys.stderr)
         return EXIT_FAILED
+    if controller is not None and content.get("pretraining") is not None:
+        model = _pretrained(arguments.file)
+        if isinstance(model, str):
+            print(model, file=sys.stderr)
+            return EXIT_FAILED
+        controller = {**controller, **model}
     command = Load(trajectory=trajectory, controller=controller, cycles=arguments.cycles)
     return run_command(arguments, command)
+
+
+def _pretrained(path: Path) -> dict[str, str] | str:
+    """What an experiment's controller gets from its pre-training; a text where there is none.
+
+    Found, or made in virtual time first.
+    """
+    # Nobody else who loads a trajectory has to wait for what learns.
+    from daemon.experiment.experiment_file import load_experiment
+    from daemon.experiment.pretrained import with_model
+    from daemon.experiment.trial import TrialError
+    from daemon.learning.pretraining import PretrainingError
+
+    try:
+        file = load_experiment(path)
+        file = with_model(file, file.experiment.seed, lambda text: print(text, file=sys.stderr))
+    except (ConfigError, TrialError, PretrainingError, OSError) as error:
+        return str(error)
+    model = getattr(file.experiment.controller, "model", None)
+    return {} if model is None else {"model": str(model)}

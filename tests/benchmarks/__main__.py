@@ -1,8 +1,10 @@
-"""`python -m tests.benchmarks [NAME …]` prints one JSON of all measurements, or of some."""
+"""`python -m tests.benchmarks [--plots DIR] [NAME …]`: one JSON of all measurements, or of some."""
 
+import argparse
 import json
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from tests.benchmarks import (
@@ -31,18 +33,24 @@ MEASUREMENTS: dict[str, Callable[[], Any]] = {
     "remote": remote.measure,
     "tendon_arm": tendon_arm.measure,
 }
+PLOTS: dict[str, Callable[[Any, Path], None]] = {"local_controllers": local_controllers.plot}
+"""Of what is better seen than read."""
 
 
 def main() -> int:
-    wanted = sys.argv[1:] or list(MEASUREMENTS)
-    unknown = set(wanted) - set(MEASUREMENTS)
-    if unknown:
-        print(f"there are {', '.join(MEASUREMENTS)}", file=sys.stderr)
-        return 2
+    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks", description=__doc__)
+    parser.add_argument("names", nargs="*", choices=[[], *MEASUREMENTS], metavar="NAME")
+    parser.add_argument("--plots", type=Path, metavar="DIR", help="where pictures go")
+    arguments = parser.parse_args()
+    wanted = arguments.names or list(MEASUREMENTS)
     figures: dict[str, Any] = {"machine": machine()}
     for name in wanted:
         print(f"measuring {name}", file=sys.stderr, flush=True)
         figures[name] = MEASUREMENTS[name]()
+    if arguments.plots is not None:
+        arguments.plots.mkdir(parents=True, exist_ok=True)
+        for name in set(wanted) & set(PLOTS):
+            PLOTS[name](figures[name], arguments.plots / f"{name}.png")
     print(json.dumps(figures, indent=2))
     return 0
 

@@ -1,7 +1,6 @@
 """The local controllers' speed and precision, beside Algorithm 1 as it is printed.
 
-`python -m tests.benchmarks.local_controllers [FOLDER]` prints one JSON, and writes it with a plot
-of cost against fields and samples into FOLDER. All on one core: numpy's products get one thread.
+All on one core: numpy's products get one thread.
 
 An update takes one sample into the window, lets the oldest go and asks for a command at the new
 place. The window slides along an exploration: coverage changes fast, which is the worst case.
@@ -290,7 +289,8 @@ def _spread(errors: list[float]) -> Figures:
     return {name: float(f"{compute(errors):.1e}") for name, compute in figures.items()}
 
 
-def _plot(cost: Figures, path: Path) -> None:
+def plot(figures: Figures, path: Path) -> None:
+    """Cost of an update against samples and fields."""
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -306,7 +306,7 @@ def _plot(cost: Figures, path: Path) -> None:
     }
     for panel, (axis, table) in zip(panels, views, strict=True):
         for name, label in names.items():
-            rows = cost[table]
+            rows = figures["cost"][table]
             panel.loglog([r[axis] for r in rows], [r[name] for r in rows], "o-", label=label)
         panel.axhline(25.0, color="grey", linestyle=":", linewidth=1.0)
         panel.set_xlabel(axis)
@@ -316,20 +316,3 @@ def _plot(cost: Figures, path: Path) -> None:
     panels[0].legend()
     figure.tight_layout()
     figure.savefig(path, dpi=130)
-
-
-def main() -> int:
-    if len(sys.argv) == 1:
-        print(json.dumps(_measure(), indent=2))
-        return 0
-    folder = Path(sys.argv[1])
-    folder.mkdir(parents=True, exist_ok=True)
-    figures = measure()
-    (folder / "local_controllers.json").write_text(json.dumps(figures, indent=2))
-    _plot(figures["cost"], folder / "local_controllers.png")
-    print(json.dumps(figures, indent=2))
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -6,14 +6,16 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import pytest
 from msgspec.structs import replace
 
+from config.loader import RobotFile
 from config.remote import Remote
 from daemon.cli import main
 from daemon.remote.messages import (
@@ -113,6 +115,26 @@ def test_commands_find_the_one_daemon_that_runs_and_use_the_lease_that_is_held(
         assert (load.controller, load.cycles) == ({"kind": "x"}, 2)
 
 
+def test_an_experiment_s_controller_is_loaded_with_its_model(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def made(file: RobotFile, waypoints: int, seed: int, tell: Callable[[str], None]) -> Path:
+        asked.append((file.robot.robot, waypoints, seed))
+        return tmp_path / "model.npz"
+
+    monkeypatch.setattr("daemon.experiment.pretrained.pretrained", made)
+    shipped = Path(str(files("config") / "experiments" / "ho2018_table1_online.yaml"))
+    with Daemon(root / ROBOT) as robot:
+        hold_lease(root / ROBOT, robot)
+        assert tentacled("load", shipped) == OK
+    load: Any = robot.carried_out[0][1]
+    assert load.controller["kind"] == "reward_weighted"
+    assert load.controller["model"] == str(tmp_path / "model.npz")
+    assert asked == [("soft_arm", 80, 1)]
+
+
 @pytest.mark.parametrize("name", ["arm", "disarm", "start", "hold", "resume", "clear"])
 def test_without_the_lease_commands_are_refused_and_say_how_to_get_it(
     root: Path, capsys: pytest.CaptureFixture[str], name: str
@@ -194,6 +216,7 @@ def test_half_an_address_is_a_mistake(words: list[str]) -> None:
         ("controller: {kind: x}", "there is no trajectory"),
         ("[]", "there is no trajectory"),
         ("trajectory: {kind: circle}\ncontroller: 3", "a controller is written"),
+        ("trajectory: {}\ncontroller: {}\npretraining: {}", "experiment: this key is required"),
     ],
 )
 def test_a_file_that_cannot_be_loaded_is_told_before_anything_is_sent(
