@@ -64,7 +64,7 @@ lock:
 	@build/lock/bin/pip --quiet install .
 	@build/lock/bin/pip freeze --all --exclude tentacled --exclude pip > requirements.lock
 	@build/lock/bin/pip --quiet install '.[test]'
-	@build/lock/bin/pip freeze --all --exclude tentacled --exclude pip > requirements-test.lock
+	@build/lock/bin/pip freeze --all --exclude tentacled --exclude pip | sed 's/+cpu$$//' > requirements-test.lock
 	@rm -rf build
 
 clean:

@@ -1,10 +1,10 @@
 """How the robot is controlled and watched, apart from what is being followed."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from config.model import ConfigModel, NotNegative, Positive
+from config.model import ConfigModel, NotNegative, Positive, Vector3
 
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 Box = Annotated[tuple[float, float], Field(strict=False)]
@@ -33,14 +33,55 @@ class PoseFilterSettings(ConfigModel):
     """How long the estimate may live on without a measurement."""
 
 
+class Port(ConfigModel):
+    """Where the body comes in: what of it is within this cylinder is not looked at."""
+
+    centre_mm: Vector3
+    inwards: Vector3
+    """Direction of the cylinder's axis, into free space."""
+    radius_mm: Positive
+    depth_mm: NotNegative
+    """From the centre inwards; outwards it has no end."""
+
+
+class Surface(ConfigModel):
+    """What the body may touch: a closed mesh in the base sensor's frame."""
+
+    mesh: str
+    """STL, OBJ or PLY: `builtin:` and the name of a shipped one, or relative to the robot file."""
+    unit: Literal["mm", "cm", "m", "in"] = "mm"
+    free: Literal["inside", "outside"] | None = None
+    """On which side of the outermost surface the body may be; None: normals point there."""
+    port: Port | None = None
+    grid_mm: Positive = 1.5
+    """Distances are known on a grid of this spacing. Finer takes longer to make, once."""
+
+
 class RiskSettings(ConfigModel):
     """What the gate asks of the risk of collision."""
+
+    model: str | None = None
+    """What `tentacled mdn train` made of this robot's body: `builtin:` and the name of one that is
+    shipped, or a file relative to the robot file. None: nothing is known of the risk, and none is
+    assumed."""
+
+    surface: Surface | None = None
+    """Needed by a model, and needs one."""
+
+    samples: Annotated[int, Field(ge=100, le=100_000)] = 1000
+    """How many shapes of the body are tried. None of n that touches is a risk of 3/n."""
 
     threshold: Probability = 0.05
     """A step whose contact risk is above this is shortened or refused."""
 
     latest_after_s: Positive = 0.02
     """A risk that took longer than this counts as maximum."""
+
+    @model_validator(mode="after")
+    def _both_or_none(self) -> "RiskSettings":
+        if (self.model is None) != (self.surface is None):
+            raise ValueError("a risk needs both `model` and `surface`")
+        return self
 
 
 class Workspace(ConfigModel):

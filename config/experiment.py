@@ -68,6 +68,8 @@ class Experiment(ConfigModel):
     happenings: list[Happening] = Field(default_factory=list)
     plant: dict[str, Any] = Field(default_factory=dict)
     """Overrides of the robot file's `emulation.plant`: another body, the same robot."""
+    risk: bool = True
+    """Whether the gate asks for the risk that the robot file names."""
     blend_speed_mm_s: Positive = 5.0
     """How fast the tip is led to the start."""
     seed: Annotated[int, Field(ge=0)] = 1

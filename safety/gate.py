@@ -12,7 +12,7 @@ from typing import Final
 from safety import shaping
 from safety.limits import CountLimits
 from safety.permit import PermittedHoming, PermittedStep, permit, permit_homing
-from safety.risk_source import RiskAnswer, RiskSource, ask
+from safety.risk_source import Nearest, RiskAnswer, RiskSource, ask
 from safety.shaping import AxisMotion
 
 RISK: Final = "risk"
@@ -46,6 +46,8 @@ class Decision:
     risk_detail: str
     refused: str
     """Why nothing of the proposal is let through, and the step only brakes; empty if it is."""
+    nearest: Nearest | None
+    """What the risk is of; None: nobody said."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -320,7 +322,8 @@ def _decision(
     answer: RiskAnswer | None,
     refused: str,
 ) -> Decision:
-    risk, body_point_risk, detail = None, None, ""
-    if answer is not None:
-        risk, body_point_risk, detail = answer.risk, answer.body_point_risk, answer.detail
-    return Decision(step, scale, tuple(limited), risk, body_point_risk, detail, refused)
+    told = tuple(limited)
+    if answer is None:
+        return Decision(step, scale, told, None, None, "", refused, None)
+    risk, beside, detail = answer.risk, answer.body_point_risk, answer.detail
+    return Decision(step, scale, told, risk, beside, detail, refused, answer.nearest)

@@ -9,6 +9,22 @@ MAXIMUM_RISK: Final = 1.0
 
 
 @dataclass(frozen=True, slots=True)
+class Nearest:
+    """Where the body is most likely to touch something, for people: nothing is decided by it."""
+
+    clearance_mm: float
+    """One shape in twenty of those the body may have has no more; negative: it touches."""
+    arc_mm: float
+    """Along the body."""
+    place_mm: tuple[float, ...]
+    """(3,) where that part of the body is."""
+    obstacle_mm: tuple[float, ...]
+    """(3,) the place of the surface nearest to there."""
+    means_mm: tuple[tuple[float, ...], ...]
+    """(K, 3) of the mixture over the body's points."""
+
+
+@dataclass(frozen=True, slots=True)
 class RiskReading:
     """What a source says about one straight way of the actuation vector."""
 
@@ -20,6 +36,10 @@ class RiskReading:
     """How long the answer took."""
     source: str
     detail: str = ""
+    nearest: Nearest | None = None
+    doubt: str = ""
+    """Why the source cannot tell, for instance outside what its model has learned; empty if it
+    can."""
 
 
 class RiskSource(Protocol):
@@ -35,7 +55,7 @@ class RiskSource(Protocol):
     ) -> RiskReading | None:
         """The risk of the straight way between two actuation vectors, each in its axes' units.
 
-        None where it cannot tell, for instance outside what its model has learned.
+        None: there is no answer.
         """
         ...
 
@@ -67,6 +87,7 @@ class RiskAnswer:
     detail: str
     doubt: str
     """Why the maximum stands here and not what was said; empty if it is what was said."""
+    nearest: Nearest | None = None
 
 
 def believed(reading: RiskReading | None, latest_after_s: float) -> tuple[float, str]:
@@ -76,6 +97,8 @@ def believed(reading: RiskReading | None, latest_after_s: float) -> tuple[float,
     """
     if reading is None:
         return MAXIMUM_RISK, "no answer"
+    if reading.doubt:
+        return MAXIMUM_RISK, reading.doubt
     if not 0.0 <= reading.contact_risk <= 1.0:
         return MAXIMUM_RISK, f"{reading.contact_risk} is not a probability"
     if not 0.0 <= reading.took_s <= latest_after_s:
@@ -102,4 +125,5 @@ def ask(
     beside = reading.body_point_risk
     if beside is not None and not isfinite(beside):
         beside = None
-    return RiskAnswer(risk, beside, reading.took_s, doubt or reading.detail, doubt)
+    told = doubt or reading.detail
+    return RiskAnswer(risk, beside, reading.took_s, told, doubt, reading.nearest)

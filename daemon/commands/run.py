@@ -17,6 +17,7 @@ from daemon.recording.recovery import recover_unfinished
 from daemon.recording.run_folder import describe_run, new_run
 from daemon.remote.discovery import FolderError, SecondDaemonError
 from daemon.remote.server import RemoteOpenError, RemoteServer
+from daemon.risk.body_risk_source import RiskFilesError, make_risk_source
 from daemon.robot_argument import CheckedRobot, add_robot_argument, robot_or_explain
 from daemon.runtime_directory import default_runtime_directory, uses_lab, with_lab_ports
 from daemon.service.operator import Operator
@@ -26,7 +27,7 @@ from daemon.service.surroundings import Surroundings
 from daemon.stop_signals import StopSignals
 from drivers.canopen.object_dictionary import EdsError
 from drivers.clock import WallClock
-from safety.risk_source import NoModel
+from safety.risk_source import RiskSource
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,14 +56,15 @@ def run(arguments: argparse.Namespace) -> int:
     for recovered in recover_unfinished(arguments.runs):
         print(recovered)
     try:
-        run_in_real_time(_serve(checked, arguments))
-    except (EdsError, SecondDaemonError, FolderError, RemoteOpenError) as error:
+        risk = make_risk_source(checked.file, MonotonicClock())
+        run_in_real_time(_serve(checked, arguments, risk))
+    except (RiskFilesError, EdsError, SecondDaemonError, FolderError, RemoteOpenError) as error:
         print(error, file=sys.stderr)
         return EXIT_FAILED
     return EXIT_OK
 
 
-async def _serve(checked: CheckedRobot, arguments: argparse.Namespace) -> None:
+async def _serve(checked: CheckedRobot, arguments: argparse.Namespace, risk: RiskSource) -> None:
     stop, clock = StopSignals(), MonotonicClock()
     robot = checked.file.robot
     directory = arguments.runtime_dir or default_runtime_directory(robot.robot)
@@ -71,7 +73,7 @@ async def _serve(checked: CheckedRobot, arguments: argparse.Namespace) -> None:
         RealConnections(clock),
         clock,
         FlightRecorder(),
-        NoModel(),
+        risk,
         simulated,
         None if arguments.no_real_time else RealTime(),
         runs=arguments.runs,

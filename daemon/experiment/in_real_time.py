@@ -8,6 +8,7 @@ from daemon.clock import MonotonicClock, run_in_real_time
 from daemon.connections import RealConnections
 from daemon.experiment.carry_out import carry_out
 from daemon.experiment.experiment_file import ExperimentFile
+from daemon.experiment.risk import risk_source_of
 from daemon.experiment.trial import Tell, TrialError
 from daemon.lab_client import LabRefusedError, LabUnreachableError, ask
 from daemon.learning.warm_up import warm_up
@@ -18,7 +19,6 @@ from daemon.recording.result import Result, read_result
 from daemon.recording.run_folder import robot_yaml
 from daemon.runtime_directory import with_lab_ports
 from daemon.service.surroundings import Surroundings
-from safety.risk_source import NoModel
 
 
 def carry_out_in_real_time(file: ExperimentFile, seed: int, folder: Path, tell: Tell) -> Result:
@@ -82,8 +82,9 @@ async def _carry_out(
     clock, real_time = MonotonicClock(), RealTime()
     warm_up()
     real_time.prepare()
+    risk = risk_source_of(file, clock)
     surroundings = Surroundings(
-        RealConnections(clock), clock, FlightRecorder(), NoModel(), True, real_time
+        RealConnections(clock), clock, FlightRecorder(), risk, True, real_time
     )
 
     def describe() -> Path:

@@ -8,6 +8,7 @@ import msgspec
 
 from daemon.experiment.carry_out import carry_out
 from daemon.experiment.experiment_file import ExperimentFile
+from daemon.experiment.risk import risk_source_of
 from daemon.experiment.trial import Tell, TrialError
 from daemon.lab_connections import LabConnections
 from daemon.recording.direct_recorder import DirectRecorder
@@ -17,7 +18,6 @@ from daemon.recording.run_reader import control_hash
 from daemon.service.surroundings import Surroundings
 from drivers.clock import WallClock
 from drivers.pose import Vector
-from safety.risk_source import NoModel
 from sim_backends.lab import Lab
 from sim_backends.virtual_time import run_in_virtual_time, virtual_clock
 
@@ -50,7 +50,7 @@ async def _carry_out(file: ExperimentFile, seed: int, folder: Path, tell: Tell) 
         file.describe(folder, clock.wall_time_ns(), seed)
         return folder
 
-    surroundings, truth = _surroundings(lab, clock, seed), _TruthOf(lab)
+    surroundings, truth = _surroundings(file, lab, clock, seed), _TruthOf(lab)
     try:
         await carry_out(file, file.robot, surroundings, make_folder, lab, truth, seed, tell)
     finally:
@@ -70,13 +70,13 @@ class _TruthOf:
         return self._body.record.plant_failures
 
 
-def _surroundings(lab: Lab, clock: WallClock, seed: int) -> Surroundings:
+def _surroundings(file: ExperimentFile, lab: Lab, clock: WallClock, seed: int) -> Surroundings:
     random = Random(seed)
     return Surroundings(
         LabConnections(lab, clock),
         clock,
         DirectRecorder(),
-        NoModel(),
+        risk_source_of(file, clock),
         simulated=True,
         new_token=lambda: f"{random.getrandbits(128):032x}",
     )

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from drivers.clock import Clock
 from drivers.pose import Vector
 from safety.gate import RISK, RISK_UNAVAILABLE, Decision, Gate, Measured
 from safety.permit import PermittedStep
+from safety.risk_source import Nearest
 from safety.states import Request
 
 FRAME_PERIOD_NS: Final = {"normal": 25_000_000, "fast": 15_151_515}
@@ -326,8 +327,22 @@ class ControlLoop:
                     scale=decision.scale,
                     reasons=list(decision.limits),
                     detail=decision.risk_detail,
+                    **_told(decision.nearest),
                 )
             )
+
+
+def _told(nearest: Nearest | None) -> dict[str, Any]:
+    """As a message has it."""
+    if nearest is None:
+        return {}
+    return {
+        "clearance_mm": nearest.clearance_mm,
+        "arc_mm": nearest.arc_mm,
+        "place_mm": list(nearest.place_mm),
+        "obstacle_mm": list(nearest.obstacle_mm),
+        "means_mm": [list(mean) for mean in nearest.means_mm],
+    }
 
 
 def _in_order(buses: Sequence[DriveBus]) -> list[AxisChannel]:

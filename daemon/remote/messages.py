@@ -190,6 +190,16 @@ class Risk(Message, frozen=True, kw_only=True, tag="risk/1"):
     reasons: list[str]
     """Which limits made it reduce the step."""
     detail: str = ""
+    clearance_mm: float | None = None
+    """One in twenty of the shapes that the body may have has no more."""
+    arc_mm: float | None = None
+    """Where along the body that is, ..."""
+    place_mm: list[float] | None = None
+    """... where it is in the base sensor's frame, ..."""
+    obstacle_mm: list[float] | None = None
+    """... and the place of the surface nearest to it."""
+    means_mm: list[list[float]] | None = None
+    """Of the components of the mixture over the body's points."""
 
 
 class Loop(Message, frozen=True, kw_only=True, tag="loop/1"):

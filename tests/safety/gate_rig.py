@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 from safety.gate import Decision, Gate, Measured
 from safety.limits import CountLimits
-from safety.risk_source import RiskReading
+from safety.risk_source import Nearest, RiskReading
 
 # 500 counts per step at the highest velocity; from step to step 125 more, or less.
 LIMITS = CountLimits(
@@ -16,6 +16,9 @@ THRESHOLD = 0.05
 LATEST_S = 0.02
 
 Risk = Callable[[Sequence[float], Sequence[float]], RiskReading | None]
+
+
+NEAREST = Nearest(2.0, 150.0, (0.0, 1.0, 2.0), (3.0, 4.0, 5.0), ((6.0, 7.0, 8.0),))
 
 
 class ToldRisk:
@@ -33,7 +36,7 @@ class ToldRisk:
         self.asked.append((list(u_from), list(u_to), t_ns))
         if callable(self.risk):
             return self.risk(u_from, u_to)
-        return RiskReading(self.risk, self.risk / 10, 0.001, self.name, "as told")
+        return RiskReading(self.risk, self.risk / 10, 0.001, self.name, "as told", NEAREST)
 
 
 def risky_beyond(u: float) -> ToldRisk:

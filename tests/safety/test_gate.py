@@ -13,6 +13,7 @@ from safety.risk_source import NoModel, RiskReading
 from tests.safety.gate_rig import (
     LATEST_S,
     LIMITS,
+    NEAREST,
     STEP_NS,
     THRESHOLD,
     Rig,
@@ -438,6 +439,7 @@ def test_a_risk_at_the_threshold_may_be_taken() -> None:
     decision = Rig(risk=ToldRisk(THRESHOLD)).decide(50_100)
     assert (change(decision), decision.risk, decision.refused) == (100, THRESHOLD, "")
     assert decision.body_point_risk == THRESHOLD / 10
+    assert decision.nearest is NEAREST
 
 
 @pytest.mark.parametrize(("wall", "changed"), [(50_140.0, 100), (50_139.9, 50), (50_059.9, 25)])
@@ -459,6 +461,7 @@ def test_a_step_of_which_no_part_is_safe_is_refused_and_braked() -> None:
     assert (decision.refused, decision.risk, decision.scale) == (RISK, 0.051, 0.0)
     assert decision.risk_detail == "as told"
     assert decision.body_point_risk == pytest.approx(0.0051)
+    assert decision.nearest is NEAREST
     assert "velocity: axis 0" in decision.limits
     assert change(decision) == 375
     assert len(rig.risk.asked) == 3

@@ -5,7 +5,15 @@ from math import inf, nan
 
 import pytest
 
-from safety.risk_source import MAXIMUM_RISK, NoModel, RiskReading, RiskSource, ask, believed
+from safety.risk_source import (
+    MAXIMUM_RISK,
+    Nearest,
+    NoModel,
+    RiskReading,
+    RiskSource,
+    ask,
+    believed,
+)
 
 LATEST_S = 0.02
 
@@ -69,6 +77,21 @@ def test_a_good_answer_is_passed_on() -> None:
     assert source.asked == [([1.0], [2.0], 77)]
     assert (answer.risk, answer.body_point_risk, answer.took_s) == (0.1, 0.01, 0.001)
     assert (answer.detail, answer.doubt) == ("as trained", "")
+
+
+def test_a_source_that_cannot_tell_is_the_maximum_with_its_reason() -> None:
+    unknown = RiskReading(0.0, 0.01, 0.001, "a model", "as trained", doubt="never learned")
+    answer = ask(Source(unknown), [1.0], [2.0], 0, LATEST_S)
+    assert (answer.risk, answer.took_s) == (MAXIMUM_RISK, 0.001)
+    assert answer.doubt == answer.detail == "never learned"
+
+
+def test_where_something_is_near_is_passed_on() -> None:
+    nearest = Nearest(2.0, 150.0, (0.0, 1.0, 2.0), (3.0, 4.0, 5.0), ())
+    told = RiskReading(0.1, None, 0.001, "a model", "as trained", nearest)
+    assert ask(Source(told), [1.0], [2.0], 0, LATEST_S).nearest is nearest
+    assert ask(Source(reading()), [1.0], [2.0], 0, LATEST_S).nearest is None
+    assert ask(Source(None), [1.0], [2.0], 0, LATEST_S).nearest is None
 
 
 def test_a_source_that_says_nothing_is_doubted() -> None:

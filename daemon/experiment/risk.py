@@ -1,0 +1,21 @@
+"""Whom the gate asks in an experiment."""
+
+from daemon.experiment.experiment_file import ExperimentFile
+from daemon.experiment.trial import TrialError
+from drivers.clock import Clock
+from safety.risk_source import NoModel, RiskSource
+
+
+def risk_source_of(file: ExperimentFile, clock: Clock) -> RiskSource:
+    """What the robot file names, or nobody if the experiment wants it so. Raises TrialError."""
+    if not file.experiment.risk:
+        return NoModel()
+    # Most robots name no model, and what reads one is slow to come.
+    if file.robot.risk.model is None:
+        return NoModel()
+    from daemon.risk.body_risk_source import RiskFilesError, make_risk_source
+
+    try:
+        return make_risk_source(file.file, clock)
+    except RiskFilesError as error:
+        raise TrialError(str(error)) from None

@@ -1,0 +1,119 @@
+"""The risk of collision as the gate asks for it, from the files that a robot file names."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from config.control import Surface
+from config.loader import RobotFile, risk_paths
+from daemon.risk.grid_cache import cached_grid
+from daemon.risk.mesh_file import read_environment
+from daemon.risk.model_file import read_model
+from drivers.clock import Clock
+from safety.risk.body_risk import BodyRisk, WayRisk
+from safety.risk.environment import Environment, EnvironmentFaultError, InsertionPort
+from safety.risk.risk_model import RiskModelError
+from safety.risk_source import Nearest, NoModel, RiskReading, RiskSource
+
+_MARGIN_MM: Final = 10.0
+"""Beyond the body's radius, to which the grid of distances is exact."""
+
+
+class RiskFilesError(Exception):
+    """The risk cannot be told with these files: names the file, and what to do."""
+
+
+class BodyRiskSource:
+    """A `RiskSource`: says how long it took, which pure mathematics cannot."""
+
+    def __init__(self, risk: BodyRisk, name: str, clock: Clock) -> None:
+        self._risk = risk
+        self._name = name
+        self._clock = clock
+
+    @property
+    def name(self) -> str:
+        return self._name
+
+    def assess(
+        self, u_from: Sequence[float], u_to: Sequence[float], t_ns: int
+    ) -> RiskReading | None:
+        del t_ns
+        began_ns = self._clock.now_ns()
+        told = self._risk.of_way(u_from, u_to)
+        took_s = (self._clock.now_ns() - began_ns) * 1e-9
+        if isinstance(told, str):
+            return RiskReading(1.0, None, took_s, self._name, doubt=told)
+        nearest = _nearest(told)
+        return RiskReading(
+            told.contact.upper_limit,
+            told.body_point_risk,
+            took_s,
+            self._name,
+            _words(nearest),
+            nearest,
+        )
+
+
+def make_risk_source(file: RobotFile, clock: Clock) -> RiskSource:
+    """What the gate of this robot asks. Takes seconds where the grid has to be made first.
+
+    Raises RiskFilesError.
+    """
+    settings, paths = file.robot.risk, risk_paths(file.robot, file.path)
+    if settings.surface is None or paths is None:
+        return NoModel()
+    model_path, mesh_path = paths
+    try:
+        read = read_model(model_path)
+    except RiskModelError as error:
+        raise RiskFilesError(f"{error}. Train it anew with `tentacled mdn train`") from None
+    axes = len(file.robot.axes)
+    if read.robot != file.robot.robot or read.model.inputs != axes:
+        raise RiskFilesError(
+            f"{model_path} is of the robot {read.robot!r} with {read.model.inputs} axes, and this "
+            f"is {file.robot.robot!r} with {axes}: name its own model under risk"
+        )
+    radius_mm = float(read.model.basis.radius_mm.max())
+    try:
+        surroundings = _environment(settings.surface, mesh_path)
+        grid = cached_grid(surroundings, settings.surface.grid_mm, radius_mm + _MARGIN_MM)
+        risk = BodyRisk(read.model, surroundings, grid, settings.samples)
+    except (EnvironmentFaultError, ValueError) as error:
+        raise RiskFilesError(str(error)) from None
+    source = BodyRiskSource(risk, f"{model_path.name}, {mesh_path.name}", clock)
+    _compile(source, read.model.known[0] / read.model.scale)
+    return source
+
+
+def _environment(surface: Surface, path: Path) -> Environment:
+    port = surface.port
+    hole = None
+    if port is not None:
+        hole = InsertionPort(port.centre_mm, port.inwards, port.radius_mm, port.depth_mm)
+    return read_environment(path, surface.free, hole, surface.unit)
+
+
+def _compile(source: BodyRiskSource, u: Sequence[float]) -> None:
+    """The first answers take seconds: not in the loop."""
+    for _ in range(2):
+        source.assess(list(u), list(u), 0)
+
+
+def _nearest(told: WayRisk) -> Nearest:
+    worst = told.contact.worst
+    return Nearest(
+        worst.clearance_mm,
+        worst.arc_mm,
+        tuple(worst.place_mm.tolist()),
+        tuple(worst.nearest_mm.tolist()),
+        tuple(map(tuple, told.means_mm.tolist())),
+    )
+
+
+def _words(nearest: Nearest) -> str:
+    x, y, z = nearest.obstacle_mm
+    return (
+        f"clearance {nearest.clearance_mm:.1f} mm at {nearest.arc_mm:.0f} mm along the body, "
+        f"nearest to ({x:.0f}, {y:.0f}, {z:.0f}) mm"
+    )

@@ -1,0 +1,97 @@
+"""Both risks of one way of the actuation vector, as the gate needs them: see `RiskSource`.
+
+What decides is contact_risk, swept along the way: the upper limit of how likely any part of the
+body touches something. The body_point_risk of the paper, its printed bound at the way's end, is
+computed beside it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import ceil
+from typing import Final
+
+import numpy as np
+
+from safety.risk.body_point import BodyPointRisk
+from safety.risk.contact import ContactModel, ContactRisk
+from safety.risk.distance_grid import DistanceGrid
+from safety.risk.environment import Environment
+from safety.risk.mixture import FloatArray, Mixture
+from safety.risk.risk_model import RiskModel
+
+_LONGEST_SEGMENT: Final = 0.1
+"""In the network's inputs. Between two mixtures shapes are taken to move straight."""
+_MOST_SEGMENTS: Final = 20
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WayRisk:
+    """What is known of one way."""
+
+    contact: ContactRisk
+    """Anywhere along it."""
+    body_point_risk: float
+    """Printed bound (equation 9) at its end."""
+    means_mm: FloatArray
+    """(K, 3) where the mixture over the body's points has its components, at the end."""
+
+
+class BodyRisk:
+    """One body in one environment. Not for several threads.
+
+    Raises ValueError where the grid is not made for so thick a body.
+    """
+
+    def __init__(
+        self,
+        model: RiskModel,
+        surroundings: Environment,
+        grid: DistanceGrid,
+        samples: int = 1000,
+        seed: int = 0,
+    ) -> None:
+        """samples: shapes that are drawn, the same ones for every question."""
+        self._model = model
+        self._contact = ContactModel(model.basis, grid, surroundings.port, samples, seed)
+        self._body_point = BodyPointRisk(surroundings)
+        self._begin: tuple[tuple[float, ...], Mixture] | None = None
+        """Where the last way began: the gate asks for several ways from the same place."""
+
+    @property
+    def inputs(self) -> int:
+        """m, the actuation vector's length."""
+        return self._model.inputs
+
+    def of_way(self, u_from: Sequence[float], u_to: Sequence[float]) -> WayRisk | str:
+        """The risk of going straight from (m,) to (m,); words where it cannot be told."""
+        for u in (u_from, u_to):
+            if not self._model.knows(u):
+                return f"outside what the model has learned: {_words(u)}"
+        mixtures = self._mixtures(u_from, u_to)
+        points = self._model.points.mixture(u_to)
+        if mixtures is None or points is None:
+            return f"the model gives no finite answer at {_words(u_to)}"
+        contact = self._contact.along(mixtures).on_the_way
+        return WayRisk(contact, self._body_point.printed(points), points.means_mm)
+
+    def _mixtures(self, u_from: Sequence[float], u_to: Sequence[float]) -> list[Mixture] | None:
+        """Over the shape's coefficients, along the way."""
+        begin, end = np.asarray(u_from, np.float64), np.asarray(u_to, np.float64)
+        first = self._first(tuple(u_from))
+        length = float(np.linalg.norm((end - begin) * self._model.scale))
+        segments = min(max(1, ceil(length / _LONGEST_SEGMENT)), _MOST_SEGMENTS)
+        shares = [k / segments for k in range(1, segments + 1)]
+        along = [self._model.shapes.mixture(begin + share * (end - begin)) for share in shares]
+        mixtures = [mixture for mixture in (first, *along) if mixture is not None]
+        return mixtures if len(mixtures) == 1 + segments else None
+
+    def _first(self, u_from: tuple[float, ...]) -> Mixture | None:
+        if self._begin is not None and self._begin[0] == u_from:
+            return self._begin[1]
+        mixture = self._model.shapes.mixture(u_from)
+        self._begin = None if mixture is None else (u_from, mixture)
+        return mixture
+
+
+def _words(u: Sequence[float]) -> str:
+    return "u = (" + ", ".join(f"{value:.4g}" for value in u) + ")"

@@ -1,0 +1,131 @@
+"""What the gate asks, made from a robot file's model and mesh; and what is wrong with those."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from config.loader import load_robot
+from config.problems import ConfigError
+from daemon.risk.body_risk_source import RiskFilesError, make_risk_source
+from daemon.risk.mesh_file import write_mesh
+from daemon.risk.model_file import write_model
+from safety.risk.shapes import box
+from safety.risk_source import NoModel, ask
+from tests.safety.risk.test_body_risk import arrays, at
+
+ROBOT = Path(__file__).parents[3] / "config" / "robots" / "tendon_arm.yaml"
+ABOUT = {"robot": "tendon_arm", "points_activation": "silu", "shapes_activation": "relu"}
+
+
+class Clock:
+    """Goes on by so much whenever it is looked at."""
+
+    def __init__(self, step_ns: int = 0) -> None:
+        self._t_ns, self._step_ns = 0, step_ns
+
+    def now_ns(self) -> int:
+        self._t_ns += self._step_ns
+        return self._t_ns
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A robot file, a model that fits it, and a block in its way."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    write_model(tmp_path / "arm.npz", arrays(), ABOUT)
+    write_mesh(tmp_path / "block.stl", box((40.0, 60.0, 60.0), (60.0, 0.0, 200.0), 4))
+    write_robot(tmp_path, {"model": "arm.npz", "surface": {"mesh": "block.stl", "grid_mm": 2.0}})
+    return tmp_path
+
+
+def write_robot(folder: Path, risk: dict[str, object]) -> None:
+    robot = yaml.safe_load(ROBOT.read_text())
+    robot["risk"] = risk
+    (folder / "robot.yaml").write_text(yaml.safe_dump(robot))
+
+
+def test_it_answers_for_the_robot_s_model_and_mesh(folder: Path) -> None:
+    source = make_risk_source(load_robot(folder / "robot.yaml"), Clock())
+    assert source.name == "arm.npz, block.stl"
+    touching, near, far = (ask(source, at(0.0), at(end), 0, 0.02) for end in (5.0, 2.5, 0.5))
+    assert far.risk < 0.05 < 0.9 < touching.risk
+    assert near.nearest is not None
+    assert near.nearest.obstacle_mm[0] == pytest.approx(40.0, abs=2.5)
+    assert "at 200 mm along the body, nearest to (" in near.detail
+    assert (touching.doubt, near.doubt, far.doubt) == ("", "", "")
+
+
+def test_what_it_does_not_know_is_the_maximum_with_its_reason(folder: Path) -> None:
+    source = make_risk_source(load_robot(folder / "robot.yaml"), Clock())
+    answer = ask(source, at(0.0), at(9.0), 0, 0.02)
+    assert answer.risk == 1.0
+    assert "outside what the model has learned" in answer.doubt
+
+
+def test_it_says_how_long_it_took(folder: Path) -> None:
+    source = make_risk_source(load_robot(folder / "robot.yaml"), Clock(30_000_000))
+    answer = ask(source, at(0.0), at(0.1), 0, 0.02)
+    assert (answer.risk, answer.took_s) == (1.0, pytest.approx(0.03))
+    assert "late" in answer.doubt
+
+
+def test_who_names_no_model_has_none(folder: Path) -> None:
+    write_robot(folder, {})
+    assert isinstance(make_risk_source(load_robot(folder / "robot.yaml"), Clock()), NoModel)
+
+
+def damaged(folder: Path) -> None:
+    whole = (folder / "arm.npz").read_bytes()
+    (folder / "arm.npz").write_bytes(whole[: len(whole) // 2])
+
+
+def of_another_robot(folder: Path) -> None:
+    write_model(folder / "arm.npz", arrays(), {**ABOUT, "robot": "another_arm"})
+
+
+def open_mesh(folder: Path) -> None:
+    mesh = box((40.0, 60.0, 60.0), (60.0, 0.0, 200.0), 4)
+    write_mesh(folder / "block.stl", type(mesh)(mesh.vertices_mm, mesh.triangles[:-1]))
+
+
+def too_thick(folder: Path) -> None:
+    made = arrays()
+    made["basis/radius_mm"] = np.full(11, 5e4)
+    write_model(folder / "arm.npz", made, ABOUT)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "told"),
+    [
+        (damaged, "arm.npz"),
+        (of_another_robot, "is of the robot 'another_arm'"),
+        (open_mesh, "block.stl"),
+        (too_thick, "grid"),
+    ],
+)
+def test_files_that_do_not_do_are_named(
+    folder: Path, spoil: Callable[[Path], None], told: str
+) -> None:
+    spoil(folder)
+    with pytest.raises(RiskFilesError, match=told):
+        make_risk_source(load_robot(folder / "robot.yaml"), Clock())
+
+
+@pytest.mark.parametrize(
+    ("risk", "told"),
+    [
+        ({"model": "none.npz", "surface": {"mesh": "block.stl"}}, "there is no file"),
+        ({"model": "arm.npz", "surface": {"mesh": "none.stl"}}, "there is no file"),
+        ({"model": "arm.npz"}, "needs both"),
+        ({"surface": {"mesh": "block.stl"}}, "needs both"),
+    ],
+)
+def test_files_that_are_not_there_are_a_mistake_of_the_robot_file(
+    folder: Path, risk: dict[str, object], told: str
+) -> None:
+    write_robot(folder, risk)
+    with pytest.raises(ConfigError, match=told):
+        load_robot(folder / "robot.yaml")

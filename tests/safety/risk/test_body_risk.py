@@ -1,0 +1,152 @@
+"""Both risks of a way, from models of a body in surroundings: what decides, and what is unknown."""
+
+import numpy as np
+import pytest
+
+from safety.risk.body_risk import BodyRisk, WayRisk
+from safety.risk.distance_grid import DistanceGrid, distance_grid
+from safety.risk.environment import Environment, environment
+from safety.risk.risk_model import RiskModel, risk_model
+from safety.risk.shapes import box
+from tests.safety.risk.networks import Arrays, model_arrays
+
+INSIDE = (0.0, 0.0, 0.0, 0.0)
+ARC_MM = np.linspace(0.0, 200.0, 11)
+
+
+def arrays() -> Arrays:
+    """A straight body of 200 mm whose free end the first input moves along x, 10 mm per unit."""
+    made = model_arrays(coefficients=2)
+    for name, array in made.items():
+        if name.startswith("shapes/") and name.endswith(("weight", "bias")):
+            array[:] = 0.0
+    made |= {
+        "shapes/input_offset": np.zeros(4),
+        "shapes/input_scale": np.ones(4),
+        "shapes/output_offset_mm": np.zeros(2),
+        "shapes/output_scale_mm": np.array(10.0),
+        "points/input_scale": np.ones(4),
+        "basis/modes": modes(),
+        "basis/radius_mm": np.full(11, 5.0),
+        "training/inputs": np.array([[first, 0.0, 0.0, 0.0] for first in np.arange(-6.0, 6.1)]),
+        "training/reach": np.array(0.8),
+    }
+    made["shapes/log_diagonal_limits"][:] = (-2.0, 4.0)
+    passed_on(made)
+    return made
+
+
+def modes() -> np.ndarray:
+    made = np.zeros((2, 11, 3))
+    made[0, :, 0] = made[1, :, 1] = ARC_MM / ARC_MM[-1]
+    return made
+
+
+def passed_on(made: Arrays) -> None:
+    """The shapes' network says that both components' first coefficient is the first input."""
+    trunk, means = made["shapes/trunk.0.weight"], made["shapes/means.0.weight"]
+    trunk[0, 0], trunk[1, 0] = 1.0, -1.0  # rectified apart, put together again
+    for row in (0, 2):
+        means[row, 0], means[row, 1] = 1.0, -1.0
+
+
+@pytest.fixture(scope="module")
+def model() -> RiskModel:
+    return risk_model(arrays(), "silu", "relu")
+
+
+@pytest.fixture(scope="module")
+def block() -> Environment:
+    """A solid block from x = 40 mm on, near the body's end."""
+    return environment(*box((40.0, 60.0, 60.0), (60.0, 0.0, 200.0), 4))
+
+
+@pytest.fixture(scope="module")
+def grid(block: Environment) -> DistanceGrid:
+    return distance_grid(block, 2.0, 20.0)
+
+
+@pytest.fixture
+def risk(model: RiskModel, block: Environment, grid: DistanceGrid) -> BodyRisk:
+    return BodyRisk(model, block, grid, samples=500)
+
+
+def told(risk: BodyRisk, u_from: tuple[float, ...], u_to: tuple[float, ...]) -> WayRisk:
+    answer = risk.of_way(u_from, u_to)
+    assert isinstance(answer, WayRisk), answer
+    return answer
+
+
+def at(first: float) -> tuple[float, ...]:
+    return (first, 0.0, 0.0, 0.0)
+
+
+def test_far_from_everything_no_shape_touches(risk: BodyRisk) -> None:
+    answer = told(risk, at(-3.0), at(-2.9))
+    assert answer.contact.touching == 0
+    assert answer.contact.upper_limit == pytest.approx(3.0 / 500, rel=0.1)
+    assert answer.contact.median_mm > 30.0
+    assert answer.means_mm.shape == (5, 3)
+    assert 0.0 <= answer.body_point_risk <= 1.0
+
+
+def test_the_nearer_the_end_of_the_way_the_higher_the_risk(risk: BodyRisk) -> None:
+    risks = [told(risk, at(0.0), at(end)).contact.upper_limit for end in (1.0, 3.0, 5.0)]
+    assert risks[0] < 0.05
+    assert risks[0] <= risks[1] < risks[2]
+    assert risks[2] > 0.9
+
+
+def test_what_is_touched_on_the_way_counts_though_both_ends_are_free(
+    model: RiskModel, risk: BodyRisk
+) -> None:
+    thin = environment(*box((4.0, 60.0, 60.0), (25.0, 0.0, 200.0), 4))
+    between = BodyRisk(model, thin, distance_grid(thin, 2.0, 20.0), samples=500)
+    free = [told(between, at(place), at(place)).contact.touching for place in (-1.5, 5.5)]
+    assert max(free) < 50
+    assert told(between, at(-1.5), at(5.5)).contact.touching > 400
+
+
+def test_it_says_where(risk: BodyRisk) -> None:
+    worst = told(risk, at(2.0), at(2.5)).contact.worst
+    assert worst.arc_mm == 200.0
+    assert worst.nearest_mm[0] == pytest.approx(40.0, abs=2.5)
+
+
+@pytest.mark.parametrize(
+    "u", [at(8.0), (0.0, 2.0, 0.0, 0.0), at(np.nan), at(np.inf)], ids=["far", "aside", "nan", "inf"]
+)
+def test_outside_what_was_learned_nobody_knows(risk: BodyRisk, u: tuple[float, ...]) -> None:
+    for way in ((INSIDE, u), (u, INSIDE)):
+        answer = risk.of_way(*way)
+        assert isinstance(answer, str)
+        assert "outside what the model has learned: u = (" in answer
+
+
+def test_a_network_that_has_no_finite_answer_knows_nothing(
+    block: Environment, grid: DistanceGrid
+) -> None:
+    broken = arrays()
+    broken["shapes/means.0.weight"][0, 0] = 1e38
+    broken["shapes/output_scale_mm"] = np.array(1e300)
+    answer = BodyRisk(risk_model(broken, "silu", "relu"), block, grid).of_way(INSIDE, at(5.0))
+    assert isinstance(answer, str)
+    assert "no finite answer at u = (5, 0, 0, 0)" in answer
+
+
+def test_the_same_question_has_the_same_answer_whatever_was_asked_before(
+    model: RiskModel, block: Environment, grid: DistanceGrid
+) -> None:
+    def asked(*questions: tuple[float, float]) -> ContactFigures:
+        risk = BodyRisk(model, block, grid, samples=500)
+        answers = [told(risk, at(start), at(end)) for start, end in questions]
+        last = answers[-1].contact
+        return last.probability, last.upper_limit, last.lowest_5_percent_mm
+
+    alone = asked((2.0, 4.0))
+    assert asked((2.0, 5.0), (2.0, 3.0), (2.0, 4.0)) == alone
+    assert asked((-1.0, 0.0), (2.0, 4.0)) == alone
+    assert asked((2.0, 4.0), (2.0, 4.0)) == alone
+
+
+ContactFigures = tuple[float, float, float]
