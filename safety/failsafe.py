@@ -143,6 +143,8 @@ class Failsafe:
         KeyError for a name that is not in the table.
         """
         cause = self._causes[name]
+        if not (present or self._watches):
+            return  # as nearly always
         watch = self._watches.get((name, subject))
         if watch is None:
             if not present:
@@ -155,6 +157,8 @@ class Failsafe:
 
         energised: whether the drives are, or are about to be. Only then do faults latch.
         """
+        if not self._watches:
+            return _ALL_WELL
         reasons = []
         for key, watch in tuple(self._watches.items()):
             reason = watch.weigh(t_ns, energised)

@@ -28,7 +28,10 @@ class OperatingState(Enum):
     @property
     def energised(self) -> bool:
         """Whether the drives are meant to be on."""
-        return self in (OperatingState.ARMED, OperatingState.RUNNING, OperatingState.HOLD)
+        return self in _ENERGISED
+
+
+_ENERGISED: Final = (OperatingState.ARMED, OperatingState.RUNNING, OperatingState.HOLD)
 
 
 class Request(Enum):

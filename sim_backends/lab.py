@@ -74,7 +74,7 @@ class Lab:
         shafts = [self._shaft(axis) for axis in robot.axes]
         load = TipLoad(emulation.tip_load_g)
         warm_up()
-        self.body = Body(_plant(emulation, robot), robot.axes, shafts, load)
+        self.body = Body(plant_of(emulation, robot), robot.axes, shafts, load)
         self.tracker = EmulatedAurora(
             emulation.tracker, self._poses, seeds.tracker, powered_up_ns=clock.now_ns()
         )
@@ -153,7 +153,8 @@ class _Heart:
         return max(self._body.advanced_ns + 3 * self._period_ns // 2, t_ns + 1)
 
 
-def _plant(emulation: Emulation, robot: Robot) -> Plant:
+def plant_of(emulation: Emulation, robot: Robot) -> Plant:
+    """The body of this robot, at rest. Raises LabError where its axes cannot move it."""
     if isinstance(emulation.plant, TendonArmPlant):
         return _tendon_arm(emulation.plant, robot)
     bores = [axis.bore_mm if isinstance(axis, LinearStepper) else None for axis in robot.axes]

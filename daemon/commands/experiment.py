@@ -6,14 +6,12 @@ from pathlib import Path
 
 from config.problems import ConfigError
 from daemon.cli import EXIT_FAILED, EXIT_OK
-from daemon.experiment.experiment_file import load_experiment
-from daemon.experiment.in_real_time import carry_out_in_real_time
-from daemon.experiment.in_virtual_time import carry_out_in_virtual_time
+from daemon.experiment.experiment_file import ExperimentFile, load_experiment
 from daemon.experiment.pretrained import with_model
 from daemon.experiment.trial import TrialError
 from daemon.learning.pretraining import PretrainingError
 from daemon.recording.error_table import table_text
-from daemon.recording.report import write_report
+from daemon.recording.result import Result
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,11 +33,10 @@ def run(arguments: argparse.Namespace) -> int:
         print(error, file=sys.stderr)
         return EXIT_FAILED
     seed = file.experiment.seed if arguments.seed is None else arguments.seed
-    carry_out = carry_out_in_real_time if arguments.real_time else carry_out_in_virtual_time
     try:
         arguments.out.mkdir(parents=True)
         file = with_model(file, seed, _tell)
-        result = carry_out(file, seed, arguments.out, _tell)
+        result = _carry_out(file, seed, arguments.out, arguments.real_time)
     except FileExistsError:
         print(f"{arguments.out} is there already: name a new folder", file=sys.stderr)
         return EXIT_FAILED
@@ -50,8 +47,21 @@ def run(arguments: argparse.Namespace) -> int:
     if result.true_cycles:
         print(f"the same of the true tip:\n{table_text(result.true_cycles)}")
     if not arguments.no_report:
+        from daemon.recording.report import write_report  # slow to come
+
         print(write_report(arguments.out))
     return EXIT_OK
+
+
+def _carry_out(file: ExperimentFile, seed: int, folder: Path, real_time: bool) -> Result:
+    """Raises TrialError, OSError. Neither kind of time waits for what only the other needs."""
+    if real_time:
+        from daemon.experiment.in_real_time import carry_out_in_real_time
+
+        return carry_out_in_real_time(file, seed, folder, _tell)
+    from daemon.experiment.in_virtual_time import carry_out_in_virtual_time
+
+    return carry_out_in_virtual_time(file, seed, folder, _tell)
 
 
 def _tell(line: str) -> None:

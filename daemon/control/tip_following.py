@@ -6,6 +6,8 @@ over axes measured in shares of their travel, the dearer ones weighing more. Axe
 are held there and the others take over.
 """
 
+import math
+
 import numpy as np
 
 from config.controllers import TipFollowing
@@ -58,7 +60,7 @@ class TipFollower:
             step = step + observation.reference_velocity_mm_s * dt_s
         if not np.isfinite(step).all():
             raise ControllerError("where the tip is, or shall be, is not a number")
-        length, most = float(np.linalg.norm(step)), options.max_tip_speed_mm_s * dt_s
+        length, most = math.sqrt(step @ step), options.max_tip_speed_mm_s * dt_s
         return np.asarray(step if length <= most else step * (most / length))
 
     def drawn(self, observation: Observation) -> Vector:
@@ -137,21 +139,29 @@ def bounded_step(
     jacobian: (3, m). An axis that would pass a limit is set to it, the worst one first, and the
     rest is solved again without it.
     """
-    step = np.clip(drawn, lowest, highest)
+    # Column by column, like the parts that are solved again: rounding is the same for both.
+    whole = np.asfortranarray(jacobian)
+    trial = drawn + damped_solution(whole, wanted - whole @ drawn, damping)
+    beyond = np.maximum(lowest - trial, trial - highest)
+    worst = int(beyond.argmax())
+    if not beyond[worst] > 0.0:
+        return trial
+    step = np.minimum(np.maximum(drawn, lowest), highest)
     free = np.ones(len(drawn), dtype=bool)
-    while free.any():
+    while True:
+        index = int(np.flatnonzero(free)[worst])
+        step[index] = min(max(trial[worst], lowest[index]), highest[index])
+        free[index] = False
+        if not free.any():
+            return step
         partial = jacobian[:, free]
         missing = wanted - jacobian[:, ~free] @ step[~free] - partial @ drawn[free]
         trial = drawn[free] + damped_solution(partial, missing, damping)
         beyond = np.maximum(lowest[free] - trial, trial - highest[free])
-        worst = int(np.argmax(beyond))
+        worst = int(beyond.argmax())
         if not beyond[worst] > 0.0:
             step[free] = trial
-            break
-        index = int(np.flatnonzero(free)[worst])
-        step[index] = min(max(trial[worst], lowest[index]), highest[index])
-        free[index] = False
-    return step
+            return step
 
 
 def damped_solution(jacobian: Matrix, wanted: Vector, damping: float) -> Vector:

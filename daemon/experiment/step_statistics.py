@@ -3,8 +3,8 @@
 from typing import Final
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from daemon.experiment.step_series import Array, StepSeries
 from daemon.recording.error_table import CycleError
@@ -107,9 +107,15 @@ def _without_outliers(values: Array) -> Array:
     if not known.any():
         return np.zeros_like(values)
     filled = _between(places, np.flatnonzero(known), values)
-    course = median_filter(filled, size=(_COURSE_STEPS, 1), mode="nearest")
-    near = np.linalg.norm(filled - course, axis=1) < _OUTLIER_MM
+    near = np.linalg.norm(filled - _course(filled), axis=1) < _OUTLIER_MM
     return _between(places, np.flatnonzero(known & near), values)
+
+
+def _course(values: Array) -> Array:
+    """Moving median of each column; at the ends the last values go on."""
+    half = _COURSE_STEPS // 2
+    longer = np.pad(values, ((half, half), (0, 0)), mode="edge")
+    return np.asarray(np.median(sliding_window_view(longer, _COURSE_STEPS, axis=0), axis=-1))
 
 
 def _between(places: NDArray[np.int64], sound: NDArray[np.int64], values: Array) -> Array:

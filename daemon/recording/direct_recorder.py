@@ -22,6 +22,9 @@ class DirectRecorder:
         self._writer: RunWriter | None = None
         self._batches = CanBatches(self._write)
         self._status = RecorderStatus(False, None, 0, "", None, 0)
+        self._free_mb: float | None = None
+        self._measured_at_bytes = -1
+        """So long was the file when the room on the disk was looked at."""
 
     async def start(self, folder: Path, header: Mapping[str, str], t_ns: int, wall_ns: int) -> None:
         if self._writer is not None:
@@ -67,12 +70,14 @@ class DirectRecorder:
             self._writer.write(topic, t_ns, payload)
 
     def _described(self, writer: RunWriter, recording: bool) -> RecorderStatus:
-        folder = writer.path.parent
+        folder, written = writer.path.parent, writer.bytes_written
+        if written != self._measured_at_bytes:
+            self._measured_at_bytes, self._free_mb = written, free_mb(folder)
         return RecorderStatus(
             recording,
             folder if recording else None,
             writer.dropped,
             writer.failed,
-            free_mb(folder),
-            writer.bytes_written,
+            self._free_mb,
+            written,
         )

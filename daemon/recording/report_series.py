@@ -1,15 +1,17 @@
 """Figures over time: error, actuators, forces, risk, and how the loop kept its time."""
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import NullFormatter
 
 from daemon.recording.error_table import CycleError
-from daemon.recording.report_data import RunData, Series
+from daemon.recording.report_course import course
+from daemon.recording.report_data import Array, RunData, Series
 from daemon.recording.report_style import (
     ACCENT,
     ALARM,
@@ -18,6 +20,7 @@ from daemon.recording.report_style import (
     MUTED,
     REFERENCE,
     WARNING,
+    WIDTH_IN,
     figure,
     limits_of,
     series_colour,
@@ -27,6 +30,8 @@ from daemon.remote.messages import AxisStatus
 
 _MS: Final = 1e3
 _COLUMNS: Final = 2
+_DOTS_AT_MOST: Final = 120
+"""More of them run into a line."""
 _TIME: Final = "time / s"
 
 
@@ -39,8 +44,8 @@ def error_figure(run: RunData) -> Figure | None:
     axes = made.subplots()
     leading = np.where((tip["running"] > 0) & (tip["cycle"] >= 0), np.nan, tip["error_mm"])
     counted = np.where((tip["running"] > 0) & (tip["cycle"] >= 0), tip["error_mm"], np.nan)
-    axes.plot(tip.t_s, leading, color=REFERENCE, lw=0.9)
-    axes.plot(tip.t_s, counted, color=ACCENT, lw=0.9)
+    _draw(axes, tip.t_s, leading, color=REFERENCE, lw=0.9)
+    _draw(axes, tip.t_s, counted, color=ACCENT, lw=0.9)
     handles = [Line2D([], [], color=ACCENT, label="in a cycle")]
     if np.isfinite(leading).any():
         handles.append(Line2D([], [], color=REFERENCE, label="not counted"))
@@ -70,10 +75,9 @@ def actuator_figure(run: RunData) -> Figure | None:
             panel.remove()
             continue
         name, unit = _axis_name(run.axis_status, place)
-        panel.plot(axes_series.t_s, axes_series["target"][:, place], color=REFERENCE, lw=1.8)
-        panel.plot(
-            axes_series.t_s, axes_series["actual"][:, place], color=series_colour(place), lw=0.9
-        )
+        t_s, target, actual = axes_series.t_s, axes_series["target"], axes_series["actual"]
+        _draw(panel, t_s, target[:, place], _COLUMNS, color=REFERENCE, lw=1.8)
+        _draw(panel, t_s, actual[:, place], _COLUMNS, color=series_colour(place), lw=0.9)
         panel.set_title(name)
         panel.set_ylabel(unit)
         shade_states(panel, run.states, run.duration_s)
@@ -110,7 +114,9 @@ def force_figure(run: RunData) -> Figure | None:
             if units[place] == unit:
                 label = _axis_name(run.axis_status, place)[0]
                 values = axes_series["force"][:, place]
-                panel.plot(axes_series.t_s, values, color=series_colour(place), lw=0.9, label=label)
+                _draw(
+                    panel, axes_series.t_s, values, color=series_colour(place), lw=0.9, label=label
+                )
         panel.set_ylabel(f"force / {unit}" if unit else "force")
         panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=6)
         shade_states(panel, run.states, run.duration_s)
@@ -132,8 +138,9 @@ def risk_figure(run: RunData) -> Figure | None:
     ):
         if np.isfinite(risk[name]).any():
             told = True
-            above.plot(risk.t_s, risk[name], color=colour, lw=0.9, label=label)
-    above.plot(risk.t_s, risk["threshold"], color=ALARM, lw=1.0, ls="--", label="threshold")
+            _draw(above, risk.t_s, risk[name], color=colour, lw=0.9, label=label)
+    threshold = risk["threshold"]
+    _draw(above, risk.t_s, threshold, color=ALARM, lw=1.0, ls="--", label="threshold")
     above.set_ylabel("probability")
     above.set_ylim(bottom=0.0)
     if not told:
@@ -141,8 +148,9 @@ def risk_figure(run: RunData) -> Figure | None:
             0.5, 0.5, "no risk was computed", transform=above.transAxes, ha="center", color=MUTED
         )
     above.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
-    below.fill_between(risk.t_s, risk["scale"], color=ACCENT, alpha=0.18, lw=0, step="post")
-    below.plot(risk.t_s, risk["scale"], color=ACCENT, lw=0.9, drawstyle="steps-post")
+    t_s, scale = course(risk.t_s, risk["scale"], WIDTH_IN)
+    below.fill_between(t_s, scale, color=ACCENT, alpha=0.18, lw=0, step="post")
+    below.plot(t_s, scale, color=ACCENT, lw=0.9, drawstyle="steps-post")
     below.set_ylim(0.0, 1.05)
     below.set_ylabel("let through (1: all)")
     for panel in (above, below):
@@ -168,6 +176,8 @@ def timing_figure(run: RunData) -> Figure | None:
         high = float(np.percentile(intervals_ms, 99.5)) * 1.5
         between.hist(np.minimum(intervals_ms, high), bins=60, color=ACCENT, alpha=0.85)
         between.set_yscale("log")
+        between.yaxis.set_major_formatter("{x:g}")  # powers of ten would be set as formulas
+        between.yaxis.set_minor_formatter(NullFormatter())
         between.set_ylim(top=4.0 * between.get_ylim()[1])
         median = float(np.median(intervals_ms))
         between.axvline(median, color=INK, lw=1.0, ls="--", label=f"median {median:.1f} ms")
@@ -182,14 +192,20 @@ def _draw_quantiles(axes: Axes, loop: Series | None, what: str, quantiles: Seque
     if loop is None:
         _nothing(axes)
         return
+    dot = "." if len(loop.t_s) <= _DOTS_AT_MOST else ""
     for quantile, colour in zip(quantiles, (ACCENT, WARNING, ALARM), strict=False):
         values = loop[f"{what}_{quantile}_s"] * _MS
-        axes.plot(loop.t_s, values, color=colour, lw=1.0, marker=".", ms=2.5, label=quantile)
+        axes.plot(loop.t_s, values, color=colour, lw=1.0, marker=dot, ms=2.5, label=quantile)
     highest = max(float(np.nanmax(loop[f"{what}_{quantile}_s"])) for quantile in quantiles) * _MS
     axes.set_ylim(0.0, max(1.25 * highest, 1e-3))  # room for the legend
     axes.set_xlabel(_TIME)
     axes.set_ylabel("in each second / ms")
     axes.legend(loc="upper right", ncols=3)
+
+
+def _draw(axes: Axes, t_s: Array, values: Array, abreast: int = 1, **looks: Any) -> None:
+    """A line in one of so many panels that stand side by side."""
+    axes.plot(*course(t_s, values, WIDTH_IN / abreast), **looks)
 
 
 def _nothing(axes: Axes) -> None:

@@ -32,7 +32,7 @@ STATE_COLOURS: Final = {"hold": WARNING, "fault": ALARM, "estop": ALARM}
 
 WIDTH_IN: Final = 10.0
 _DPI: Final = 180
-_VECTOR_POINTS_AT_MOST: Final = 3000
+_VECTOR_POINTS_AT_MOST: Final = 6000
 
 _STYLE: Final[Any] = {
     "font.family": "DejaVu Sans",

@@ -9,7 +9,7 @@ from daemon.remote.lease import Lease
 from daemon.service.surroundings import Surroundings
 from daemon.supervision.following_error import FollowingError
 from daemon.supervision.supervisor import Supervisor
-from drivers.aurora.tracker import AuroraTracker, TrackerState
+from drivers.aurora.tracker import AuroraTracker
 from drivers.axis_scale import tension_range_n
 
 _FEW_MISSED_PER_S = 2
@@ -48,7 +48,7 @@ class Lookout:
     def look(self, now_ns: int) -> None:
         """Before each supervision."""
         watched, loop, failsafe = self._supervisor.watched, self._loop, self._supervisor.failsafe
-        watched.tracking = self._tracker.status.state is TrackerState.TRACKING
+        watched.tracking = self._tracker.tracking
         watched.tip_age_s = loop.filter.age_s(now_ns)
         watched.tip_quality = loop.filter.quality
         watched.lease_missing_s = self._lease.unheld_s(now_ns)

@@ -39,7 +39,7 @@ class Watchdogs:
     def __init__(
         self, failsafe: Failsafe, settings: Supervision, buses: Sequence[DriveBus], power: Power
     ) -> None:
-        self._failsafe = failsafe
+        self._set = failsafe.set
         self._settings = settings
         self._buses = buses
         self._power = power
@@ -125,6 +125,3 @@ class Watchdogs:
             for channel in bus.channels
             if not channel.following
         )
-
-    def _set(self, name: str, present: bool, t_ns: int, subject: str, detail: str = "") -> None:
-        self._failsafe.set(name, present, t_ns, subject, detail)

@@ -4,7 +4,7 @@ A spring in series with a dashpot stands parallel to the body's long-term stiffn
 body takes (1 − c) of the strain that it takes for good; the rest c comes with the creep time.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -51,7 +51,8 @@ class Creep:
         """What has crept when the rod has settled at `strain` (N, 3, 6) after `dt_s`."""
         kept, _ = self._kept(dt_s)
         towards = (1.0 - kept) * self.share
-        return replace(self, crept=kept * self.crept + towards * (strain - self.unloaded))
+        crept = kept * self.crept + towards * (strain - self.unloaded)
+        return Creep(self.stiffness, self.unloaded, crept, self.share, self.time_s)
 
     def _kept(self, dt_s: float) -> tuple[float, float]:
         kept = float(np.exp(-dt_s / (self.time_s * (1.0 - self.share))))

@@ -37,6 +37,7 @@ class GasLines:
         """(m,) gas in the chambers at the step's end."""
         return self.chamber_pressure(length_mm)[0] * self.area_mm2 * length_mm
 
-    def cylinder_pressure(self, length_mm: FloatArray) -> FloatArray:
-        """(m,) absolute pressure MPa in front of the pistons at the step's end."""
-        return (self.amount - self.amount_in_chamber(length_mm)) / self.supply_mm3
+    def cylinder_pressure(self, in_chamber: FloatArray) -> FloatArray:
+        """(m,) absolute pressure MPa in front of the pistons at the step's end, with so much gas
+        in the chambers."""
+        return (self.amount - in_chamber) / self.supply_mm3

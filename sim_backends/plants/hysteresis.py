@@ -21,23 +21,23 @@ class StopOperators:
     def __init__(
         self, stiffness: FloatArray, threshold_mm: FloatArray, slider_mm: FloatArray
     ) -> None:
-        self._stiffness = stiffness
-        self._threshold = threshold_mm
+        self.stiffness = stiffness
+        self.threshold_mm = threshold_mm
         self.slider_mm = slider_mm
 
     def force(self, displacement_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(m,) force N against a monotone move to (m,) displacements, and its derivative."""
         stretch = displacement_mm[:, None] - self.slider_mm
-        held = np.minimum(np.maximum(stretch, -self._threshold), self._threshold)
+        held = np.minimum(np.maximum(stretch, -self.threshold_mm), self.threshold_mm)
         sticks = stretch == held
-        return (self._stiffness * held).sum(axis=1), (self._stiffness * sticks).sum(axis=1)
+        return (self.stiffness * held).sum(axis=1), (self.stiffness * sticks).sum(axis=1)
 
     def sticking(self) -> FloatArray:
         """(m,) N/mm against a move that turns all sliders back: none of them slips."""
-        return np.asarray(self._stiffness.sum(axis=1))
+        return np.asarray(self.stiffness.sum(axis=1))
 
     def after(self, displacement_mm: FloatArray) -> "StopOperators":
         """The sliders after a monotone move."""
         stretch = displacement_mm[:, None] - self.slider_mm
-        held = np.minimum(np.maximum(stretch, -self._threshold), self._threshold)
-        return StopOperators(self._stiffness, self._threshold, displacement_mm[:, None] - held)
+        held = np.minimum(np.maximum(stretch, -self.threshold_mm), self.threshold_mm)
+        return StopOperators(self.stiffness, self.threshold_mm, displacement_mm[:, None] - held)

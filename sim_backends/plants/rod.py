@@ -108,6 +108,7 @@ class Rod:
             self.offset[..., index, :2] = route.offset(self.places_mm)
             self.offset[..., index, 2:] = route.slope(self.places_mm)
         self.presence = (self.kind != ABSENT).astype(np.float64)
+        self._above = (1.0 - self.nodes_mm / length_mm)[:, None]
         self.rest = np.tile(UNLOADED_STRAIN, (self.intervals, 3, 1))
 
     @property
@@ -120,8 +121,7 @@ class Rod:
 
     def internal_force(self, tip_n: FloatArray, weight_n: FloatArray) -> FloatArray:
         """(N+1, 3) force at the nodes under a dead force at the tip and an even own weight."""
-        share = 1.0 - self.nodes_mm / self.length_mm
-        return np.asarray(tip_n + share[:, None] * weight_n)
+        return np.asarray(tip_n + self._above * weight_n)
 
     def loaded(
         self, tension: FloatArray, force: FloatArray, stiffness: FloatArray, rest: FloatArray
@@ -160,9 +160,13 @@ class Rod:
         response, transfer = np.empty((size, size)), np.empty((self.intervals, 6, 6))
         if not rod_kernels.tangent(loaded, spread, march, response, transfer):
             return None
-        unit = self.section.bending_n_mm2 / self.length_mm**2
-        foundation = NEUTRAL * (unit + float(np.abs(loaded.force[0]).max()))
+        foundation = self.foundation(loaded.force)
         return response, rod_kernels.unstable_directions(self.step, transfer, foundation)
+
+    def foundation(self, force: FloatArray) -> float:
+        """N·mm/rad per mm: what passes for no stiffness under an internal force (N+1, 3)."""
+        unit = self.section.bending_n_mm2 / self.length_mm**2
+        return NEUTRAL * (unit + float(np.abs(force[0]).max()))
 
 
 def _nodes(length_mm: float, breaks_mm: Sequence[float], intervals: int) -> FloatArray:

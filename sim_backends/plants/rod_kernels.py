@@ -1,4 +1,5 @@
-"""The rod's numerics, compiled: local strains, the march from base to tip, and its tangent.
+"""The rod's numerics, compiled: local strains, the march from base to tip, its tangent, and the
+small linear algebra of shooting; numpy's own overhead would be half of a step.
 
 Strain is (shear, shear, stretch, bend, bend, twist), a wrench the force and moment that go with it,
 quaternions are scalar first. Every function that is cached on disk stands in this one file: numba
@@ -59,6 +60,39 @@ class March(NamedTuple):
     moment_nmm: FloatArray
     strain: FloatArray
     length_mm: FloatArray
+
+
+class ChamberDrive(NamedTuple):
+    """m chambers on gas lines, with n sliders along each. Float64 and C-contiguous.
+
+    presence: (N, m) 1 where a chamber is, else 0. The rest as in `gas.GasLines` and
+    `hysteresis.StopOperators`; gauge pressure is what exceeds `ambient_mpa`.
+    """
+
+    presence: FloatArray
+    amount: FloatArray
+    in_chamber: FloatArray
+    supply_mm3: FloatArray
+    area_mm2: FloatArray
+    kept: float
+    ambient_mpa: float
+    stiffness: FloatArray
+    threshold_mm: FloatArray
+    slider_mm: FloatArray
+
+
+class Settled(NamedTuple):
+    """What `settle_chambers` has arrived at.
+
+    march, unknowns (3+m,) and response (3+m, 3+m) as in `shooting.Equilibrium`, unstable as
+    `unstable_directions` counts; of no meaning where it has not `converged`.
+    """
+
+    converged: bool
+    march: March
+    unknowns: FloatArray
+    response: FloatArray
+    unstable: int
 
 
 @_kernel
@@ -629,3 +663,189 @@ def unstable_directions(step: FloatArray, transfer: FloatArray, foundation: floa
         _add(product, 1.0, transfer[k, 3:, :3])
         _divide(pivot, product, behind)
     return negative
+
+
+@_kernel
+def newton_step(
+    response: FloatArray, by_length: FloatArray, by_pull: FloatArray, residual: FloatArray
+) -> FloatArray:
+    """Newton's step for (base moment, pulls). Not finite where the Jacobian is singular.
+
+    The residual is the tip's moment (3,) and the drives' imbalance (m,); response (3+m, 3+m) gives
+    tip moment and lengths by the unknowns, by_length and by_pull (m, m) the imbalance by these.
+    """
+    size, first = residual.shape[0], residual.shape[0] - by_pull.shape[0]
+    a, x = np.empty((size, size)), -residual
+    for i in range(first):
+        for j in range(size):
+            a[i, j] = response[i, j]
+    for i in range(size - first):
+        for j in range(size):
+            a[first + i, j] = by_pull[i, j - first] if j >= first else 0.0
+        for k in range(size - first):
+            share = by_length[i, k]
+            if share != 0.0:
+                for j in range(size):
+                    a[first + i, j] += share * response[first + k, j]
+    for c in range(size):
+        pivot = c
+        for i in range(c + 1, size):
+            if abs(a[i, c]) > abs(a[pivot, c]):
+                pivot = i
+        for j in range(c, size):
+            a[c, j], a[pivot, j] = a[pivot, j], a[c, j]
+        x[c], x[pivot] = x[pivot], x[c]
+        for i in range(c + 1, size):
+            factor = a[i, c] / a[c, c]
+            for j in range(c + 1, size):
+                a[i, j] -= factor * a[c, j]
+            x[i] -= factor * x[c]
+    for i in range(size - 1, -1, -1):
+        for j in range(i + 1, size):
+            x[i] -= a[i, j] * x[j]
+        x[i] /= a[i, i]
+    return x
+
+
+@_kernel
+def broyden(
+    response: FloatArray, step: FloatArray, change: FloatArray, scale: FloatArray
+) -> FloatArray:
+    """`response` with the least change, in scaled unknowns, that explains what `step` changed."""
+    size = step.shape[0]
+    norm = 0.0
+    for j in range(size):
+        norm += (scale[j] * step[j]) ** 2
+    out = np.empty((size, size))
+    for i in range(size):
+        missing = change[i]
+        for j in range(size):
+            missing -= response[i, j] * step[j]
+        for j in range(size):
+            out[i, j] = response[i, j] + missing * scale[j] * scale[j] * step[j] / norm
+    return out
+
+
+@_kernel
+def _chamber_imbalance(
+    drive: ChamberDrive,
+    length_mm: FloatArray,
+    unknowns: FloatArray,
+    residual: FloatArray,
+    by_length: FloatArray,
+) -> None:
+    """Of each chamber, behind the tip's moment in `residual`: its pull minus what gas and sliders
+    pull with, N. The derivative of this by the lengths is by_length (m, m), whose diagonal is set.
+    """
+    for i in range(length_mm.shape[0]):
+        length, area = length_mm[i], drive.area_mm2[i]
+        held = drive.kept * drive.in_chamber[i] / (area * length)
+        whole_mm3 = drive.supply_mm3[i] + area * length
+        shared = (1.0 - drive.kept) * drive.amount[i] / whole_mm3
+        slope = -held / length - shared * area / whole_mm3
+        force, stiffness = 0.0, 0.0
+        for j in range(drive.threshold_mm.shape[0]):
+            stretch, reach = length - drive.slider_mm[i, j], drive.threshold_mm[j]
+            stopped = min(max(stretch, -reach), reach)
+            force += drive.stiffness[i, j] * stopped
+            if stretch == stopped:
+                stiffness += drive.stiffness[i, j]
+        residual[3 + i] = unknowns[3 + i] + (held + shared - drive.ambient_mpa) * area - force
+        by_length[i, i] = slope * area - stiffness
+
+
+@_kernel
+def _try_chambers(
+    rod: LoadedRod,
+    drive: ChamberDrive,
+    scale: FloatArray,
+    unknowns: FloatArray,
+    guess: FloatArray,
+    out: March,
+    residual: FloatArray,
+    by_length: FloatArray,
+) -> float:
+    """March with such unknowns, from the strains of `guess`. Returns the error as `scale` weighs
+    it; infinite: there is no such rod."""
+    for k in range(rod.tension.shape[0]):
+        for i in range(rod.tension.shape[1]):
+            rod.tension[k, i] = drive.presence[k, i] * unknowns[3 + i]
+        for j in range(3):
+            for a in range(6):
+                out.strain[k, j, a] = guess[k, j, a]
+    if not march(rod, unknowns[:3], out):
+        return float(np.inf)
+    for a in range(3):
+        residual[a] = out.moment_nmm[-1, a]
+    _chamber_imbalance(drive, out.length_mm, unknowns, residual, by_length)
+    error = 0.0
+    for a in range(residual.shape[0]):
+        part = abs(residual[a] * scale[a])
+        if not part < np.inf:
+            return float(np.inf)
+        error = max(error, part)
+    return float(error)
+
+
+@_kernel
+def _room_for(rod: LoadedRod) -> March:
+    """Arrays for a march, not filled."""
+    intervals, routes = rod.kind.shape
+    return March(
+        np.empty((intervals + 1, 3)),
+        np.empty((intervals + 1, 4)),
+        np.empty((intervals + 1, 3)),
+        np.empty((intervals, 3, 6)),
+        np.empty(routes),
+    )
+
+
+@_kernel
+def settle_chambers(
+    rod: LoadedRod,
+    drive: ChamberDrive,
+    scale: FloatArray,
+    start: FloatArray,
+    guess: FloatArray,
+    response: FloatArray,
+    close: float,
+    tolerance: float,
+    iterations: int,
+    foundation: float,
+) -> Settled:
+    """Newton's method from the unknowns `start` (3+m,) and the strains `guess`, as in
+    `shooting.Solver`, as long as every step is a good one.
+
+    It begins no further off than `close`, with `response` (3+m, 3+m), which Broyden's formula
+    keeps up to date. rod.tension is overwritten.
+    """
+    size, routes = start.shape[0], rod.kind.shape[1]
+    here, there = _room_for(rod), _room_for(rod)
+    unknowns, change = start, np.empty(size)
+    residual, moved = np.empty(size), np.empty(size)
+    by_length, moved_by_length = np.zeros((routes, routes)), np.zeros((routes, routes))
+    by_pull = np.eye(routes)
+    error = _try_chambers(rod, drive, scale, unknowns, guess, here, residual, by_length)
+    if error > close:
+        return Settled(False, here, unknowns, response, 0)
+    for _ in range(iterations):
+        if error <= tolerance:
+            answer, transfer = np.empty((size, size)), np.empty((rod.step.shape[0], 6, 6))
+            if not tangent(rod, drive.presence, here, answer, transfer):
+                break
+            unstable = unstable_directions(rod.step, transfer, foundation)
+            return Settled(True, here, unknowns, answer, unstable)
+        step = newton_step(response, by_length, by_pull, residual)
+        better = unknowns + step
+        left = _try_chambers(rod, drive, scale, better, here.strain, there, moved, moved_by_length)
+        if not left <= 0.3 * error:
+            break
+        for a in range(3):
+            change[a] = moved[a] - residual[a]
+        for i in range(routes):
+            change[3 + i] = there.length_mm[i] - here.length_mm[i]
+        response = broyden(response, better - unknowns, change, scale)
+        here, there, unknowns, error = there, here, better, left
+        residual, moved = moved, residual
+        by_length, moved_by_length = moved_by_length, by_length
+    return Settled(False, here, unknowns, response, 0)

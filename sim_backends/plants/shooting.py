@@ -14,13 +14,18 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from sim_backends.plants.rod import Rod, Section, helix
-from sim_backends.plants.rod_kernels import FloatArray, LoadedRod, March
-from sim_backends.plants.shooting_kernels import broyden, newton_step
+from sim_backends.plants.rod_kernels import (
+    FloatArray,
+    LoadedRod,
+    March,
+    broyden,
+    newton_step,
+)
 
 _TOLERANCE = 1e-9
 """Of the tip's moment, and of every drive's imbalance times its lever, against EI/L."""
 
-_CLOSE = 1e-2
+CLOSE = 1e-2
 """Error, in the measure of _TOLERANCE, of a guess that is worth improving."""
 
 _BEARABLE = 10.0
@@ -32,7 +37,7 @@ _DIFFERENCE = 1e-6
 _NEUTRAL = 0.05
 """Of what springs must hold, what passes for held: see `rod.NEUTRAL`."""
 
-_ITERATIONS = 40
+ITERATIONS = 40
 _SMALLEST_STEP = 1.0 / 512.0
 _STEP_OF_LOAD = 1.0 / 16.0
 _SIDE_FORCE = 0.05
@@ -204,7 +209,7 @@ class Solver:
     def _guess(self, problem: Problem, start: Equilibrium, ahead: FloatArray) -> Equilibrium | None:
         """Newton's method from where the last motion leads to, if that is close. None: not so."""
         trial = self._try(problem, start.unknowns + ahead, start.march.strain)
-        if trial is None or trial.error > _CLOSE:
+        if trial is None or trial.error > CLOSE:
             if not self._patience:
                 return None
             stopped = self._try(problem, start.unknowns, start.march.strain)
@@ -219,7 +224,7 @@ class Solver:
         ones, then in shorter steps. A kink is not passed by a better response, so with patience
         there is only one before the shorter steps."""
         tried, patience, highest = 0, self._patience, np.inf
-        for _ in range(_ITERATIONS):
+        for _ in range(ITERATIONS):
             if trial is None:
                 return None
             if trial.error <= self._tolerance:
@@ -290,13 +295,16 @@ class Solver:
         if answer is None:
             return None
         response, unstable = answer
-        if not np.isfinite(response).all():
+        if not stable(problem.drive, trial.march, response, unstable):
             return None
-        if unstable:
-            springs = problem.drive.holding(trial.march)
-            if unstable != _held_by_drives(response, springs):
-                return None
         return Equilibrium(trial.march, trial.unknowns, response)
+
+
+def stable(drive: Drive, march: March, response: FloatArray, unstable: int) -> bool:
+    """Whether the drives hold a rod that alone would turn away in `unstable` directions."""
+    if not np.isfinite(response).all():
+        return False
+    return unstable == 0 or unstable == _held_by_drives(response, drive.holding(march))
 
 
 def _held_by_drives(response: FloatArray, springs: FloatArray) -> int:

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from config.emulated_plants import SoftArmPlant
+from sim_backends.plants.chambers import Chambers, ChamberSolver
 from sim_backends.plants.creep import Creep
 from sim_backends.plants.gas import ATMOSPHERE_MPA, GasLines
 from sim_backends.plants.hysteresis import StopOperators
 from sim_backends.plants.load import GRAVITY_N_G, listed, tip_force
 from sim_backends.plants.plant import BodyState, FloatArray, PlantError, TipLoad
 from sim_backends.plants.rod import Rod, Section, helix
-from sim_backends.plants.rod_kernels import March
 from sim_backends.plants.shape import body_state
 from sim_backends.plants.shooting import ConstantPull, Equilibrium, Path, Problem, Solver
 
@@ -45,34 +45,6 @@ class _Memory:
     load_n: FloatArray
 
 
-@dataclass(frozen=True)
-class _Chambers:
-    """What drives the rod in one step: gas that pushes, sliders that hold. A `Drive`."""
-
-    presence: FloatArray
-    gas: GasLines
-    sliders: StopOperators
-
-    def spread(self, pull_n: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return self.presence * pull_n, self.presence
-
-    def imbalance(
-        self, march: March, pull_n: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        pressure, by_length = self.gas.chamber_pressure(march.length_mm)
-        held, stiffness = self.sliders.force(march.length_mm)
-        area = self.gas.area_mm2
-        return (
-            pull_n + (pressure - ATMOSPHERE_MPA) * area - held,
-            np.diag(by_length * area - stiffness),
-            np.eye(CHAMBERS),
-        )
-
-    def holding(self, march: March) -> FloatArray:
-        _, by_length = self.gas.chamber_pressure(march.length_mm)
-        return np.diag(np.sqrt(self.sliders.sticking() - by_length * self.gas.area_mm2))
-
-
 class SoftArm:
     """A `Plant` of six actuators: proximal chambers 1 to 3, then distal chambers 1 to 3."""
 
@@ -81,10 +53,12 @@ class SoftArm:
             raise ValueError(f"the arm needs {CHAMBERS} cylinder bores, not {cylinder_bore_mm}")
         self._config = config
         self._piston_mm2 = np.pi / 4.0 * np.asarray(cylinder_bore_mm, dtype=np.float64) ** 2
+        self._end_mm = 1e3 * config.cylinder_volume_ml / self._piston_mm2
         self._area_mm2 = config.chamber_area_mm2 * np.asarray(config.chamber_area_ratios)
         self._rod = _rod(config)
-        self._solver = Solver(self._rod)
+        self._solver: Solver = ChamberSolver(self._rod)
         self._weight_n = GRAVITY_N_G * config.mass_g * _DOWN
+        self._hanging = (TipLoad(), np.zeros(3))
         self._rested, self._amount = self._rest()
         self._memory = self._rested
 
@@ -113,7 +87,7 @@ class SoftArm:
         make no sense and where there is no equilibrium; the arm then keeps its last state.
         """
         cylinder_mm3 = self._cylinders(actuators)
-        load_n = tip_force(load, _DOWN, self._config.axial_stiffness_n)
+        load_n = self._tip_force(load)
         if not 0.0 <= dt_s < np.inf:
             raise PlantError(f"a step takes 0 s or longer, not {dt_s} s")
         memory = self._memory
@@ -127,16 +101,17 @@ class SoftArm:
             )
         lengths = found.march.length_mm
         gas = self._gas(memory, cylinder_mm3, dt_s)
+        in_chamber = gas.amount_in_chamber(lengths)
         self._memory = _Memory(
             equilibrium=found,
             ahead=found.unknowns - memory.equilibrium.unknowns,
-            in_chamber=gas.amount_in_chamber(lengths),
+            in_chamber=in_chamber,
             sliders=memory.sliders.after(lengths),
             creep=memory.creep.after(dt_s, found.march.strain),
             cylinder_mm3=cylinder_mm3,
             load_n=load_n,
         )
-        gauge_mpa = gas.cylinder_pressure(lengths) - ATMOSPHERE_MPA
+        gauge_mpa = gas.cylinder_pressure(in_chamber) - ATMOSPHERE_MPA
         return body_state(found.march, self._config.body_radius_mm, gauge_mpa * self._piston_mm2)
 
     def _path(
@@ -148,7 +123,7 @@ class SoftArm:
         def problem(t: float) -> Problem:
             pistons = memory.cylinder_mm3 + t * (cylinder_mm3 - memory.cylinder_mm3)
             gas = self._gas(memory, pistons, dt_s)
-            drive = _Chambers(self._rod.presence, gas, memory.sliders)
+            drive = Chambers(self._rod.presence, gas, memory.sliders)
             tip = memory.load_n + t * (load_n - memory.load_n)
             force = self._rod.internal_force(tip, self._weight_n)
             return Problem(force, drive, stiffness, rest)
@@ -160,13 +135,19 @@ class SoftArm:
         kept = float(np.exp(-dt_s / self._config.pneumatic_lag_s))
         return GasLines(self._amount, memory.in_chamber, supply_mm3, self._area_mm2, kept)
 
+    def _tip_force(self, load: TipLoad) -> FloatArray:
+        """(3,) N. The same load hangs on the tip for most steps. Raises PlantError."""
+        if load is not self._hanging[0]:
+            self._hanging = (load, tip_force(load, _DOWN, self._config.axial_stiffness_n))
+        return self._hanging[1]
+
     def _cylinders(self, actuators: FloatArray) -> FloatArray:
         """(6,) mm³ in front of the pistons. Raises PlantError for places where no piston can be."""
         at_zero = 1e3 * self._config.cylinder_volume_ml
         positions = np.asarray(actuators, dtype=np.float64)
         if positions.shape != (CHAMBERS,):
             raise PlantError(f"the arm has {CHAMBERS} actuators, not {np.size(actuators)}")
-        end = at_zero / self._piston_mm2
+        end = self._end_mm
         possible = np.abs(positions) < end
         if not possible.all():
             index = int(np.argmin(possible))

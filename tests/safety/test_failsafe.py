@@ -45,6 +45,14 @@ def test_a_condition_that_was_never_there_may_be_absent(failsafe: Failsafe) -> N
     assert failsafe.evaluate(0, True).reasons == ()
 
 
+def test_it_may_be_absent_beside_one_that_is_there_too(failsafe: Failsafe) -> None:
+    failsafe.set("fault", True, 0)
+    failsafe.set("held", False, 0)
+    failsafe.set("fault", False, 0, "another subject")
+    assert list(failsafe._watches) == [("fault", "")]
+    assert names(failsafe.evaluate(0, True)) == ["fault"]
+
+
 @pytest.mark.parametrize("present", [True, False])
 def test_a_name_that_is_not_in_the_table_is_an_error(failsafe: Failsafe, present: bool) -> None:
     with pytest.raises(KeyError, match="falut"):

@@ -5,7 +5,7 @@ import pytest
 
 from config.emulated_plants import SoftArmPlant
 from drivers.pose import rotate
-from sim_backends.plants import rod_kernels, shooting_kernels
+from sim_backends.plants import rod_kernels
 from sim_backends.plants.gas import ATMOSPHERE_MPA
 from sim_backends.plants.load import GRAVITY_N_G
 from sim_backends.plants.plant import BodyState, FloatArray, Plant, PlantError, TipLoad
@@ -367,7 +367,8 @@ def test_no_kernel_is_compiled_again_while_the_arm_moves() -> None:
         rod_kernels.march,
         rod_kernels.tangent,
         rod_kernels.unstable_directions,
-        shooting_kernels.newton_step,
-        shooting_kernels.broyden,
+        rod_kernels.newton_step,
+        rod_kernels.broyden,
+        rod_kernels.settle_chambers,
     ):
         assert len(kernel.signatures) == 1, kernel

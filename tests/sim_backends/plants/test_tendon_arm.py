@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drivers.pose import rotate
-from sim_backends.plants import rod_kernels, shooting_kernels, tendon_arm_kernels
+from sim_backends.plants import rod_kernels, tendon_arm_kernels
 from sim_backends.plants.load import GRAVITY_N_G
 from sim_backends.plants.plant import FloatArray, Plant, PlantError, TipLoad
 from sim_backends.plants.tendon_arm import TendonArm
@@ -339,8 +339,8 @@ def test_no_kernel_is_compiled_again_while_the_arm_moves() -> None:
         rod_kernels.march,
         rod_kernels.tangent,
         rod_kernels.unstable_directions,
-        shooting_kernels.newton_step,
-        shooting_kernels.broyden,
+        rod_kernels.newton_step,
+        rod_kernels.broyden,
         tendon_arm_kernels.imbalance,
         tendon_arm_kernels.memory,
     ):
