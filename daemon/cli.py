@@ -38,6 +38,7 @@ _COMMANDS: Final = {
     "report": "make a page of figures of a recorded run",
     "recover": "make recordings whole that a crash has left unfinished",
     "environment": "make surroundings to try the risk of touching them in",
+    "mdn": "collect data of a body, and learn where it is: the mixture density network",
     "risk": "say how likely a random point of a mixture is in something solid",
     "certificates": "make keys and certificates for clients on other machines",
     "schema": "write the JSON Schema of robot files, for editors",

@@ -1,0 +1,28 @@
+"""`tentacled mdn`: the mixture density network of a body: its data, its training, its trial."""
+
+import argparse
+from importlib import import_module
+from typing import Final, cast
+
+from daemon.cli import Command
+
+_WORDS: Final = {
+    "collect": "see an emulated body at many configurations, from many others",
+    "train": "learn where a body is from such data",
+    "sweep": "learn with 1, 2, … components, and say how many it needs",
+    "evaluate": "put a learned model beside the data that were kept back",
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    words = parser.add_subparsers(dest="word", metavar="WHAT", required=True)
+    for word, purpose in _WORDS.items():
+        _command(word).add_arguments(words.add_parser(word, help=purpose, description=purpose))
+
+
+def run(arguments: argparse.Namespace) -> int:
+    return _command(arguments.word).run(arguments)
+
+
+def _command(word: str) -> Command:
+    return cast(Command, import_module(f"daemon.commands.mdn_{word}"))

@@ -1,0 +1,73 @@
+"""`tentacled mdn sweep ROBOT.yaml CLOUDS.npz --out NLL.png`: how many components a body needs.
+
+Figure 4 of Thompson et al.: the likelihood of what was kept back, over the number of components.
+"""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from daemon.cli import EXIT_FAILED, EXIT_OK, EXIT_USAGE
+from daemon.commands.mdn_train import (
+    add_data_arguments,
+    add_training_arguments,
+    torch_or_explain,
+)
+from daemon.robot_argument import add_robot_argument, robot_or_explain
+
+_MOST = 16
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_robot_argument(parser)
+    add_data_arguments(parser)
+    parser.add_argument(
+        "--components", default="1..10", metavar="FIRST..LAST", help="default: %(default)s"
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="NLL.png")
+    parser.add_argument("--json", action="store_true", help="the figures as one JSON object")
+    add_training_arguments(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    checked = robot_or_explain(arguments.robot)
+    components = _range(arguments.components)
+    if components is None:
+        print(f"--components: FIRST..LAST, from 1 to {_MOST}", file=sys.stderr)
+        return EXIT_USAGE
+    if checked is None or not torch_or_explain(arguments.threads):
+        return EXIT_FAILED
+    # Torch and matplotlib take seconds to come: `--help` does without.
+    from daemon.risk.cloud_dataset import CloudDataset, CloudDatasetError
+    from daemon.risk.component_sweep import Counted, recommended, sweep, told
+    from daemon.risk.mdn_figures import write_sweep
+    from safety.risk.training import TrainingError, TrainingSettings
+
+    def say(counted: Counted) -> None:
+        if not arguments.json:
+            print(counted.line, flush=True)
+
+    try:
+        settings = TrainingSettings(steps=arguments.steps, seed=arguments.seed)
+        dataset = CloudDataset.load(arguments.data, checked.file.robot)
+        found = sweep(dataset, components, settings, say)
+        write_sweep(found, arguments.out)
+    except (CloudDatasetError, TrainingError, ValueError, OSError) as error:
+        print(error, file=sys.stderr)
+        return EXIT_FAILED
+    if arguments.json:
+        print(json.dumps(told(found), indent=2))
+        return EXIT_OK
+    print(f"recommended: {recommended(found)} components")
+    print(arguments.out)
+    return EXIT_OK
+
+
+def _range(words: str) -> range | None:
+    first, _, last = words.partition("..")
+    try:
+        found = range(int(first), int(last or first) + 1)
+    except ValueError:
+        return None
+    return found if found and found[0] >= 1 and found[-1] <= _MOST else None

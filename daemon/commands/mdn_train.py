@@ -1,0 +1,155 @@
+"""`tentacled mdn train ROBOT.yaml CLOUDS.npz --out MODEL.npz`: learn where a body is."""
+
+import argparse
+import sys
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from daemon.cli import EXIT_FAILED, EXIT_OK, EXIT_USAGE
+from daemon.robot_argument import add_robot_argument, robot_or_explain
+
+if TYPE_CHECKING:
+    from daemon.risk.body_training import BodySettings
+    from safety.risk.training import Check
+
+NEEDS_TORCH: Final = (
+    "training needs PyTorch, and it is not installed: pip install 'tentacled[training]'"
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_robot_argument(parser)
+    add_data_arguments(parser)
+    parser.add_argument("--out", type=Path, required=True, metavar="MODEL.npz")
+    parser.add_argument(
+        "--components", type=int, default=5, metavar="K", help="default: %(default)s"
+    )
+    parser.add_argument(
+        "--shape-components",
+        type=int,
+        default=3,
+        metavar="K",
+        help="of the network over the shape's coefficients (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--coefficients",
+        type=int,
+        default=8,
+        metavar="N",
+        help="that say what shape the body has (default: %(default)s)",
+    )
+    add_training_arguments(parser)
+
+
+def add_data_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "data", type=Path, metavar="CLOUDS.npz", help="as `tentacled mdn collect` makes them"
+    )
+
+
+def add_training_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--steps",
+        type=int,
+        default=4000,
+        metavar="N",
+        help="at most; for the shapes twice as many (default: %(default)s)",
+    )
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="default: %(default)s")
+    parser.add_argument(
+        "--threads",
+        type=int,
+        default=1,
+        metavar="N",
+        help="other threads, other roundings (default: %(default)s; more are hardly faster)",
+    )
+
+
+def torch_or_explain(threads: int) -> bool:
+    """Make torch ready; or say on stderr that it is not there."""
+    try:
+        import torch
+    except ModuleNotFoundError:
+        print(NEEDS_TORCH, file=sys.stderr)
+        return False
+    torch.set_num_threads(threads)
+    return True
+
+
+def run(arguments: argparse.Namespace) -> int:
+    checked = robot_or_explain(arguments.robot)
+    if checked is None or not torch_or_explain(arguments.threads):
+        return EXIT_FAILED
+    # Torch takes seconds to come: `--help` does without.
+    from daemon.risk.body_training import nats_in_metres, train_body
+    from daemon.risk.cloud_dataset import CloudDataset, CloudDatasetError
+    from daemon.risk.model_file import write_model
+    from safety.risk.risk_model import RiskModelError
+    from safety.risk.training import TrainingError
+
+    try:
+        settings = _settings(arguments)
+    except ValueError as error:
+        print(error, file=sys.stderr)
+        return EXIT_USAGE
+    try:
+        dataset = CloudDataset.load(arguments.data, checked.file.robot)
+        made = train_body(dataset, settings, _say)
+        about = {**made.about, "commands": _commands(arguments, dataset.provenance)}
+        write_model(arguments.out, made.arrays, about)
+    except (CloudDatasetError, TrainingError, RiskModelError, ValueError, OSError) as error:
+        print(error, file=sys.stderr)
+        return EXIT_FAILED
+    kept_back = nats_in_metres(made.points.best.kept_back)
+    print(
+        f"{arguments.out}: NLL {kept_back:.3f} nats per point (places in m) at configurations that "
+        f"were kept back, best after step {made.points.best.step}; the modes leave out "
+        f"{made.about['basis_left_out_mm']:.2f} mm"
+    )
+    return EXIT_OK
+
+
+def _settings(arguments: argparse.Namespace) -> "BodySettings":
+    from daemon.risk.body_training import BodySettings
+    from safety.risk.network import NetworkShape
+
+    usual = BodySettings()
+    return replace(
+        usual,
+        points=NetworkShape(arguments.components),
+        shapes=replace(usual.shapes, components=arguments.shape_components),
+        coefficients=arguments.coefficients,
+        training=replace(usual.training, steps=arguments.steps, seed=arguments.seed),
+        shapes_training=replace(
+            usual.shapes_training, steps=2 * arguments.steps, seed=arguments.seed
+        ),
+    )
+
+
+def _say(network: str, check: "Check") -> None:
+    print(
+        f"{network} step {check.step}: NLL {check.learnt_from:.3f}, kept back "
+        f"{check.kept_back:.3f} nats (mm)",
+        flush=True,
+    )
+
+
+def _commands(arguments: argparse.Namespace, collected: Mapping[str, Any]) -> list[str]:
+    """What makes the same again. Names of files, not where they are."""
+    told = []
+    if (how := collected.get("settings")) is not None:
+        told.append(
+            f"tentacled mdn collect {arguments.robot.name} --out {arguments.data.name} "
+            f"--configurations {how['training'] + how['test']} --starts {how['starts']} "
+            f"--points {how['points']} --seed {how['seed']}"
+        )
+    told.append(
+        f"tentacled mdn train {arguments.robot.name} {arguments.data.name} "
+        f"--out {arguments.out.name} --components {arguments.components} "
+        f"--shape-components {arguments.shape_components} "
+        f"--coefficients {arguments.coefficients} --steps {arguments.steps} "
+        f"--seed {arguments.seed} --threads {arguments.threads}"
+    )
+    return told

@@ -1,0 +1,181 @@
+"""Learns all that is to be known of a body from its clouds: two networks, a basis, a reach.
+
+Also the file's word on where it all comes from, so that a model is never taken for another robot's.
+"""
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
+from math import log
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from daemon.learning.npz_file import prefixed
+from daemon.risk.cloud_dataset import BoolArray, CloudDataset
+from safety.risk.mixture import FloatArray
+from safety.risk.network import Beginning, NetworkShape, Scaling
+from safety.risk.shape_fit import SPREAD_MM, ShapeFit, coefficients_of, fit_shapes
+from safety.risk.training import Check, Trained, TrainingSettings, train
+
+Arrays = dict[str, NDArray[Any]]
+Heard = Callable[[str, Check], None]
+
+MM_PER_M: Final = 1e3
+_THINNEST_MM: Final = 0.5
+"""Less than the cameras' noise: no component of a cloud is thinner."""
+_LEAST_SPREAD: Final = 0.01
+"""The same of a coefficient, against its own spread over all configurations."""
+_WIDEST: Final = 3.0
+"""No component is wider, against the spread of all data."""
+_ASKED: Final = 1.5
+"""How far it may be asked from what it has seen, against how far such data are apart."""
+_APART: Final = 0.99
+
+
+@dataclass(frozen=True)
+class BodySettings:
+    """How both networks are made and trained."""
+
+    points: NetworkShape = field(default_factory=lambda: NetworkShape(5))
+    shapes: NetworkShape = field(default_factory=lambda: NetworkShape(3))
+    coefficients: int = 8
+    training: TrainingSettings = field(default_factory=TrainingSettings)
+    shapes_training: TrainingSettings = field(
+        default_factory=lambda: TrainingSettings(steps=8000, groups=128, learning_rate=6e-3)
+    )
+    """In a step each group gives all its samples: one for each start."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrainedBody:
+    """What a model's file holds."""
+
+    arrays: Arrays
+    about: dict[str, Any]
+    points: Trained
+    shapes: Trained
+
+
+def nats_in_metres(nll_mm: float, dimensions: int = 3) -> float:
+    """A negative log-likelihood of places in m, of one in mm."""
+    return nll_mm - dimensions * log(MM_PER_M)
+
+
+def train_body(dataset: CloudDataset, settings: BodySettings, heard: Heard) -> TrainedBody:
+    """Learn from all that is not kept back to test with. Raises TrainingError, ValueError.
+
+    heard: is told of every check, with the network's name.
+    """
+    learnt_from = ~dataset.test
+    u = dataset.configurations[learnt_from]
+    points = train_points(dataset, learnt_from, settings.points, settings.training, heard)
+    fit = _fitted(dataset, learnt_from, settings.coefficients)
+    shapes = _train_shapes(dataset, learnt_from, fit, settings, heard)
+    arrays = {
+        **prefixed("points/", points.arrays),
+        **prefixed("shapes/", shapes.arrays),
+        "basis/base_mm": fit.basis.base_mm,
+        "basis/modes": fit.basis.modes,
+        "basis/radius_mm": fit.basis.radius_mm,
+        "basis/arc_mm": fit.basis.arc_mm,
+        "training/inputs": u.astype(np.float32),
+        "training/reach": np.array(_reach(u, points.arrays["input_scale"])),
+    }
+    told = {name: dataset.provenance[name] for name in sorted(dataset.provenance) if name != "kind"}
+    about = {
+        **told,
+        "points_activation": points.activation,
+        "shapes_activation": shapes.activation,
+        "clouds_sha256": dataset.sha256,
+        "training": {
+            "points": asdict(settings.points),
+            "shapes": asdict(settings.shapes),
+            "coefficients": settings.coefficients,
+            **asdict(settings.training),
+            "shapes_training": asdict(settings.shapes_training),
+        },
+        "nll_nats_m": nats_in_metres(points.best.kept_back),
+        "basis_left_out_mm": float(fit.left_out_mm.max()),
+    }
+    return TrainedBody(arrays, about, points, shapes)
+
+
+def train_points(
+    dataset: CloudDataset,
+    chosen: BoolArray,
+    shape: NetworkShape,
+    settings: TrainingSettings,
+    heard: Heard = lambda *_: None,
+) -> Trained:
+    """The network over places of the body, from the chosen configurations. Raises TrainingError."""
+    u, clouds = dataset.configurations[chosen], dataset.points_mm(chosen)
+    middle = clouds.reshape(-1, 3).mean(axis=0, dtype=np.float64)
+    scale_mm = float(np.sqrt(np.square(clouds - middle, dtype=np.float64).mean()))
+    limits = (-log(_WIDEST), log(scale_mm / _THINNEST_MM))
+    scaling = _scaling(u, middle, scale_mm, limits)
+    beginning = _along_arc(dataset, chosen, shape.components)
+    return train(
+        u, clouds, shape, scaling, beginning, settings, lambda check, _: heard("points", check)
+    )
+
+
+def _train_shapes(
+    dataset: CloudDataset, chosen: BoolArray, fit: ShapeFit, settings: BodySettings, heard: Heard
+) -> Trained:
+    u = dataset.configurations[chosen]
+    d, k = fit.basis.coefficients, settings.shapes.components
+    limits = (-log(_WIDEST), -log(_LEAST_SPREAD))
+    scaling = _scaling(u, np.zeros(d), SPREAD_MM, limits)
+    random = np.random.default_rng(settings.shapes_training.seed)
+    beginning = Beginning(
+        0.2 * SPREAD_MM * random.standard_normal((k, d)),
+        np.repeat(np.eye(d)[None] * (0.5 * SPREAD_MM) ** 2, k, axis=0),
+    )
+    starts = dataset.starts.shape[1]
+    own = replace(settings.shapes_training, samples=starts)
+    samples = fit.coefficients_mm.reshape(len(u), starts, d)
+    return train(
+        u, samples, settings.shapes, scaling, beginning, own, lambda c, _: heard("shapes", c)
+    )
+
+
+def _fitted(dataset: CloudDataset, chosen: BoolArray, coefficients: int) -> ShapeFit:
+    lines = dataset.centrelines_mm[chosen]
+    return fit_shapes(lines.reshape(-1, *lines.shape[2:]), dataset.radius_mm, coefficients)
+
+
+def coefficients_at(dataset: CloudDataset, chosen: BoolArray, basis: Any) -> FloatArray:
+    """(k, s, d) of the shapes of the chosen configurations."""
+    lines = dataset.centrelines_mm[chosen]
+    found = coefficients_of(basis, lines.reshape(-1, *lines.shape[2:]))
+    return found.reshape(*lines.shape[:2], -1)
+
+
+def _scaling(
+    u: FloatArray, offset_mm: FloatArray, scale_mm: float, limits: tuple[float, float]
+) -> Scaling:
+    return Scaling(u.mean(axis=0), u.std(axis=0), offset_mm, scale_mm, limits)
+
+
+def _along_arc(dataset: CloudDataset, chosen: BoolArray, components: int) -> Beginning:
+    """One component for each part of the body, from base to tip, as it is on the average."""
+    lines = dataset.centrelines_mm[chosen].astype(np.float64)
+    nodes = lines.shape[2]
+    parts = np.array_split(np.arange(nodes), components)
+    means, covariances = [], []
+    for number, part in enumerate(parts):
+        mine = part if len(part) else np.array([number * nodes // components])
+        places = lines[:, :, mine].reshape(-1, 3)
+        means.append(places.mean(axis=0))
+        spread = np.cov(places.T) + dataset.radius_mm**2 * np.eye(3)
+        covariances.append(spread)
+    return Beginning(np.array(means), np.array(covariances))
+
+
+def _reach(u: FloatArray, scale: NDArray[Any]) -> float:
+    """How far from a configuration of the training the model may be asked, over the input scale."""
+    tree = cKDTree(u / scale)
+    nearest = tree.query(u / scale, k=2)[0][:, 1]
+    return _ASKED * float(np.quantile(nearest, _APART))

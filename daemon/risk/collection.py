@@ -1,0 +1,178 @@
+"""Collects clouds of an emulated body as Thompson et al. did of theirs.
+
+Configurations that fill what the body can hold; to each from several random others, on a straight
+line at the axes' own speed, so that what slips and creeps on the way shows in the shape; a cloud at
+arrival. Each configuration begins with a body at rest and has random numbers of its own: what is
+seen does not depend on who sees it, nor on whether it was interrupted.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from config.robot import Robot
+from daemon.control.axis_ranges import AxisRanges
+from daemon.risk.configurations import Candidates
+from safety.risk.mixture import FloatArray, IndexArray
+from sim_backends.body_surface import BodySurface
+from sim_backends.devices.depth_cameras import DepthCameras
+from sim_backends.lab import plant_of
+from sim_backends.plants.plant import BodyState, PlantError, TipLoad
+from sim_backends.plants.shooting import warm_up
+
+_STEP_S: Final = 0.2
+"""Of motion. In half of it a tendon arm comes to the same place but for 0.03 mm."""
+_SETTLE_S: Final = 0.4
+_FINEST: Final = 1.0 / 16.0
+"""Steps are halved until they are so short where the body finds no equilibrium."""
+_CAMERAS, _STARTS, _NOISE, _SPLIT = range(4)
+"""Of the seeds."""
+_BLOCK: Final = (0.35, 0.65)
+"""Quantiles of the first two parameters, between which configurations can be kept back as a whole:
+about a twelfth of all, in one place."""
+
+Arrays = dict[str, NDArray[Any]]
+SingleArray = NDArray[np.float32]
+
+
+class CollectionError(RuntimeError):
+    """The body did not come to where it was sent. Says where."""
+
+
+@dataclass(frozen=True)
+class CollectionSettings:
+    """As the paper has it; it does not say how many starts."""
+
+    training: int = 2277
+    test: int = 253
+    starts: int = 12
+    points: int = 256
+    """Kept of each cloud, by chance."""
+    seed: int = 1
+
+    def __post_init__(self) -> None:
+        if self.training < 2 or self.test < 1 or self.starts < 1 or self.points < 1:
+            raise ValueError("there must be 2 configurations, and one to test, of 1 start or more")
+        if self.starts > self.training + self.test - 1:
+            raise ValueError("there are not so many other configurations to start from")
+        if self.seed < 0:
+            raise ValueError("a seed is not below 0")
+
+    @property
+    def configurations(self) -> int:
+        return self.training + self.test
+
+
+def possible_ones(robot: Robot, seed: int, begin: int, count: int) -> FloatArray:
+    """(k, q) parameters that the body can hold, of `count` candidates from number `begin` on."""
+    warm_up()
+    candidates = Candidates(robot, seed)
+    parameters = candidates.parameters(begin, count)
+    held = [candidates.possible(u) for u in candidates.actuation(parameters)]
+    return np.asarray(parameters[np.array(held, np.bool_)])
+
+
+def planned(robot: Robot, settings: CollectionSettings, parameters: FloatArray) -> Arrays:
+    """Configurations and starts of (n, q) parameters; which are for tests, which are the block."""
+    n = len(parameters)
+    u = Candidates(robot, settings.seed).actuation(parameters)
+    split = np.random.default_rng([settings.seed, _SPLIT])
+    test = np.zeros(n, np.bool_)
+    test[split.permutation(n)[: settings.test]] = True
+    block = np.ones(n, np.bool_)
+    for values in parameters.T[:2]:
+        low, high = np.quantile(values, _BLOCK)
+        block &= (values >= low) & (values < high)
+    starts = np.empty((n, settings.starts, u.shape[1]))
+    for i in range(n):
+        random = np.random.default_rng([settings.seed, _STARTS, i])
+        others = random.permutation(n - 1)[: settings.starts]
+        starts[i] = u[others + (others >= i)]
+    return {"configurations": u, "starts": starts, "test": test, "block": block}
+
+
+def seen_at(
+    robot: Robot,
+    settings: CollectionSettings,
+    indices: IndexArray,
+    u: FloatArray,
+    starts: FloatArray,
+) -> Arrays:
+    """Clouds, centrelines and forces at (k, m) u, come to from (k, s, m) starts.
+
+    indices: (k,) numbers of these configurations. Raises CollectionError.
+    """
+    warm_up()
+    rig = _Rig(robot, settings)
+    clouds, lines, forces = [], [], []
+    for index, target, origins in zip(indices.tolist(), u, starts, strict=True):
+        random = np.random.default_rng([settings.seed, _NOISE, index])
+        rig.rest()
+        for start in origins:
+            rig.go(start)
+            state = rig.go(target)
+            line_mm = state.centreline_mm.astype(np.float32)
+            clouds.append(rig.cloud(line_mm, random))
+            lines.append(line_mm)
+            forces.append(state.actuator_forces.astype(np.float32))
+    shape = starts.shape[:2]
+    return {
+        "clouds_mm": np.reshape(clouds, (*shape, settings.points, 3)),
+        "centrelines_mm": np.reshape(lines, (*shape, *lines[0].shape)),
+        "forces": np.reshape(forces, (*shape, forces[0].size)),
+        "radius_mm": np.array(state.radius_mm),
+    }
+
+
+class _Rig:
+    """A body in front of its cameras."""
+
+    def __init__(self, robot: Robot, settings: CollectionSettings) -> None:
+        assert robot.emulation is not None
+        self._settings = settings
+        self._ranges = AxisRanges.of(robot)
+        self._load = TipLoad(robot.emulation.tip_load_g)
+        self._plant = plant_of(robot.emulation, robot)
+        plant = robot.emulation.plant
+        rig_seed = int(np.random.default_rng([settings.seed, _CAMERAS]).integers(2**31))
+        self._cameras = DepthCameras(BodySurface.of(plant), plant.length_mm, rig_seed)
+        self._at = np.zeros(self._ranges.count)
+
+    def rest(self) -> None:
+        """Nothing has happened yet."""
+        self._plant.reset()
+        self._at = np.zeros(self._ranges.count)
+
+    def go(self, target: FloatArray) -> BodyState:
+        """To (m,) target on a straight line, as fast as the axes can, and wait a little there."""
+        step = 1.0
+        while np.abs(target - self._at).max() > 0.0:
+            most_s = float((np.abs(target - self._at) / self._ranges.max_velocity).max())
+            share = min(1.0, step * _STEP_S / most_s)
+            there = target if share == 1.0 else self._at + share * (target - self._at)
+            try:
+                self._plant.step(there, self._load, share * most_s)
+            except PlantError as error:
+                step *= 0.5
+                if step < _FINEST:
+                    raise CollectionError(str(error)) from None
+                continue
+            self._at = there
+        try:
+            return self._plant.step(target, self._load, _SETTLE_S)
+        except PlantError as error:
+            raise CollectionError(str(error)) from None
+
+    def cloud(self, centreline_mm: SingleArray, random: Generator) -> SingleArray:
+        """(p, 3) of what the cameras see. Of what is kept of the body: it could be seen again."""
+        cloud = self._cameras.cloud(centreline_mm.astype(np.float64), random)
+        wanted = self._settings.points
+        if len(cloud) < wanted:
+            raise CollectionError(
+                f"the cameras see {len(cloud)} points with the axes at {self._at.round(2)}: "
+                f"{wanted} are wanted"
+            )
+        return cloud[random.choice(len(cloud), wanted, replace=False)].astype(np.float32)

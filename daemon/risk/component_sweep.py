@@ -1,0 +1,103 @@
+"""How many components a body needs: figure 4 of Thompson et al., and where mixtures collapse.
+
+A mixture collapses where some of its components get next to no weight: it has more than it can use.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from daemon.risk.body_training import nats_in_metres, train_points
+from daemon.risk.calibration import scores
+from daemon.risk.cloud_dataset import CloudDataset
+from daemon.risk.evaluation import some_points, weights_at
+from safety.risk.mixture_network import MixtureNetwork
+from safety.risk.network import NetworkShape
+from safety.risk.training import TrainingSettings
+
+_NOTHING: Final = 0.01
+"""A component with less weight is of no use."""
+_COLLAPSED: Final = 0.05
+"""More than so many test configurations with such a component."""
+_WORTH: Final = 0.05
+"""Nats per point that another component must bring."""
+
+
+@dataclass(frozen=True)
+class Counted:
+    """A network with so many components. NLL in nats per point, places in m."""
+
+    components: int
+    learnt_from: float
+    test: float
+    least_weight: float
+    """The smallest mean weight of a component, over the test configurations."""
+    useless: float
+    """Share of the test configurations where some component has a weight below 0.01."""
+
+    @property
+    def collapsed(self) -> bool:
+        """Whether it has more components than it can use."""
+        return self.useless > _COLLAPSED
+
+    @property
+    def line(self) -> str:
+        """For the terminal."""
+        return (
+            f"K = {self.components}: NLL {self.test:.3f} nats (m), on its training "
+            f"{self.learnt_from:.3f}; smallest mean weight {self.least_weight:.3f}, below 0.01 at "
+            f"{self.useless:.1%}{'  COLLAPSED' if self.collapsed else ''}"
+        )
+
+
+def sweep(
+    dataset: CloudDataset,
+    components: Iterable[int],
+    settings: TrainingSettings,
+    heard: Callable[[Counted], None],
+) -> list[Counted]:
+    """Train each number of components, and try it on the test configurations.
+
+    Raises TrainingError. heard: is told of each.
+    """
+    u = dataset.configurations[dataset.test]
+    samples = some_points(dataset, dataset.test, settings.seed)
+    found = []
+    for count in components:
+        trained = train_points(dataset, ~dataset.test, NetworkShape(count), settings)
+        network = MixtureNetwork(trained.arrays, trained.activation)
+        weights = weights_at(network, u)
+        found.append(
+            Counted(
+                count,
+                nats_in_metres(trained.best.learnt_from),
+                nats_in_metres(scores(network, u, samples, settings.seed).mean_nll_mm),
+                float(weights.mean(axis=0).min()),
+                float((weights < _NOTHING).any(axis=1).mean()),
+            )
+        )
+        heard(found[-1])
+    return found
+
+
+def recommended(found: Sequence[Counted]) -> int:
+    """The fewest components of which more bring next to nothing, among those not collapsed.
+
+    Next to nothing: 0.05 nats for each one more.
+    """
+    sound = [one for one in found if not one.collapsed] or list(found)
+    for number, one in enumerate(sound):
+        if all(
+            one.test - more.test < _WORTH * (more.components - one.components)
+            for more in sound[number + 1 :]
+        ):
+            return one.components
+    return sound[-1].components
+
+
+def told(found: Sequence[Counted]) -> dict[str, Any]:
+    """For JSON."""
+    return {
+        "recommended": recommended(found),
+        "sweep": [{**vars(one), "collapsed": one.collapsed} for one in found],
+    }

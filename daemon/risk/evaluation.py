@@ -1,0 +1,230 @@
+"""What a learned model of a body is worth, on configurations that it has not seen."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from daemon.risk.body_training import coefficients_at, nats_in_metres, train_points
+from daemon.risk.calibration import CURVE, LEVELS, Scores, scores
+from daemon.risk.cloud_dataset import BoolArray, CloudDataset
+from safety.risk.mixture import FloatArray
+from safety.risk.mixture_network import MixtureNetwork
+from safety.risk.network import NetworkShape
+from safety.risk.reference_mixture import reference_mixture
+from safety.risk.risk_model import RiskModel
+from safety.risk.training import TrainingSettings
+
+_RESAMPLED: Final = 2000
+_POINTS: Final = 512
+"""Of a configuration's clouds that are scored."""
+_INTERVAL: Final = (0.025, 0.975)
+
+
+@dataclass(frozen=True)
+class AgainstReference:
+    """The network beside a mixture of each configuration by itself, at equal K. Nats, places in m.
+
+    Fitted to the clouds of every other start, and scored, as the network is, on the rest: clouds of
+    one start belong together.
+    """
+
+    configurations: int
+    network: float
+    reference: float
+    in_sample: float
+    """The reference scored on what it was fitted to."""
+    interval: tuple[float, float]
+    """95 % of network − reference, configurations drawn again and again."""
+
+    @property
+    def difference(self) -> float:
+        """Below zero, the network is better."""
+        return self.network - self.reference
+
+
+@dataclass(frozen=True)
+class BlockTrial:
+    """A network that has never been in a part of the configurations. Nats, places in m."""
+
+    configurations: int
+    inside: float
+    """Its NLL there."""
+    outside: float
+    """The same at the test configurations elsewhere."""
+    knowing: float
+    """NLL there of the model that was trained there too."""
+    coverage: tuple[float, ...]
+    """Of LEVELS, there."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Of one model and the data it was made of."""
+
+    points: Scores
+    shapes: Scores
+    training_nll_mm: float
+    reference: AgainstReference
+    block: BlockTrial | None
+    least_weight: float
+    """The smallest mean weight of a component."""
+    tip_error_mm: float
+    """Root mean square of the tip against the mean of the mixture over shapes."""
+    tip_spread_mm: float
+    """The same against its mean over the starts: no model of u alone has less."""
+    known: float
+    """Share of the test configurations that the model says it knows."""
+
+    def told(self) -> dict[str, Any]:
+        """For JSON."""
+        block = self.block
+        return {
+            "nll_nats_m": nats_in_metres(self.points.mean_nll_mm),
+            "nll_nats_mm": self.points.mean_nll_mm,
+            "training_nll_nats_m": nats_in_metres(self.training_nll_mm),
+            "reference": {**vars(self.reference), "difference": self.reference.difference},
+            "coverage": dict(zip(map(str, LEVELS), self.points.coverage().tolist(), strict=True)),
+            "curve": dict(zip(map(str, CURVE), self.points.coverage(CURVE).tolist(), strict=True)),
+            "shapes": {
+                "nll_nats_mm": self.shapes.mean_nll_mm,
+                "coverage": dict(
+                    zip(map(str, LEVELS), self.shapes.coverage().tolist(), strict=True)
+                ),
+                "tip_error_mm": self.tip_error_mm,
+                "tip_spread_mm": self.tip_spread_mm,
+            },
+            "block": None if block is None else vars(block),
+            "least_mean_weight": self.least_weight,
+            "known_share": self.known,
+        }
+
+
+def evaluate(
+    model: RiskModel,
+    dataset: CloudDataset,
+    seed: int,
+    references: int,
+    block: tuple[NetworkShape, TrainingSettings] | None,
+    heard: Callable[[str], None],
+) -> Evaluation:
+    """Raises TrainingError, ValueError.
+
+    references: how many test configurations get a mixture of their own. block: how to train the
+    network that never was in the block; None: that is not tried. heard: is told what begins.
+    """
+    test = dataset.test
+    u = dataset.configurations[test]
+    heard("likelihood and coverage")
+    points = scores(model.points, u, some_points(dataset, test, seed), seed)
+    training = scores(
+        model.points,
+        dataset.configurations[~test][::8],
+        some_points(dataset, ~test, seed)[::8],
+        seed,
+    )
+    coefficients = coefficients_at(dataset, test, model.basis)
+    shapes = scores(model.shapes, u, coefficients, seed)
+    heard("mixtures of each configuration by itself")
+    reference = against_reference(model.points, dataset, references, seed)
+    tried = None
+    if block is not None:
+        heard("a network that has never been in the block")
+        tried = _block(model, dataset, *block, seed)
+    error, spread = _tip(model, dataset, u)
+    return Evaluation(
+        points,
+        shapes,
+        training.mean_nll_mm,
+        reference,
+        tried,
+        float(weights_at(model.points, u).mean(axis=0).min()),
+        error,
+        spread,
+        float(np.mean([model.knows(one) for one in u])),
+    )
+
+
+def weights_at(network: MixtureNetwork, u: FloatArray) -> FloatArray:
+    """(n, K) of the mixtures at (n, m) u."""
+    mixtures = [network.mixture(one) for one in u]
+    return np.array([mixture.weights for mixture in mixtures if mixture is not None])
+
+
+def against_reference(
+    network: MixtureNetwork, dataset: CloudDataset, count: int, seed: int
+) -> AgainstReference:
+    """At `count` test configurations, or all there are."""
+    chosen = np.flatnonzero(dataset.test)[:count]
+    rows = []
+    for i in chosen.tolist():
+        clouds = dataset.clouds_mm[i].astype(np.float64)
+        fitted, kept = clouds[0::2].reshape(-1, 3), clouds[1::2].reshape(-1, 3)
+        if not len(kept):
+            raise ValueError("a reference needs clouds of two starts or more")
+        own = reference_mixture(fitted, network.components, seed)
+        mixture = network.mixture(dataset.configurations[i])
+        assert mixture is not None
+        rows.append(
+            [-m.log_density(p).mean() for m, p in ((mixture, kept), (own, kept), (own, fitted))]
+        )
+    nll = np.array(rows)
+    away = nll[:, 0] - nll[:, 1]
+    random = np.random.default_rng(seed)
+    again = away[random.integers(len(away), size=(_RESAMPLED, len(away)))].mean(axis=1)
+    low, high = np.quantile(again, _INTERVAL).tolist()
+    means = [nats_in_metres(float(value)) for value in nll.mean(axis=0)]
+    return AgainstReference(len(chosen), means[0], means[1], means[2], (low, high))
+
+
+def _block(
+    model: RiskModel,
+    dataset: CloudDataset,
+    shape: NetworkShape,
+    settings: TrainingSettings,
+    seed: int,
+) -> BlockTrial:
+    inside = dataset.block
+    if not inside.any() or inside.all():
+        raise ValueError("these data have no block that could be kept back")
+    trained = train_points(dataset, ~dataset.test & ~inside, shape, settings)
+    stranger = MixtureNetwork(trained.arrays, trained.activation)
+
+    def scored(network: MixtureNetwork, chosen: BoolArray) -> Scores:
+        return scores(
+            network, dataset.configurations[chosen], some_points(dataset, chosen, seed), seed
+        )
+
+    within = scored(stranger, inside)
+    return BlockTrial(
+        int(inside.sum()),
+        nats_in_metres(within.mean_nll_mm),
+        nats_in_metres(scored(stranger, dataset.test & ~inside).mean_nll_mm),
+        nats_in_metres(scored(model.points, inside).mean_nll_mm),
+        tuple(within.coverage().tolist()),
+    )
+
+
+def _tip(model: RiskModel, dataset: CloudDataset, u: FloatArray) -> tuple[float, float]:
+    tips = dataset.centrelines_mm[dataset.test][:, :, -1].astype(np.float64)
+    base, modes = model.basis.base_mm[-1], model.basis.modes[:, -1]
+    expected = np.empty((len(u), 1, 3))
+    for i, place in enumerate(u):
+        mixture = model.shapes.mixture(place)
+        assert mixture is not None
+        expected[i, 0] = base + mixture.weights @ mixture.means_mm @ modes
+    middle = tips.mean(axis=1, keepdims=True)
+    return _rms(tips - expected), _rms(tips - middle)
+
+
+def _rms(away: FloatArray) -> float:
+    return float(np.sqrt(np.square(away).sum(axis=-1).mean()))
+
+
+def some_points(dataset: CloudDataset, chosen: BoolArray, seed: int) -> Any:
+    """(k, p, 3) of the chosen configurations' points, the same share from every start."""
+    clouds = dataset.clouds_mm[chosen]
+    each = max(1, min(clouds.shape[2], _POINTS // clouds.shape[1]))
+    which = np.random.default_rng(seed).permutation(clouds.shape[2])[:each]
+    return clouds[:, :, which].reshape(len(clouds), -1, 3)

@@ -1,0 +1,209 @@
+"""A collection in several processes, and again only what is not done yet.
+
+What is done lies in a folder beside the file that it becomes, one file for some configurations
+each; the folder goes when the file is there. Parts of another robot, of other settings or of
+another version have other names: nothing of them is taken over.
+"""
+
+import hashlib
+import json
+import multiprocessing
+import os
+import shutil
+import signal
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+import numpy as np
+
+from config.loader import RobotFile
+from config.robot import Robot
+from daemon.learning.npz_file import save_npz
+from daemon.learning.robot_fit import whose
+from daemon.own_processes import end_with_parent
+from daemon.risk.cloud_dataset import CloudDataset
+from daemon.risk.collection import (
+    Arrays,
+    CollectionError,
+    CollectionSettings,
+    planned,
+    possible_ones,
+    seen_at,
+)
+from safety.risk.mixture import FloatArray
+
+_VERSION: Final = 1
+"""Of what is collected, given the robot and the settings."""
+_CANDIDATES: Final = 500
+"""At most, in a task."""
+_MOST_CANDIDATES: Final = 200
+"""Times as many as configurations are wanted: then the body can hold next to nothing."""
+_PART: Final = 23
+"""Configurations: some seconds of work."""
+_OF_PART: Final = ("clouds_mm", "centrelines_mm", "forces", "radius_mm")
+_ONE_THREAD: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+class Progress(Protocol):
+    """Hears how far it is."""
+
+    def begin(self, what: str, total: int, done: int) -> None:
+        """Something begins, of `total` configurations; `done` are there already."""
+        ...
+
+    def advance(self, by: int) -> None:
+        """So many more are there."""
+        ...
+
+
+def collect(
+    file: RobotFile, settings: CollectionSettings, out: Path, workers: Executor, progress: Progress
+) -> CloudDataset:
+    """The whole data set, also written to `out`.
+
+    workers: see `processes`.
+    Raises CollectionError, CloudDatasetError, LabError, OSError. Interrupted, it goes on from where
+    it was when it is called again.
+    """
+    robot = file.robot
+    if robot.emulation is None:
+        raise CollectionError(f"{file.path}: there is no 'emulation' in this robot file")
+    key = _key(robot, settings)
+    folder = out.with_name(f"{out.name}.parts")
+    folder.mkdir(parents=True, exist_ok=True)
+    parameters = _configurations(robot, settings, workers, folder / f"{key}.plan.npz", progress)
+    plan = planned(robot, settings, parameters)
+    parts = _collected(robot, settings, plan, workers, folder, key, progress)
+    seen = {name: np.concatenate([part[name] for part in parts]) for name in _OF_PART[:-1]}
+    told = {
+        **whose(robot),
+        "settings": asdict(settings),
+        "plant": robot.emulation.plant.model_dump(mode="json"),
+        "tip_load_g": robot.emulation.tip_load_g,
+    }
+    radius = {"radius_mm": parts[0]["radius_mm"]}
+    dataset = CloudDataset.checked({**plan, **seen, **radius}, told)
+    dataset.save(out)
+    shutil.rmtree(folder)
+    return dataset
+
+
+def _configurations(
+    robot: Robot,
+    settings: CollectionSettings,
+    workers: Executor,
+    path: Path,
+    progress: Progress,
+) -> FloatArray:
+    """(n, q) parameters of the first configurations of the sequence that the body can hold."""
+    wanted = settings.configurations
+    if path.exists():
+        with np.load(path, allow_pickle=False) as content:
+            return np.asarray(content["parameters"])
+    progress.begin("what it can hold", wanted, 0)
+    found: list[FloatArray] = []
+    count, begin, each, at_once = 0, 0, min(_CANDIDATES, 2 * wanted), 4
+    while count < wanted:
+        if begin > _MOST_CANDIDATES * wanted:
+            raise CollectionError(
+                f"of {begin} configurations the body can hold {count}, and {wanted} are wanted: "
+                "look at the axes' limits and at the workspace"
+            )
+        tasks = [
+            workers.submit(possible_ones, robot, settings.seed, begin + k * each, each)
+            for k in range(at_once)
+        ]
+        for task in tasks:  # in their order: it decides which are the first
+            found.append(task.result())
+            progress.advance(min(len(found[-1]), max(0, wanted - count)))
+            count += len(found[-1])
+        begin += at_once * each
+    parameters = np.concatenate([part for part in found if len(part)])[:wanted]
+    save_npz(path, {"parameters": parameters})
+    return parameters
+
+
+def _collected(
+    robot: Robot,
+    settings: CollectionSettings,
+    plan: Arrays,
+    workers: Executor,
+    folder: Path,
+    key: str,
+    progress: Progress,
+) -> list[Arrays]:
+    """All parts in their order, those that were there already among them."""
+    n = len(plan["configurations"])
+    chosen = [np.arange(begin, min(begin + _PART, n)) for begin in range(0, n, _PART)]
+    paths = [folder / f"{key}.{number:04d}.npz" for number in range(len(chosen))]
+    read = _reader(settings)
+    there = {i: part for i, path in enumerate(paths) if (part := read(path, len(chosen[i])))}
+    progress.begin("clouds", n, sum(len(chosen[i]) for i in there))
+    tasks = {
+        workers.submit(
+            seen_at, robot, settings, mine, plan["configurations"][mine], plan["starts"][mine]
+        ): i
+        for i, mine in enumerate(chosen)
+        if i not in there
+    }
+    for task in as_completed(tasks):
+        i = tasks[task]
+        there[i] = task.result()
+        save_npz(paths[i], there[i])
+        progress.advance(len(chosen[i]))
+    return [there[i] for i in range(len(chosen))]
+
+
+def _reader(settings: CollectionSettings) -> Callable[[Path, int], Arrays | None]:
+    def read(path: Path, configurations: int) -> Arrays | None:
+        """What is in a part's file; None where it is not there or not whole."""
+        try:
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as content:
+                part = {name: content[name] for name in _OF_PART}
+        except Exception:  # whatever a reader makes of bytes that are no part
+            return None
+        shape = (configurations, settings.starts, settings.points, 3)
+        return part if part["clouds_mm"].shape == shape else None
+
+    return read
+
+
+def _key(robot: Robot, settings: CollectionSettings) -> str:
+    """Of all that decides what is seen."""
+    assert robot.emulation is not None
+    told: dict[str, Any] = {
+        "version": _VERSION,
+        "axes": [axis.model_dump(mode="json", exclude={"drive"}) for axis in robot.axes],
+        "workspace": robot.workspace and robot.workspace.model_dump(mode="json"),
+        "plant": robot.emulation.plant.model_dump(mode="json"),
+        "tip_load_g": robot.emulation.tip_load_g,
+        "settings": asdict(settings),
+    }
+    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
+
+
+@contextmanager
+def processes(count: int) -> Iterator[Executor]:
+    """Processes that end with us, and at once when we are interrupted."""
+    for name in _ONE_THREAD:
+        os.environ.setdefault(name, "1")
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin)
+    try:
+        yield pool
+    except BaseException:
+        for child in multiprocessing.active_children():
+            child.terminate()
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _begin() -> None:
+    """In each process: Ctrl-C is for the one that started us."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_parent()

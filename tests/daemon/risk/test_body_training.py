@@ -1,0 +1,184 @@
+"""From clouds to a model of the body that the daemon reads, and what that model is worth."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="pip install 'tentacled[training]'")
+
+from daemon.cli import EXIT_FAILED, EXIT_OK, EXIT_USAGE, main  # noqa: E402
+from daemon.risk.body_training import (  # noqa: E402
+    BodySettings,
+    TrainedBody,
+    nats_in_metres,
+    train_body,
+)
+from daemon.risk.calibration import scores  # noqa: E402
+from daemon.risk.component_sweep import Counted, recommended  # noqa: E402
+from daemon.risk.evaluation import against_reference, evaluate  # noqa: E402
+from daemon.risk.model_file import read_model, write_model  # noqa: E402
+from safety.risk.network import NetworkShape  # noqa: E402
+from safety.risk.risk_model import risk_model  # noqa: E402
+from safety.risk.training import TrainingSettings  # noqa: E402
+from tests.daemon.risk.clouds import SOFT_ARM, TENDON_ARM, dataset  # noqa: E402
+
+SETTINGS = BodySettings(
+    points=NetworkShape(3, (32, 32)),
+    shapes=NetworkShape(2, (32,)),
+    coefficients=3,
+    training=TrainingSettings(steps=200, groups=32, samples=32, learning_rate=1e-2, check_every=50),
+    shapes_training=TrainingSettings(steps=200, groups=32, learning_rate=1e-2, check_every=50),
+)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _one_thread() -> Iterator[None]:
+    """Small networks on a busy machine: threads would only wait for each other."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.fixture(scope="module")
+def trained() -> TrainedBody:
+    return train_body(dataset(n=240), SETTINGS, lambda *_: None)
+
+
+def test_a_trained_body_is_a_model_that_is_read_again(trained: TrainedBody, tmp_path: Path) -> None:
+    path = tmp_path / "model.npz"
+    write_model(path, trained.arrays, trained.about)
+    file = read_model(path)
+    assert file.robot == "tendon_arm"
+    assert (file.model.points.components, file.model.shapes.components) == (3, 2)
+    assert file.model.basis.coefficients == 3
+    assert file.about["clouds_sha256"] == dataset(n=240).sha256
+    assert file.about["training"]["seed"] == 1
+
+
+def test_it_has_learnt_where_the_body_is(trained: TrainedBody) -> None:
+    data = dataset(n=240, seed=5)
+    model = risk_model(trained.arrays, "silu", "silu")
+    found = scores(model.points, data.configurations, data.points_mm(np.ones(240, np.bool_)))
+    assert found.mean_nll_mm < trained.points.checks[0].kept_back
+    assert 0.4 < found.coverage((0.5,))[0] < 0.65
+    for u, lines in zip(data.configurations[:20], data.centrelines_mm, strict=False):
+        mixture = model.shapes.mixture(u)
+        assert mixture is not None
+        expected = mixture.weights @ mixture.means_mm @ model.basis.modes[:, -1]
+        off = model.basis.base_mm[-1] + expected - lines[:, -1].mean(axis=0)
+        assert np.linalg.norm(off) < 25.0
+
+
+def test_it_knows_its_configurations_and_not_what_is_far(trained: TrainedBody) -> None:
+    data, model = dataset(n=240), risk_model(trained.arrays, "silu", "silu")
+    assert all(model.knows(u) for u in data.configurations[~data.test])
+    assert np.mean([model.knows(u) for u in data.configurations[data.test]]) > 0.9
+    assert not model.knows([25.0, 25.0, -25.0, 25.0])
+
+
+def test_what_is_kept_back_is_not_learnt_from(trained: TrainedBody) -> None:
+    data = dataset(n=240)
+    other = data.clouds_mm.copy()
+    other[data.test] += 15.0
+    again = train_body(replace(data, clouds_mm=other), SETTINGS, lambda *_: None)
+    for name, array in trained.arrays.items():
+        np.testing.assert_array_equal(array, again.arrays[name])
+
+
+def test_an_evaluation_says_all_of_it(trained: TrainedBody) -> None:
+    model, data = risk_model(trained.arrays, "silu", "silu"), dataset(n=240)
+    made = evaluate(
+        model, data, 1, 8, (NetworkShape(3, (32, 32)), SETTINGS.training), lambda _: None
+    )
+    told = made.told()
+    json.dumps(told)
+    assert told["nll_nats_m"] == pytest.approx(told["nll_nats_mm"] - 3.0 * np.log(1000.0))
+    assert set(told["coverage"]) == {"0.5", "0.8", "0.95"}
+    assert made.reference.configurations == 8
+    assert made.block is not None
+    assert made.block.configurations == int(data.block.sum())
+    assert made.tip_error_mm >= made.tip_spread_mm
+    assert made.known > 0.9
+
+
+def test_a_reference_beats_a_network_that_has_learnt_nothing() -> None:
+    data = dataset(n=240)
+    little = replace(SETTINGS, training=replace(SETTINGS.training, steps=1))
+    lazy = risk_model(train_body(data, little, lambda *_: None).arrays, "silu", "silu")
+    found = against_reference(lazy.points, data, 10, seed=1)
+    assert found.difference > 0.1
+    assert found.interval[0] < found.difference < found.interval[1]
+    assert found.in_sample < found.reference
+
+
+def test_nats_go_from_millimetres_to_metres() -> None:
+    assert nats_in_metres(0.0) == pytest.approx(-3.0 * np.log(1000.0))
+
+
+def counted(components: int, nll: float, useless: float = 0.0) -> Counted:
+    return Counted(components, nll, nll, 0.1, useless)
+
+
+def test_components_are_recommended_that_bring_something_and_do_not_collapse() -> None:
+    falling = [counted(k, -8.0 - 1.0 / (4 - k)) for k in (1, 2, 3)]
+    assert recommended(falling) == 3
+    flat = [counted(1, -8.0), counted(2, -9.0), counted(3, -9.02), counted(4, -9.05)]
+    assert recommended(flat) == 2
+    late = [counted(1, -8.0), counted(2, -8.01), counted(3, -9.0)]
+    assert recommended(late) == 3
+    collapsing = [counted(1, -8.0), counted(2, -9.0), counted(3, -9.5, useless=0.3)]
+    assert recommended(collapsing) == 2
+    assert [one.collapsed for one in collapsing] == [False, False, True]
+
+
+def test_the_commands_train_sweep_and_evaluate(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clouds, model = tmp_path / "clouds.npz", tmp_path / "model.npz"
+    dataset(n=120).save(clouds)
+    data, quick = [str(TENDON_ARM), str(clouds)], ["--steps", "20"]
+    words = ["train", *data, "--out", str(model), "--components", "2", "--coefficients", "3"]
+    assert main(["mdn", *words, *quick]) == EXIT_OK
+    assert "nats per point (places in m)" in capsys.readouterr().out
+    (command,) = read_model(model).about["commands"]
+    assert command.startswith("tentacled mdn train tendon_arm.yaml clouds.npz --out model.npz")
+
+    out = tmp_path / "evaluation"
+    words = ["evaluate", *data, "--model", str(model), "--out", str(out), "--references", "3"]
+    assert main(["mdn", *words, "--no-block"]) == EXIT_OK
+    assert "coverage of points" in capsys.readouterr().out
+    written = {path.name for path in out.iterdir()}
+    assert written == {"evaluation.json", "coverage.png", "samples.png"}
+
+    figure = tmp_path / "nll.png"
+    words = ["sweep", *data, "--components", "1..2", "--out", str(figure), "--json"]
+    assert main(["mdn", *words, *quick]) == EXIT_OK
+    told = json.loads(capsys.readouterr().out)
+    assert [one["components"] for one in told["sweep"]] == [1, 2]
+    assert told["recommended"] in (1, 2)
+    assert figure.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("components", ["0..3", "3..1", "1..17", "few", ""])
+def test_a_sweep_of_no_components_is_refused(components: str, tmp_path: Path) -> None:
+    words = ["mdn", "sweep", str(TENDON_ARM), "c.npz", "--out", str(tmp_path / "x.png")]
+    assert main([*words, "--components", components]) == EXIT_USAGE
+
+
+def test_a_model_of_another_robot_is_not_evaluated(
+    trained: TrainedBody, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clouds, model = tmp_path / "clouds.npz", tmp_path / "model.npz"
+    dataset().save(clouds)
+    write_model(model, trained.arrays, {**trained.about, "robot": "another"})
+    words = ["mdn", "evaluate", str(TENDON_ARM), str(clouds), "--model", str(model)]
+    assert main([*words, "--out", str(tmp_path / "x")]) == EXIT_FAILED
+    assert "does not fit this robot" in capsys.readouterr().err
+    words = ["mdn", "train", str(SOFT_ARM), str(clouds), "--out", str(tmp_path / "y.npz")]
+    assert main(words) == EXIT_FAILED
+    assert "does not fit this robot" in capsys.readouterr().err
