@@ -17,6 +17,7 @@ from tests.benchmarks import (
     plant,
     recording,
     remote,
+    risk,
     tendon_arm,
 )
 from tests.benchmarks.timing import machine
@@ -31,9 +32,13 @@ MEASUREMENTS: dict[str, Callable[[], Any]] = {
     "plant": plant.measure,
     "recording": recording.measure,
     "remote": remote.measure,
+    "risk": risk.measure,
     "tendon_arm": tendon_arm.measure,
 }
-PLOTS: dict[str, Callable[[Any, Path], None]] = {"local_controllers": local_controllers.plot}
+PLOTS: dict[str, Callable[[Any, Path], None]] = {
+    "local_controllers": local_controllers.plot,
+    "risk": risk.plot,
+}
 """Of what is better seen than read."""
 
 

@@ -1,24 +1,34 @@
-"""What the risk of one step costs: `python -m tests.benchmarks.risk` prints one JSON.
+"""What the risk of one step costs.
 
-The mixture network forward, the bounds of body_point_risk over mesh size, contact_risk of a
-thousand shapes, and how long surroundings take to be made ready, once.
+The mixture network forward, beside torch; the bounds of body_point_risk over mesh size;
+contact_risk of a thousand shapes; the whole gate, with the tendon arm in a chest; and how long
+surroundings take to be made ready, once.
 """
 
-import json
+import tempfile
 import time
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from typing import TypeVar
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
+import yaml
 
+from config.loader import load_robot
+from daemon.clock import MonotonicClock
+from daemon.risk.body_risk_source import make_risk_source
+from daemon.risk.mesh_file import write_mesh
+from drivers.axis_scale import axis_scale, count_limits, tension_range_n
+from safety.gate import Gate, Measured
 from safety.risk.body_point import BodyPointRisk
 from safety.risk.contact import ContactModel
 from safety.risk.distance_grid import distance_grid
 from safety.risk.environment import environment
-from safety.risk.mixture import Mixture
+from safety.risk.mixture import FloatArray, Mixture
 from safety.risk.mixture_network import MixtureNetwork
 from safety.risk.shapes import CHEST_PORT, chest
+from tests import SOFT_ARM
 from tests.benchmarks.timing import Figures, percentiles
 from tests.safety.risk.arms import Pose, points_mixture, shape_mixture
 from tests.safety.risk.networks import random_arrays
@@ -28,6 +38,8 @@ T = TypeVar("T")
 TRIANGLES = (5_000, 50_000, 200_000)
 """Those of the targets."""
 _SPACING_MM = 1.5
+_STEP_NS = 25_000_000
+TENDON_ARM = SOFT_ARM.with_name("tendon_arm.yaml")
 _POSES = [
     Pose(curvature, turn, spread=4e-4)
     for curvature in (0.002, 0.004, 0.006)
@@ -41,6 +53,7 @@ def measure(repeats: int = 400) -> Figures:
         "network_us": _network(10 * repeats),
         "body_point_ms": {str(count): _body_point(count, repeats) for count in TRIANGLES},
         "contact_ms": _contact(repeats),
+        "gate_ms": {str(count): _gate(count, 5 * repeats) for count in TRIANGLES[:2]},
     }
 
 
@@ -56,7 +69,22 @@ def _network(repeats: int) -> Figures:
     slopes = np.ones(5), np.ones((5, 3)), np.ones((5, 3, 3))
     network = MixtureNetwork(random_arrays(), "relu")
     figures["gradient_relu"] = _timed(lambda u: network.gradient(u, *slopes), inputs, repeats, 1e6)
+    figures["torch_eager_silu"] = _torch_eager(inputs, repeats)
     return figures
+
+
+def _torch_eager(inputs: Sequence[FloatArray], repeats: int) -> Figures:
+    """The same network as it is trained, one input at a time, on one thread."""
+    import torch
+
+    from safety.risk.network import Beginning, MixtureDensityNetwork, NetworkShape, Scaling
+
+    torch.set_num_threads(1)
+    scaling = Scaling(np.zeros(4), np.ones(4), np.zeros(3), 40.0, (-2.0, 4.0))
+    beginning = Beginning(np.zeros((5, 3)), np.tile(100.0 * np.eye(3), (5, 1, 1)))
+    network = MixtureDensityNetwork(NetworkShape(5), scaling, beginning)
+    with torch.inference_mode():
+        return _timed(lambda u: network(scaling.inputs(u[None])), inputs, repeats, 1e6)
 
 
 def _body_point(triangles: int, repeats: int) -> Figures:
@@ -102,6 +130,50 @@ def _contact(repeats: int) -> Figures:
     }
 
 
+def _gate(triangles: int, repeats: int) -> Figures:
+    """The tendon arm goes back and forth in a chest; every fourth step wants to be too fast."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write_mesh(folder / "chest.stl", chest(triangles, seed=0))
+        robot = yaml.safe_load(TENDON_ARM.read_text())
+        robot["risk"] = {
+            "model": "builtin:tendon_arm.npz",
+            "surface": {"mesh": "chest.stl", "free": "inside", "port": _port()},
+        }
+        (folder / "robot.yaml").write_text(yaml.safe_dump(robot))
+        file = load_robot(folder / "robot.yaml")
+        source = make_risk_source(file, MonotonicClock())
+    axes, risk = file.robot.axes, file.robot.risk
+    scales = [axis_scale(axis).counts_per_unit for axis in axes]
+    tensions = [tension_range_n(axis) for axis in axes]
+    limits = [count_limits(axis) for axis in axes]
+    gate = Gate(limits, scales, tensions, source, risk.threshold, risk.latest_after_s)
+    at, t_ns, durations, refused = [0] * len(axes), 0, [], 0
+    gate.settle(at)
+    for number in range(repeats):
+        t_ns += _STEP_NS
+        u = 5.0 * np.sin(number / 150.0 + np.arange(len(axes)))
+        targets = [wanted * scale for wanted, scale in zip(u, scales, strict=True)]
+        measured = Measured(at, [2.0] * len(axes))
+        started = time.perf_counter()
+        decision = gate.decide(targets, measured, t_ns, _STEP_NS)
+        durations.append(time.perf_counter() - started)
+        refused += bool(decision.refused)
+        if decision.step is not None:
+            at = list(decision.step.to_counts)
+    return {**percentiles(durations, 1e3), "refused": refused}
+
+
+def _port() -> dict[str, Any]:
+    port = CHEST_PORT
+    return {
+        "centre_mm": list(port.centre_mm),
+        "inwards": list(port.inwards),
+        "radius_mm": port.radius_mm,
+        "depth_mm": port.depth_mm,
+    }
+
+
 def _walk(mixture: Mixture) -> list[tuple[Mixture, Mixture]]:
     """Ten steps that move the tip by a millimetre each; each begins where the last one ended."""
     means, factors = mixture.means_mm, mixture.factors_per_mm
@@ -124,5 +196,26 @@ def _timed(
     return percentiles(durations, scale)
 
 
-if __name__ == "__main__":
-    print(json.dumps(measure(), indent=2))
+def plot(figures: Figures, path: Path) -> None:
+    """Cost of the bounds over the size of the mesh."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, panel = plt.subplots(figsize=(6, 4.5))
+    table = figures["body_point_ms"]
+    names = {
+        "printed_bound": "bound as printed",
+        "both_bounds": "printed and certified",
+        "near_exact_with_derivatives": "near-exact, with derivatives",
+    }
+    for name, label in names.items():
+        costs = [table[str(count)][name]["median"] for count in TRIANGLES]
+        panel.loglog(TRIANGLES, costs, "o-", label=label)
+    panel.set_xlabel("triangles")
+    panel.set_ylabel("ms, median")
+    panel.grid(visible=True, which="both", alpha=0.3)
+    panel.legend()
+    figure.tight_layout()
+    figure.savefig(path, dpi=130)
