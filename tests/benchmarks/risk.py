@@ -39,7 +39,7 @@ TRIANGLES = (5_000, 50_000, 200_000)
 """Those of the targets."""
 _SPACING_MM = 1.5
 _STEP_NS = 25_000_000
-_BENT_MM = np.array([5.0, 5.0, 5.0, 0.0])
+_BENT_MM = np.array([2.5, 2.5, 2.5, 0.0])
 _AROUND_RAD = np.radians([0.0, 120.0, 240.0, 0.0])
 """Three straight tendons and a helical one, which is left alone."""
 TENDON_ARM = SOFT_ARM.with_name("tendon_arm.yaml")
