@@ -7,6 +7,7 @@ from typing import Final
 
 from matplotlib.figure import Figure
 
+from daemon.recording.report_body import body_figure
 from daemon.recording.report_data import RunData, read_run
 from daemon.recording.report_looks import PAGE_STYLE
 from daemon.recording.report_paths import close_up_figure, path_figure
@@ -55,6 +56,12 @@ _FIGURES: Final[tuple[tuple[str, str, Callable[[RunData], Figure | None]], ...]]
         "Risk and permission",
         "What the gate was told about each step, and which share of it was let through.",
         risk_figure,
+    ),
+    (
+        "The body and what is near",
+        "Dots joined: the components of the mixture over the body, at some moments, and blue where "
+        "there was least room. Grey: places of the surface that were nearest at some moment.",
+        lambda run: None if run.risk is None else body_figure(run.risk),
     ),
     ("Timing", "Lateness and lengths are figures of one second each.", timing_figure),
 )

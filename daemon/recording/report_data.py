@@ -64,7 +64,7 @@ class RunData:
     axes: Series | None
     """actual, target, proposed, permitted, force."""
     risk: Series | None
-    """contact, body_point, threshold, scale."""
+    """contact, body_point, threshold, scale, clearance_mm, place_mm, obstacle_mm, means_mm."""
     loop: Series | None
     """lateness_p50_s, lateness_p99_s, lateness_max_s, step_p50_s, step_p99_s, missed."""
     states: list[tuple[float, str]]
@@ -233,6 +233,7 @@ class _Gathered:
         if not steps:
             return None
         each = [risk for _, risk in steps]
+        count = max(len(risk.means_mm or []) for risk in each)
         return Series(
             _times(steps),
             {
@@ -240,6 +241,10 @@ class _Gathered:
                 "body_point": _numbers([risk.body_point_risk for risk in each]),
                 "threshold": _numbers([risk.threshold for risk in each]),
                 "scale": _numbers([risk.scale for risk in each]),
+                "clearance_mm": _numbers([risk.clearance_mm for risk in each]),
+                "place_mm": _rows([risk.place_mm for risk in each], 3),
+                "obstacle_mm": _rows([risk.obstacle_mm for risk in each], 3),
+                "means_mm": _rows([_flat(risk.means_mm) for risk in each], 3 * count),
             },
         )
 
@@ -260,6 +265,10 @@ def _times(timed: list[tuple[float, Kind]]) -> Array:
 
 def _numbers(values: list[float | None]) -> Array:
     return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
+
+
+def _flat(places: list[list[float]] | None) -> list[float]:
+    return [] if places is None else [number for place in places for number in place]
 
 
 def _rows(values: list[list[float] | None], width: int) -> Array:

@@ -124,6 +124,11 @@ def _step(
         threshold=0.05,
         scale=1.0 if contact < 0.05 else 0.4,
         reasons=[] if contact < 0.05 else ["risk"],
+        clearance_mm=float(8.0 - 100.0 * contact),
+        arc_mm=150.0,
+        place_mm=tip.tolist(),
+        obstacle_mm=(tip + np.array([12.0, 0.0, 0.0])).tolist(),
+        means_mm=[(share * tip).tolist() for share in (0.3, 0.6, 0.9)],
     )
 
 

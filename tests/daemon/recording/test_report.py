@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from config.loader import load_robot
@@ -16,7 +17,7 @@ from daemon.recording.report import write_report
 from daemon.recording.result import Result, write_result
 from daemon.recording.run_folder import describe_run
 from daemon.recording.run_writer import RunWriter
-from daemon.remote.messages import Event, Message, Status, Tip
+from daemon.remote.messages import Event, Message, Risk, Status, Tip
 from tests import SOFT_ARM
 from tests.daemon.recording.synthetic_run import WALL_NS, direct_run, make_run, messages
 
@@ -77,6 +78,7 @@ def test_a_whole_run_has_every_table_and_figure(page: str) -> None:
         "Actuators",
         "Forces",
         "Risk and permission",
+        "The body and what is near",
         "Timing",
         "Events",
         "Provenance",
@@ -92,7 +94,7 @@ def test_a_whole_run_has_every_table_and_figure(page: str) -> None:
 
 def test_a_report_needs_nothing_from_outside(page: str) -> None:
     figures = re.findall(r'src="data:image/svg\+xml;base64,([^"]+)"', page)
-    assert len(figures) == 7
+    assert len(figures) == 8
     rest = re.sub(r'src="data:[^"]+"', "", page)
     assert not re.findall(r"(?:src|href)\s*=|url\(|@import|<script|https?://", rest)
     for figure in figures:
@@ -117,6 +119,19 @@ def test_a_run_without_a_tip_still_has_a_report(tmp_path: Path) -> None:
     assert "No cycle was followed." in page
     assert {"Actuators", "Forces", "Risk and permission"} <= set(titles(page))
     assert "Path of the tip" not in titles(page)
+
+
+def test_without_a_model_of_the_body_none_is_drawn(tmp_path: Path) -> None:
+    kept = [
+        message
+        if not isinstance(message, Risk)
+        else msgspec.structs.replace(message, clearance_mm=None, means_mm=None)
+        for message in messages(2, CYCLE_S)
+    ]
+    asyncio.run(direct_run(tmp_path, kept))
+    shown = titles(write_report(tmp_path).read_text())
+    assert "Risk and permission" in shown
+    assert "The body and what is near" not in shown
 
 
 def test_a_run_that_was_never_armed_still_has_a_report(tmp_path: Path) -> None:
