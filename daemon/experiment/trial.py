@@ -20,7 +20,9 @@ _USER: Final = "experiment"
 _READY_WITHIN_S: Final = 120.0
 _RENEWALS_PER_LEASE: Final = 4
 _LOOK_EVERY_S: Final = 0.05
-_MOST_RESUMPTIONS: Final = 1000
+_LOOKS_UNTIL_IT_RUNS: Final = 20
+_MOST_IN_A_ROW: Final = 50
+"""So often may it be held at once when it was resumed."""
 
 
 class TrialError(RuntimeError):
@@ -104,18 +106,24 @@ class Trial:
     async def _follow(self) -> None:
         """To the trajectory's end, going on whenever what held the motion is over."""
         supervisor, loop = self._service.supervisor, self._service.loop
+        looks_running = in_a_row = 0
         while True:
             await asyncio.sleep(_LOOK_EVERY_S)
             if supervisor.running:
+                looks_running += 1
+                in_a_row = 0 if looks_running > _LOOKS_UNTIL_IT_RUNS else in_a_row
                 continue
+            looks_running = 0
             if loop.reference is not None and loop.reference.finished:
                 return
             if not supervisor.state.energised:
                 raise TrialError(f"the robot is {supervisor.state.value}: {self._why()}")
-            if self.resumptions >= _MOST_RESUMPTIONS:
-                raise TrialError(f"the motion was held too often: {self._why()}")
+            if in_a_row >= _MOST_IN_A_ROW:
+                where = f"{self._operator.elapsed_s:.1f} s along the trajectory"
+                raise TrialError(f"the motion is held again and again, {where}: {self._why()}")
             self._operator.try_to_resume()
             self.resumptions += supervisor.running
+            in_a_row += supervisor.running
 
     def _step(self, message: Message) -> None:
         """Listens to the steps: happenings go by the trajectory's own time."""

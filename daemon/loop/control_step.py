@@ -33,6 +33,7 @@ _ASKED_ABOVE: Final = 1e-3
 """mm or rad: what is less is a few counts."""
 _LEARNING_S: Final = 0.5e-3
 """After each bus cycle. A frame that comes meanwhile waits for so long."""
+_OF_THE_GATE: Final = ("risk_too_high", "risk_unavailable", "gate_refused")
 _STUCK_BELOW: Final = 0.02
 """Share of a proposal under which the gate lets practically nothing through."""
 
@@ -239,6 +240,8 @@ class ControlLoop:
             return None
         now_ns = self._clock.now_ns()
         if wish is None:
+            for cause in _OF_THE_GATE:  # nothing is asked for, and so nothing is refused
+                self._supervisor.failsafe.set(cause, False, now_ns, "gate")
             return self._gate.hold(sensed.measured, now_ns, self._duration_ns)
         wanted = (sensed.targets + wish.delta_u).tolist()
         targets = [

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from config.problems import ConfigError
+from daemon.experiment import in_virtual_time
 from daemon.experiment.experiment_file import load_experiment
 from daemon.experiment.in_virtual_time import carry_out_in_virtual_time
 from daemon.experiment.step_series import StepSeries
 from daemon.experiment.trial import TrialError
 from daemon.recording.result import Result, read_result
 from daemon.recording.run_reader import RunReader
+from safety.risk_source import RiskReading
 
 SHIPPED = sorted((Path(__file__).parents[3] / "config" / "experiments").glob("*.yaml"))
 
@@ -116,6 +118,26 @@ def test_a_run_that_is_given_up_leaves_what_it_has_seen(tmp_path: Path) -> None:
     assert [row.cycle for row in result.cycles] == [row.cycle for row in result.true_cycles]
     assert result.cycles[0].samples == pytest.approx(160, abs=3)
     assert result.faults[0] == "node_lost", result.faults
+
+
+class Wall:
+    """Every way touches something."""
+
+    name = "wall"
+
+    def assess(self, u_from: object, u_to: object, t_ns: int) -> RiskReading:
+        return RiskReading(0.9, None, 0.0, self.name, "there is a wall")
+
+
+def test_who_is_held_again_and_again_gives_up_and_says_why(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(in_virtual_time, "risk_source_of", lambda file, clock: Wall())
+    with pytest.raises(TrialError, match=r"held again and again, .*risk_too_high .*a wall"):
+        carry_out(tmp_path / "stuck")
+    result = read_result(tmp_path / "stuck" / "run")
+    assert result is not None
+    assert result.holds > 10
 
 
 def test_another_plant_is_another_body(circle: tuple[Result, Path], tmp_path: Path) -> None:

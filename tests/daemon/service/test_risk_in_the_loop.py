@@ -15,7 +15,7 @@ from scipy.ndimage import map_coordinates
 from config.control import RiskSettings
 from config.loader import RobotFile, load_robot
 from config.robot import Robot
-from daemon.remote.messages import Load, Risk, Start
+from daemon.remote.messages import Load, Resume, Risk, Start
 from daemon.risk.body_risk_source import make_risk_source
 from daemon.risk.grid_cache import cached_grid
 from daemon.risk.mesh_file import read_environment, write_mesh
@@ -150,36 +150,50 @@ def test_without_the_model_the_same_way_touches(file: RobotFile, walls: Distance
     assert witness.least_clearance_mm < 0.0
 
 
-class Slower:
-    """From some moment on every answer comes too late, or what is answered is of nowhere."""
-
-    name = "slower"
-
-    def __init__(self, doubt: str = "") -> None:
-        self.took_s = 0.0
-        self.doubt = ""
-        self.then = doubt
-
-    def fail(self) -> None:
-        self.doubt, self.took_s = self.then, 0.0 if self.then else 1.0
-
-    def assess(self, u_from: object, u_to: object, t_ns: int) -> RiskReading:
-        return RiskReading(0.0, None, self.took_s, self.name, doubt=self.doubt)
+SAFE = RiskReading(0.0, None, 0.0, "told")
+BAD = {
+    "late": ("risk_unavailable", RiskReading(0.0, None, 1.0, "told")),
+    "never learned": ("risk_unavailable", RiskReading(0.0, None, 0.0, "told", doubt="outside")),
+    "no answer": ("risk_unavailable", None),
+    "too high": ("risk_too_high", RiskReading(0.9, None, 0.0, "told", "a wall")),
+}
 
 
-@pytest.mark.parametrize("doubt", ["", "outside what the model has learned"])
-def test_an_answer_that_is_late_or_unknown_lets_no_step_through(doubt: str) -> None:
-    source = Slower(doubt)
+class Told:
+    """Answers what it is told to."""
+
+    name = "told"
+
+    def __init__(self) -> None:
+        self.answer: RiskReading | None = SAFE
+
+    def assess(self, u_from: object, u_to: object, t_ns: int) -> RiskReading | None:
+        return self.answer
+
+
+@pytest.mark.parametrize(("cause", "answer"), BAD.values(), ids=BAD)
+def test_without_a_good_answer_no_step_is_let_through_until_there_is_one(
+    cause: str, answer: RiskReading | None
+) -> None:
+    source = Told()
 
     async def scene(rig: Rig) -> None:
         await rig.running()
         await rig.until(lambda: any(isinstance(message, Risk) for message in rig.told))
-        source.fail()
+        source.answer = answer
         begun = len(rig.told)
         await rig.until_state(OperatingState.HOLD)
-        assert rig.causes == {"risk_unavailable"}
-        assert (doubt or "late") in rig.status.reasons[0].detail
+        assert rig.causes == {cause}
         after = [message for message in rig.told[begun:] if isinstance(message, Risk)]
         assert {risk.scale for risk in after} == {0.0}
+        await asyncio.sleep(0.1)
+        await rig.do(Resume)
+        await rig.until_state(OperatingState.HOLD, within_s=1.0)
+        source.answer = SAFE
+        await asyncio.sleep(0.1)
+        await rig.do(Resume)
+        await asyncio.sleep(1.0)
+        assert rig.state is OperatingState.RUNNING
+        assert rig.causes == set()
 
     on_a_rig(scene, risk=source)
