@@ -14,7 +14,7 @@ help:
 	@echo "make test         lint, types and tests"
 	@echo "make hil          the daemon as processes, through every fault: five minutes of real time"
 	@echo "make bench        measure latency and CPU time; prints one JSON, plots to runs/bench"
-	@echo "make experiments  the long checks: fuzzing with a million inputs"
+	@echo "make experiments  the long checks: a million fuzzed inputs, then the studies (hours)"
 	@echo "make mutation     test the tests of safety/: every small fault in it must be noticed"
 	@echo "make install      only the set-up;  make lint: only lint and types"
 
@@ -53,6 +53,8 @@ bench: $(DEVELOPMENT)
 
 experiments: $(DEVELOPMENT)
 	@$(BIN)/python -m tests.fuzz --inputs 1000000
+	@$(BIN)/tentacled reproduce ho2018 --out runs/ho2018
+	@$(BIN)/tentacled compare --out runs/compared
 
 mutation: $(DEVELOPMENT)
 	@nice -n 19 $(BIN)/python -m tests.mutation
