@@ -12,10 +12,6 @@ Request = Mapping[str, Any]
 Handler = Callable[[Request], Mapping[str, Any]]
 
 
-class RequestError(ValueError):
-    """A request that cannot be carried out; the text says why."""
-
-
 class ControlServer:
     """Answers requests `{"do": VERB, ...}` with `{"ok": true, ...}` or `{"ok": false, "error": …}`.
 

@@ -41,7 +41,8 @@ def run(arguments: argparse.Namespace) -> int:
     from daemon.risk.cloud_dataset import CloudDatasetError
     from daemon.risk.collection import CollectionError, CollectionSettings
     from daemon.risk.collection_bar import CollectionBar
-    from daemon.risk.parallel_collection import collect, processes
+    from daemon.risk.parallel_collection import collect
+    from daemon.worker_processes import worker_processes
     from sim_backends.lab import LabError
 
     checked = robot_or_explain(arguments.robot)
@@ -62,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(error, file=sys.stderr)
         return EXIT_USAGE
     try:
-        with CollectionBar() as bar, processes(arguments.processes) as workers:
+        with CollectionBar() as bar, worker_processes(arguments.processes) as workers:
             made = collect(checked.file, settings, arguments.out, workers, bar)
     except (CollectionError, CloudDatasetError, LabError, OSError) as error:
         print(error, file=sys.stderr)

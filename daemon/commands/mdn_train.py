@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from safety.risk.training import Check
 
 NEEDS_TORCH: Final = (
-    "training needs PyTorch, and it is not installed: pip install 'tentacled[training]'"
+    "training needs PyTorch, and it is not installed: in the source folder, "
+    "pip install '.[training]'"
 )
 
 

@@ -8,11 +8,9 @@ from safety.risk_source import NoModel, RiskSource
 
 def risk_source_of(file: ExperimentFile, clock: Clock) -> RiskSource:
     """What the robot file names, or nobody if the experiment wants it so. Raises TrialError."""
-    if not file.experiment.risk:
+    if not file.experiment.risk or file.robot.risk.model is None:
         return NoModel()
     # Most robots name no model, and what reads one is slow to come.
-    if file.robot.risk.model is None:
-        return NoModel()
     from daemon.risk.body_risk_source import RiskFilesError, make_risk_source
 
     try:

@@ -1,23 +1,16 @@
-"""Watches the devices: keeps the last frame, counts rates, collects what comes and goes."""
-
-from collections import deque
-from typing import Final
+"""Watches the devices: keeps the last frame, counts rates."""
 
 from daemon.loop.frame_statistics import FrameStatistics
 from drivers.aurora.frame import TrackerFrame
 from drivers.clock import Clock
-from drivers.conditions import ConditionChange
-
-_CHANGES_KEPT: Final = 1000
 
 
 class Observer:
-    """Hears of everything that the hardware does."""
+    """Hears of every frame."""
 
     def __init__(self, clock: Clock) -> None:
         self.frame: TrackerFrame | None = None
         self.frames = 0
-        self.changes: deque[ConditionChange] = deque(maxlen=_CHANGES_KEPT)
         self._clock = clock
         self._bits: dict[str, tuple[int, int]] = {}
         self._statistics = FrameStatistics()
@@ -26,9 +19,6 @@ class Observer:
         self.frame = frame
         self.frames += 1
         self._statistics.add(frame.t_ns, frame.received_ns)
-
-    def on_condition(self, change: ConditionChange) -> None:
-        self.changes.append(change)
 
     def frame_rate_hz(self) -> float:
         """Frames per second over the last two seconds."""
@@ -50,9 +40,3 @@ class Observer:
         if now_ns == then_ns:
             return 0.0
         return (bits - before) / ((now_ns - then_ns) * 1e-9 * bitrate_bit_s)
-
-    def take_changes(self) -> list[ConditionChange]:
-        """What has come and gone since the last call."""
-        changes = list(self.changes)
-        self.changes.clear()
-        return changes

@@ -7,13 +7,9 @@ another version have other names: nothing of them is taken over.
 
 import hashlib
 import json
-import multiprocessing
-import os
 import shutil
-import signal
-from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from collections.abc import Callable
+from concurrent.futures import Executor, as_completed
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final, Protocol
@@ -24,7 +20,6 @@ from config.loader import RobotFile
 from config.robot import Robot
 from daemon.learning.npz_file import save_npz
 from daemon.learning.robot_fit import whose
-from daemon.own_processes import end_with_parent
 from daemon.risk.cloud_dataset import CloudDataset
 from daemon.risk.collection import (
     Arrays,
@@ -45,7 +40,6 @@ _MOST_CANDIDATES: Final = 200
 _PART: Final = 23
 """Configurations: some seconds of work."""
 _OF_PART: Final = ("clouds_mm", "centrelines_mm", "forces", "radius_mm")
-_ONE_THREAD: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class Progress(Protocol):
@@ -65,7 +59,7 @@ def collect(
 ) -> CloudDataset:
     """The whole data set, also written to `out`.
 
-    workers: see `processes`.
+    workers: such as `worker_processes` gives.
     Raises CollectionError, CloudDatasetError, LabError, OSError. Interrupted, it goes on from where
     it was when it is called again.
     """
@@ -184,26 +178,3 @@ def _key(robot: Robot, settings: CollectionSettings) -> str:
         "settings": asdict(settings),
     }
     return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
-
-
-@contextmanager
-def processes(count: int) -> Iterator[Executor]:
-    """Processes that end with us, and at once when we are interrupted."""
-    for name in _ONE_THREAD:
-        os.environ.setdefault(name, "1")
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin)
-    try:
-        yield pool
-    except BaseException:
-        for child in multiprocessing.active_children():
-            child.terminate()
-        raise
-    finally:
-        pool.shutdown(cancel_futures=True)
-
-
-def _begin() -> None:
-    """In each process: Ctrl-C is for the one that started us."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    end_with_parent()

@@ -1,7 +1,6 @@
 """Carries out a study on the command line: progress while it lasts, tables at the end."""
 
 import argparse
-import os
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -28,9 +27,6 @@ from daemon.studies.run import PlanError, Run, plan
 from daemon.studies.study_file import StudyFile, load_study
 from daemon.studies.table import Table
 from daemon.studies.write_up import write_up
-
-_ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-"""The runs are done in processes side by side: threads would only be in each other's way."""
 
 _PAGE_WIDTH: Final = 160
 """Where there is no terminal that has one."""
@@ -80,8 +76,6 @@ def _plans(
 
 def _carry_out(runs: list[Run], arguments: argparse.Namespace) -> int:
     """Returns how many runs and models could not be done. Raises OSError."""
-    for name in _ONE_THREAD:
-        os.environ.setdefault(name, "1")
     arguments.out.mkdir(parents=True, exist_ok=True)
     with _Bar(_console()) as bar:
         Grid(runs, arguments.out).carry_out(arguments.jobs, arguments.keep_recordings, bar)

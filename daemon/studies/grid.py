@@ -1,23 +1,17 @@
 """Carries out the runs of a study in several processes, and again only what is not done yet."""
 
-import multiprocessing
-import signal
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from concurrent.futures import Executor, Future, as_completed
 from pathlib import Path
-from typing import Final, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 from daemon.experiment.pretrained import needs_model
-from daemon.own_processes import end_with_parent
 from daemon.studies.outcome import Outcome, read_outcome
 from daemon.studies.run import Run
 from daemon.studies.worker import carry_out_run, make_model
+from daemon.worker_processes import worker_processes
 
 T = TypeVar("T")
-
-_START: Final = "spawn"
-"""Nothing of this process is inherited but its environment."""
 
 
 class Progress(Protocol):
@@ -58,7 +52,7 @@ class Grid:
         progress.begin(len(self._runs) - len(left), len(models), len(left))
         if not left:
             return
-        with _workers(min(jobs, len(left))) as workers:
+        with worker_processes(min(jobs, len(left))) as workers:
             for run, made in _each(workers, models, make_model):
                 progress.model(run, _error(made))
             for run, future in _each(workers, left, carry_out_run, self._root, keep_recordings):
@@ -91,24 +85,3 @@ def _each(
 def _error(future: "Future[T]") -> str:
     error = future.exception()
     return "" if error is None else f"{type(error).__name__}: {error}"
-
-
-@contextmanager
-def _workers(jobs: int) -> Iterator[Executor]:
-    """Processes that end with us, and at once when we are interrupted."""
-    context = multiprocessing.get_context(_START)
-    pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin)
-    try:
-        yield pool
-    except BaseException:
-        for child in multiprocessing.active_children():
-            child.terminate()
-        raise
-    finally:
-        pool.shutdown(cancel_futures=True)
-
-
-def _begin() -> None:
-    """In each process: Ctrl-C is for the one that started us."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    end_with_parent()

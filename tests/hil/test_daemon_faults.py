@@ -15,14 +15,27 @@ from pathlib import Path
 from typing import Final
 
 import pytest
+import yaml
 
 from daemon.lab_client import ask
 from daemon.recording.disk_space import free_mb
 from daemon.remote.client import RobotClient
 from daemon.remote.client_errors import RefusedError
+from daemon.risk.mesh_file import write_mesh
 from safety.causes import CAUSES, Severity, cause
+from safety.risk.shapes import box, turned
 from safety.states import OperatingState
-from tests.hil.daemon_rig import AS_SHIPPED, MODEL, PATIENT, Rig, farthest, rig, short_folder
+from tests.hil.daemon_rig import (
+    AS_SHIPPED,
+    CIRCLE,
+    MODEL,
+    PATIENT,
+    Rig,
+    farthest,
+    rig,
+    robot_file,
+    short_folder,
+)
 from tests.hil.processes import PATIENCE_S
 
 pytestmark = [pytest.mark.long, pytest.mark.hil, pytest.mark.xdist_group("daemon_faults")]
@@ -48,8 +61,6 @@ NOT_FROM_OUTSIDE: Final = {
     "drive_limit": "the gate keeps targets inside the drives' own limits",
     "recording_dropped": "8 MiB have to wait first; tests/hil/test_recording.py has it",
     "disk_full": "nine tenths of what a robot asks for would have to be filled",
-    "risk_too_high": "there is no risk model",
-    "risk_unavailable": "there is no risk model",
     "gate_refused": "trajectories out of reach are refused; a model asks for little beyond them",
     "controller_failed": "no shipped controller fails on what can be asked of it from outside",
     "tendon_slack": "the soft arm has no tendons",
@@ -167,6 +178,8 @@ ALONE: Final = {
     "lease_abandoned",
     "setpoint_late",
     "loop_late",
+    "risk_too_high",
+    "risk_unavailable",
 }
 
 
@@ -294,6 +307,51 @@ def test_a_loop_that_is_late_holds_and_goes_on_when_resumed() -> None:
                 one.resumed()
                 return
     pytest.fail("it always came to a fault")
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "detail"),
+    [
+        ("risk_too_high", {"threshold": 0.0}, "clearance"),
+        ("risk_unavailable", {"latest_after_s": 1e-6}, "late"),
+    ],
+)
+def test_a_step_whose_risk_may_not_be_taken_holds_as_often_as_it_is_asked_for(
+    name: str, settings: dict[str, float], detail: str
+) -> None:
+    """With the shipped model of the arm, in a room: no risk at all, or no time to tell it."""
+    with rig_in_a_room(settings) as one:
+        one.armed()
+        assert "soft_arm.npz" in one.status().risk.source
+        before = one.actuators()
+        one.user.do(one.client.load(CIRCLE, MODEL))
+        one.from_now_on()
+        one.user.do(one.client.start())
+        for _ in range(2):
+            assert_told(one, name)
+            holds(one)
+            assert any(detail in reason.detail for reason in one.status().reasons)
+            assert farthest(before, one.actuators()) < STANDS_WITHIN_MM
+            one.from_now_on()
+            one.resumed()
+        one.until_told(name)
+
+
+@contextmanager
+def rig_in_a_room(risk: dict[str, float]) -> Iterator[Rig]:
+    """The shipped arm, asked for its risk before every step."""
+    with short_folder() as folder:
+        path = robot_file(folder, PATIENT, **TIMES)
+        write_mesh(folder / "room.stl", turned(box((220.0, 220.0, 280.0), (0.0, 0.0, 110.0), 1)))
+        robot = yaml.safe_load(path.read_text())
+        surface = {"mesh": "room.stl", "free": "inside", "grid_mm": 3.0}
+        robot["risk"] = {"model": "builtin:soft_arm.npz", "surface": surface, **risk}
+        path.write_text(yaml.safe_dump(robot))
+        one = Rig(folder, path)
+        try:
+            yield one
+        finally:
+            one.leave()
 
 
 @pytest.mark.parametrize(

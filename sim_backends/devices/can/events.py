@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from heapq import heappush
-from typing import Any, Protocol
+from typing import Any
 
 NEVER_NS = 1 << 62
 
@@ -19,14 +19,6 @@ class EventQueue:
     def timer(self, action: Callable[[int], None]) -> "Timer":
         """A timer that calls `action(t_ns)` when it is due."""
         return Timer(self, action)
-
-
-class Due(Protocol):
-    """What a queue holds."""
-
-    def fire(self, t_ns: int) -> None:
-        """Its time has come."""
-        ...
 
 
 class Timer:

@@ -9,6 +9,7 @@ import yaml
 
 from config.loader import load_robot
 from config.problems import ConfigError
+from daemon.cli import EXIT_FAILED, main
 from daemon.risk.body_risk_source import RiskFilesError, make_risk_source
 from daemon.risk.mesh_file import write_mesh
 from daemon.risk.model_file import write_model
@@ -130,3 +131,14 @@ def test_files_that_are_not_there_are_a_mistake_of_the_robot_file(
     write_robot(folder, risk)
     with pytest.raises(ConfigError, match=told):
         load_robot(folder / "robot.yaml")
+
+
+def test_with_a_damaged_model_the_daemon_does_not_start(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    damaged(folder)
+    words = ["run", str(folder / "robot.yaml"), "--runs", str(folder / "runs")]
+    assert main([*words, "--runtime-dir", str(folder)]) == EXIT_FAILED
+    told = capsys.readouterr().err
+    assert str(folder / "arm.npz") in told
+    assert "tentacled mdn train" in told

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch", reason="pip install 'tentacled[training]'")
+torch = pytest.importorskip("torch", reason="pip install '.[training]'")
 
 from daemon.cli import EXIT_FAILED, EXIT_OK, EXIT_USAGE, main  # noqa: E402
 from daemon.risk.body_training import (  # noqa: E402

@@ -71,5 +71,5 @@ def test_without_torch_the_commands_say_how_to_get_it(word: str, tmp_path: Path)
         [sys.executable, "-c", BLOCKED, *words], capture_output=True, text=True, check=False
     )
     assert done.returncode == 1
-    assert "pip install 'tentacled[training]'" in done.stderr
+    assert "pip install '.[training]'" in done.stderr
     assert not list(tmp_path.iterdir())

@@ -137,7 +137,7 @@ def test_a_network_that_has_no_finite_answer_knows_nothing(
 def test_the_same_question_has_the_same_answer_whatever_was_asked_before(
     model: RiskModel, block: Environment, grid: DistanceGrid
 ) -> None:
-    def asked(*questions: tuple[float, float]) -> ContactFigures:
+    def asked(*questions: tuple[float, float]) -> tuple[float, float, float]:
         risk = BodyRisk(model, block, grid, samples=500)
         answers = [told(risk, at(start), at(end)) for start, end in questions]
         last = answers[-1].contact
@@ -147,6 +147,3 @@ def test_the_same_question_has_the_same_answer_whatever_was_asked_before(
     assert asked((2.0, 5.0), (2.0, 3.0), (2.0, 4.0)) == alone
     assert asked((-1.0, 0.0), (2.0, 4.0)) == alone
     assert asked((2.0, 4.0), (2.0, 4.0)) == alone
-
-
-ContactFigures = tuple[float, float, float]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-torch = pytest.importorskip("torch", reason="pip install 'tentacled[training]'")
+torch = pytest.importorskip("torch", reason="pip install '.[training]'")
 
 from safety.risk.mixture import Mixture  # noqa: E402
 from safety.risk.mixture_network import MixtureNetwork  # noqa: E402
