@@ -74,6 +74,10 @@ class RiskSettings(ConfigModel):
     threshold: Probability = 0.05
     """A step whose contact risk is above this is shortened or refused."""
 
+    slide: bool = True
+    """Whether a step that leads too near to something is turned aside, to go along it, before the
+    gate is asked. Otherwise the robot holds there."""
+
     latest_after_s: Positive = 0.02
     """A risk that took longer than this counts as maximum."""
 

@@ -1,7 +1,7 @@
 """The gate: what a controller wants goes through here, and only what comes out may move.
 
 It may only reduce: scale, hold, refuse. Hard limits come first and last, the risk of touching
-something in between; braking is always allowed.
+something in between; braking is always allowed, and leaving what already touches.
 """
 
 from collections.abc import Sequence
@@ -124,7 +124,7 @@ class Gate:
         changes, answer = self._weighed(changes, start, limited)
         if answer.doubt:
             return self._brake(start, RISK_UNAVAILABLE, limited, answer)
-        if answer.risk > self._threshold:
+        if not answer.bearable(self._threshold):
             return self._brake(start, RISK, limited, answer)
         step = self._permit(changes, start)
         if isinstance(step, str):
@@ -247,7 +247,7 @@ class Gate:
         tried, left_s = changes, self._latest_after_s
         answer = self._risk_of(tried, start, left_s)
         for share in _SMALLER_SHARES:
-            if answer.doubt or answer.risk <= self._threshold:
+            if answer.doubt or answer.bearable(self._threshold):
                 break
             left_s -= answer.took_s
             smaller = [round(change * share) for change in changes]

@@ -25,6 +25,16 @@ class Nearest:
 
 
 @dataclass(frozen=True, slots=True)
+class Leaving:
+    """Of a way that leads out of a contact: less touches where it ends, and less deeply."""
+
+    at_start: float
+    """Probability that something touches before it begins."""
+    added: float
+    """... that something touches on the way which did not before."""
+
+
+@dataclass(frozen=True, slots=True)
 class RiskReading:
     """What a source says about one straight way of the actuation vector."""
 
@@ -40,6 +50,20 @@ class RiskReading:
     doubt: str = ""
     """Why the source cannot tell, for instance outside what its model has learned; empty if it
     can."""
+    leaving: Leaving | None = None
+    """None: the way does not lead away from what touches."""
+
+
+@dataclass(frozen=True, slots=True)
+class Room:
+    """How far a body at rest is from a risk, and which way of the axes leads away from it."""
+
+    u: tuple[float, ...]
+    """(m,) where that is."""
+    room_mm: float
+    """By how much all shapes would have to come nearer; negative: the risk is higher."""
+    slope: tuple[float, ...]
+    """(m,) mm of it for each unit of an axis."""
 
 
 class RiskSource(Protocol):
@@ -56,6 +80,13 @@ class RiskSource(Protocol):
         """The risk of the straight way between two actuation vectors, each in its axes' units.
 
         None: there is no answer.
+        """
+        ...
+
+    def room(self, u: Sequence[float], risk: float) -> Room | None:
+        """How far the body at rest at (m,) u is from such a risk. Nothing is decided by it.
+
+        None: it is far, or it is not known.
         """
         ...
 
@@ -76,6 +107,10 @@ class NoModel:
         del u_from, u_to, t_ns
         return self._reading
 
+    def room(self, u: Sequence[float], risk: float) -> Room | None:
+        del u, risk
+        return None
+
 
 @dataclass(frozen=True, slots=True)
 class RiskAnswer:
@@ -88,6 +123,14 @@ class RiskAnswer:
     doubt: str
     """Why the maximum stands here and not what was said; empty if it is what was said."""
     nearest: Nearest | None = None
+    leaving: Leaving | None = None
+
+    def bearable(self, threshold: float) -> bool:
+        """Whether the way may be gone: at no more risk than the threshold, or out of more."""
+        if self.risk <= threshold:
+            return True
+        way = self.leaving
+        return way is not None and way.at_start > threshold and way.added <= threshold
 
 
 def believed(reading: RiskReading | None, latest_after_s: float) -> tuple[float, str]:
@@ -104,6 +147,17 @@ def believed(reading: RiskReading | None, latest_after_s: float) -> tuple[float,
     if not 0.0 <= reading.took_s <= latest_after_s:
         return MAXIMUM_RISK, f"late: it took {reading.took_s * 1e3:.3g} ms"
     return reading.contact_risk, ""
+
+
+def room_of(source: RiskSource, u: Sequence[float], risk: float) -> Room | None:
+    """What the source says of the room round (m,) u; None where it fails, or says no numbers."""
+    try:
+        room = source.room(u, risk)
+    except Exception:  # a model must not end the loop
+        return None
+    if room is None or not all(map(isfinite, (room.room_mm, *room.slope))):
+        return None
+    return room
 
 
 def ask(
@@ -126,4 +180,5 @@ def ask(
     if beside is not None and not isfinite(beside):
         beside = None
     told = doubt or reading.detail
-    return RiskAnswer(risk, beside, reading.took_s, told, doubt, reading.nearest)
+    leaving = None if doubt else reading.leaving
+    return RiskAnswer(risk, beside, reading.took_s, told, doubt, reading.nearest, leaving)

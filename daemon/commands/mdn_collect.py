@@ -41,6 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     from daemon.risk.cloud_dataset import CloudDatasetError
     from daemon.risk.collection import CollectionError, CollectionSettings
     from daemon.risk.collection_bar import CollectionBar
+    from daemon.risk.emulated_body import UnreachableError
     from daemon.risk.parallel_collection import collect
     from daemon.worker_processes import worker_processes
     from sim_backends.lab import LabError
@@ -65,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         with CollectionBar() as bar, worker_processes(arguments.processes) as workers:
             made = collect(checked.file, settings, arguments.out, workers, bar)
-    except (CollectionError, CloudDatasetError, LabError, OSError) as error:
+    except (CollectionError, UnreachableError, CloudDatasetError, LabError, OSError) as error:
         print(error, file=sys.stderr)
         return EXIT_FAILED
     clouds = len(made) * settings.starts

@@ -8,7 +8,9 @@ from typing import Any, Final
 import numpy as np
 
 from config.robot import Robot
+from daemon.control.axis_ranges import AxisRanges
 from daemon.control.controller import Controller, ControllerError, Observation
+from daemon.control.sliding import slid
 from daemon.estimation.pose_filter import PoseFilter, TipEstimate
 from daemon.loop.actuation_history import ActuationHistory
 from daemon.loop.frame_statistics import FrameStatistics
@@ -24,7 +26,7 @@ from drivers.clock import Clock
 from drivers.pose import Vector
 from safety.gate import RISK, RISK_UNAVAILABLE, Decision, Gate, Measured
 from safety.permit import PermittedStep
-from safety.risk_source import Nearest
+from safety.risk_source import Nearest, RiskSource, Room, room_of
 from safety.states import Request
 
 FRAME_PERIOD_NS: Final = {"normal": 25_000_000, "fast": 15_151_515}
@@ -34,6 +36,7 @@ _ASKED_ABOVE: Final = 1e-3
 _LEARNING_S: Final = 0.5e-3
 """After each bus cycle. A frame that comes meanwhile waits for so long."""
 _OF_THE_GATE: Final = ("risk_too_high", "risk_unavailable", "gate_refused")
+SLIDING: Final = "sliding"
 _STUCK_BELOW: Final = 0.02
 """Share of a proposal under which the gate lets practically nothing through."""
 
@@ -56,6 +59,8 @@ class Wish:
     """What the controller would do."""
 
     delta_u: Vector
+    slides: bool = False
+    """It was turned aside, to go along something that is near."""
 
 
 class ControlLoop:
@@ -70,9 +75,9 @@ class ControlLoop:
         timekeeping: Timekeeping,
         clock: Clock,
         publish: Callable[[Message], None],
-        risk_source: str,
+        risk: RiskSource,
     ) -> None:
-        """publish: hears of every step. risk_source: the name of whom the gate asks."""
+        """publish: hears of every step. risk: whom the gate asks too."""
         self.filter = PoseFilter(robot.pose_filter)
         self.history = ActuationHistory(len(robot.axes))
         self.frames = FrameStatistics()
@@ -93,10 +98,13 @@ class ControlLoop:
         self._publish_message = publish
         self._duration_ns = FRAME_PERIOD_NS[robot.tracker.frame_rate]
         self._threshold = robot.risk.threshold
+        self._slide = robot.risk.slide
+        self._max_velocity = AxisRanges.of(robot).max_velocity
+        self._room: Room | None = None
         box = robot.workspace
         self._workspace = None if box is None else (box.x_mm, box.y_mm, box.z_mm)
         self._tendons = [tension_range_n(axis) is not None for axis in robot.axes]
-        self._risk_source = risk_source
+        self._risk = risk
         self._last_step: PermittedStep | None = None
         self._last_frame_ns: int | None = None
         self._begun = False
@@ -113,6 +121,7 @@ class ControlLoop:
         self._act(decision)
         on_bus_ns = self._clock.now_ns()
         self._publish(sensed, believed, wish, decision)
+        self._look_round(decision)
         self._timekeeping.step_ended(frame.received_ns, on_bus_ns, self._clock.now_ns())
 
     def learn(self) -> None:
@@ -232,7 +241,13 @@ class ControlLoop:
         if not np.isfinite(proposal.delta_u).all():
             raise ControllerError("the controller proposed something that is not a number")
         self.note = proposal.note
-        return Wish(proposal.delta_u)
+        return self._turned_aside(proposal.delta_u, observation)
+
+    def _turned_aside(self, delta_u: Vector, observation: Observation) -> Wish:
+        if self._room is None:
+            return Wish(delta_u)
+        aside = slid(delta_u, observation.targets, self._room, self._max_velocity, observation.dt_s)
+        return Wish(delta_u) if aside is None else Wish(aside, slides=True)
 
     def _pass_the_gate(self, sensed: Sensed, wish: Wish | None) -> Decision | None:
         """What may be done; None: the drives hold by themselves."""
@@ -263,6 +278,17 @@ class ControlLoop:
         reference, running = self.reference, self._supervisor.running
         if running and reference is not None and reference.finished:
             self._supervisor.request(Request.FINISHED, self._clock.now_ns())
+
+    def _look_round(self, decision: Decision | None) -> None:
+        """How near the body will be to something, for the next step: targets are on the bus now."""
+        self._room = None
+        step = None if decision is None else decision.step
+        if self._slide and step is not None and self._supervisor.running:
+            ends = [
+                channel.scale.position(counts)
+                for channel, counts in zip(self.channels, step.to_counts, strict=True)
+            ]
+            self._room = room_of(self._risk, ends, self._threshold)
 
     def _tell_supervisor(self, decision: Decision, wish: Wish, now_ns: int) -> None:
         """A step that was refused, or cut to nothing again and again, is a reason to hold."""
@@ -323,12 +349,12 @@ class ControlLoop:
                 Risk(
                     sequence=self.steps,
                     t_ns=frame.t_ns,
-                    source=self._risk_source,
+                    source=self._risk.name,
                     contact_risk=decision.risk,
                     body_point_risk=decision.body_point_risk,
                     threshold=self._threshold,
                     scale=decision.scale,
-                    reasons=list(decision.limits),
+                    reasons=[*decision.limits, *([SLIDING] if wish.slides else [])],
                     detail=decision.risk_detail,
                     **_told(decision.nearest),
                 )

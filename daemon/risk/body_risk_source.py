@@ -13,7 +13,7 @@ from drivers.clock import Clock
 from safety.risk.body_risk import BodyRisk, WayRisk
 from safety.risk.environment import Environment, EnvironmentFaultError, InsertionPort
 from safety.risk.risk_model import RiskModelError
-from safety.risk_source import Nearest, NoModel, RiskReading, RiskSource
+from safety.risk_source import Nearest, NoModel, RiskReading, RiskSource, Room
 
 _MARGIN_MM: Final = 10.0
 """Beyond the body's radius, to which the grid of distances is exact."""
@@ -52,7 +52,11 @@ class BodyRiskSource:
             self._name,
             _words(nearest),
             nearest,
+            leaving=told.leaving,
         )
+
+    def room(self, u: Sequence[float], risk: float) -> Room | None:
+        return self._risk.room(u, risk)
 
 
 def make_risk_source(file: RobotFile, clock: Clock) -> RiskSource:
@@ -98,6 +102,7 @@ def _compile(source: BodyRiskSource, u: Sequence[float]) -> None:
     """The first answers take seconds: not in the loop."""
     for _ in range(2):
         source.assess(list(u), list(u), 0)
+        source.room(list(u), 0.5)
 
 
 def _nearest(told: WayRisk) -> Nearest:

@@ -14,20 +14,13 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from config.robot import Robot
-from daemon.control.axis_ranges import AxisRanges
 from daemon.risk.configurations import Candidates
+from daemon.risk.emulated_body import EmulatedBody
 from safety.risk.mixture import FloatArray, IndexArray
 from sim_backends.body_surface import BodySurface
 from sim_backends.devices.depth_cameras import DepthCameras
-from sim_backends.lab import plant_of
-from sim_backends.plants.plant import BodyState, PlantError, TipLoad
 from sim_backends.plants.shooting import warm_up
 
-_STEP_S: Final = 0.2
-"""Of motion. In half of it a tendon arm comes to the same place but for 0.03 mm."""
-_SETTLE_S: Final = 0.4
-_FINEST: Final = 1.0 / 16.0
-"""Steps are halved until they are so short where the body finds no equilibrium."""
 _CAMERAS, _STARTS, _NOISE, _SPLIT = range(4)
 """Of the seeds."""
 _BLOCK: Final = (0.35, 0.65)
@@ -39,7 +32,7 @@ SingleArray = NDArray[np.float32]
 
 
 class CollectionError(RuntimeError):
-    """The body did not come to where it was sent. Says where."""
+    """There are no clouds as they are wanted. Says where, or why."""
 
 
 @dataclass(frozen=True)
@@ -103,17 +96,17 @@ def seen_at(
 ) -> Arrays:
     """Clouds, centrelines and forces at (k, m) u, come to from (k, s, m) starts.
 
-    indices: (k,) numbers of these configurations. Raises CollectionError.
+    indices: (k,) numbers of these configurations. Raises CollectionError, UnreachableError.
     """
     warm_up()
     rig = _Rig(robot, settings)
     clouds, lines, forces = [], [], []
     for index, target, origins in zip(indices.tolist(), u, starts, strict=True):
         random = np.random.default_rng([settings.seed, _NOISE, index])
-        rig.rest()
+        rig.body.rest()
         for start in origins:
-            rig.go(start)
-            state = rig.go(target)
+            rig.body.go(start)
+            state = rig.body.go(target)
             line_mm = state.centreline_mm.astype(np.float32)
             clouds.append(rig.cloud(line_mm, random))
             lines.append(line_mm)
@@ -132,39 +125,11 @@ class _Rig:
 
     def __init__(self, robot: Robot, settings: CollectionSettings) -> None:
         assert robot.emulation is not None
+        self.body = EmulatedBody(robot)
         self._settings = settings
-        self._ranges = AxisRanges.of(robot)
-        self._load = TipLoad(robot.emulation.tip_load_g)
-        self._plant = plant_of(robot.emulation, robot)
         plant = robot.emulation.plant
         rig_seed = int(np.random.default_rng([settings.seed, _CAMERAS]).integers(2**31))
         self._cameras = DepthCameras(BodySurface.of(plant), plant.length_mm, rig_seed)
-        self._at = np.zeros(self._ranges.count)
-
-    def rest(self) -> None:
-        """Nothing has happened yet."""
-        self._plant.reset()
-        self._at = np.zeros(self._ranges.count)
-
-    def go(self, target: FloatArray) -> BodyState:
-        """To (m,) target on a straight line, as fast as the axes can, and wait a little there."""
-        step = 1.0
-        while np.abs(target - self._at).max() > 0.0:
-            most_s = float((np.abs(target - self._at) / self._ranges.max_velocity).max())
-            share = min(1.0, step * _STEP_S / most_s)
-            there = target if share == 1.0 else self._at + share * (target - self._at)
-            try:
-                self._plant.step(there, self._load, share * most_s)
-            except PlantError as error:
-                step *= 0.5
-                if step < _FINEST:
-                    raise CollectionError(str(error)) from None
-                continue
-            self._at = there
-        try:
-            return self._plant.step(target, self._load, _SETTLE_S)
-        except PlantError as error:
-            raise CollectionError(str(error)) from None
 
     def cloud(self, centreline_mm: SingleArray, random: Generator) -> SingleArray:
         """(p, 3) of what the cameras see. Of what is kept of the body: it could be seen again."""
@@ -172,7 +137,7 @@ class _Rig:
         wanted = self._settings.points
         if len(cloud) < wanted:
             raise CollectionError(
-                f"the cameras see {len(cloud)} points with the axes at {self._at.round(2)}: "
+                f"the cameras see {len(cloud)} points with the axes at {self.body.at.round(2)}: "
                 f"{wanted} are wanted"
             )
         return cloud[random.choice(len(cloud), wanted, replace=False)].astype(np.float32)

@@ -60,8 +60,8 @@ def collect(
     """The whole data set, also written to `out`.
 
     workers: such as `worker_processes` gives.
-    Raises CollectionError, CloudDatasetError, LabError, OSError. Interrupted, it goes on from where
-    it was when it is called again.
+    Raises CollectionError, UnreachableError, CloudDatasetError, LabError, OSError. Interrupted, it
+    goes on from where it was when it is called again.
     """
     robot = file.robot
     if robot.emulation is None:

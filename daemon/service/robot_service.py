@@ -71,7 +71,7 @@ class RobotService:
             self.timekeeping,
             self.clock,
             self.publish,
-            surroundings.risk.name,
+            surroundings.risk,
         )
         self.report = StatusReport(
             robot,

@@ -1,4 +1,4 @@
-"""Both risks of one way of the actuation vector, as the gate needs them: see `RiskSource`.
+"""Both risks of one way of the actuation vector, and the room round a place: see `RiskSource`.
 
 What decides is contact_risk, swept along the way: the upper limit of how likely any part of the
 body touches something. The body_point_risk of the paper, its printed bound at the way's end, is
@@ -13,15 +13,22 @@ from typing import Final
 import numpy as np
 
 from safety.risk.body_point import BodyPointRisk
-from safety.risk.contact import ContactModel, ContactRisk
+from safety.risk.contact import ContactModel, ContactRisk, most_touching
 from safety.risk.distance_grid import DistanceGrid
 from safety.risk.environment import Environment
 from safety.risk.mixture import FloatArray, Mixture
 from safety.risk.risk_model import RiskModel
+from safety.risk_source import Leaving, Room
 
 _LONGEST_SEGMENT: Final = 0.1
 """In the network's inputs. Between two mixtures shapes are taken to move straight."""
 _MOST_SEGMENTS: Final = 20
+_FEWER: Final = 5
+"""Times fewer shapes tell the room: it is asked for many times, and decides nothing."""
+_ROOM_TO_MM: Final = 10.0
+"""Round that nothing is near."""
+_ROOM_STEP: Final = 0.04
+"""In the network's inputs, either way, for the slope."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,6 +37,8 @@ class WayRisk:
 
     contact: ContactRisk
     """Anywhere along it."""
+    leaving: Leaving | None
+    """Where it leads away from what touches."""
     body_point_risk: float
     """Printed bound (equation 9) at its end."""
     means_mm: FloatArray
@@ -53,6 +62,9 @@ class BodyRisk:
         """samples: shapes that are drawn, the same ones for every question."""
         self._model = model
         self._contact = ContactModel(model.basis, grid, surroundings.port, samples, seed)
+        self._fewer = ContactModel(model.basis, grid, surroundings.port, samples // _FEWER, seed)
+        self._samples = samples
+        self._hardly_proved_mm = 0.5 * grid.error_mm
         self._body_point = BodyPointRisk(surroundings)
         self._begin: tuple[tuple[float, ...], Mixture] | None = None
         """Where the last way began: the gate asks for several ways from the same place."""
@@ -71,8 +83,39 @@ class BodyRisk:
         points = self._model.points.mixture(u_to)
         if mixtures is None or points is None:
             return f"the model gives no finite answer at {_words(u_to)}"
-        contact = self._contact.along(mixtures).on_the_way
-        return WayRisk(contact, self._body_point.printed(points), points.means_mm)
+        contact = self._contact.along(mixtures)
+        printed = self._body_point.printed(points)
+        return WayRisk(contact.on_the_way, contact.leaving, printed, points.means_mm)
+
+    def room(self, u: Sequence[float], risk: float) -> Room | None:
+        """How far the body at rest at (m,) u is from such a risk; None: far, or nobody knows.
+
+        The clearance of the shape that decides: more than so many must not touch, nor be so near
+        that they are not proved to be clear. Its slope from differences, of the same draws.
+        """
+        share = (most_touching(risk, self._samples) + 1) / self._samples
+        at = np.asarray(u, np.float64)
+        room_mm = self._room(at, share)
+        if room_mm is None or room_mm > _ROOM_TO_MM:
+            return None
+        slope = []
+        for axis, scale in enumerate(self._model.scale.tolist()):
+            ends = []
+            for way in (_ROOM_STEP, -_ROOM_STEP):
+                there = at.copy()
+                there[axis] += way / scale
+                ends.append(self._room(there, share))
+            up, down = ends
+            if up is None or down is None:
+                return None
+            slope.append((up - down) * scale / (2.0 * _ROOM_STEP))
+        return Room(tuple(at.tolist()), room_mm, tuple(slope))
+
+    def _room(self, u: FloatArray, share: float) -> float | None:
+        mixture = self._model.shapes.mixture(u)
+        if mixture is None:
+            return None
+        return self._fewer.clearance_mm(mixture, share) - self._hardly_proved_mm
 
     def _mixtures(self, u_from: Sequence[float], u_to: Sequence[float]) -> list[Mixture] | None:
         """Over the shape's coefficients, along the way."""

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import betaincinv
 
 from safety.risk.contact_kernels import (
@@ -28,6 +29,7 @@ from safety.risk.distance_grid import DistanceGrid
 from safety.risk.environment import InsertionPort
 from safety.risk.mixture import FloatArray, IndexArray, Mixture
 from safety.risk.shape_basis import ShapeBasis, SingleArray
+from safety.risk_source import Leaving
 
 CONFIDENCE: Final = 0.95
 _WORST_SHARE: Final = 0.05
@@ -76,6 +78,8 @@ class PathContactRisk:
     """Touching anywhere, at the waypoints or between them."""
     at_waypoints: tuple[float, ...]
     """The estimate at each."""
+    leaving: Leaving | None
+    """None: the way does not lead away from what touches."""
 
 
 @dataclass(slots=True, eq=False)
@@ -87,6 +91,31 @@ class _Measured:
     """(S,) which each draw belongs to."""
     mixture: Mixture | None = None
     """None: nothing has been measured yet."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _How:
+    """How much of the body touches, at one end of a way."""
+
+    touching: NDArray[np.bool_]
+    """(S,) which shapes are not proved to be clear."""
+    count: int
+    mean_of_worst_mm: float
+
+    @classmethod
+    def of(cls, shapes: Shapes) -> "_How":
+        touching = ~(shapes.surely > 0.0)
+        worst_mm = _mean_of_worst(shapes.clearance)
+        return cls(touching, int(np.count_nonzero(touching)), worst_mm)
+
+    def left(self, end: "_How", surely: SingleArray) -> Leaving | None:
+        """Where the way from here to there leads out. surely: (S,) on the way."""
+        better = end.mean_of_worst_mm > self.mean_of_worst_mm and end.count <= self.count
+        if not (better and self.count):
+            return None
+        samples = self.touching.size
+        added = int(np.count_nonzero(~(surely > 0.0) & ~self.touching))
+        return Leaving(upper_limit(self.count, samples), upper_limit(added, samples))
 
 
 class ContactModel:
@@ -131,6 +160,13 @@ class ContactModel:
         self._measure(mixture)
         return _figures(self._now.shapes.clearance, self._now.shapes.surely, self._worst())
 
+    def clearance_mm(self, mixture: Mixture, share: float) -> float:
+        """What this share of the shapes, or one of them, have no more clearance than."""
+        self._measure(mixture)
+        clearance = self._now.shapes.clearance
+        rank = min(max(0, int(share * clearance.size)), clearance.size - 1)
+        return float(np.partition(clearance, rank)[rank])
+
     def centrelines(self, mixture: Mixture) -> SingleArray:
         """(samples, n, 3) the shapes themselves, to be drawn."""
         self._measure(mixture)
@@ -146,6 +182,7 @@ class ContactModel:
         if not mixtures:
             raise ValueError("a path has at least one waypoint")
         self._measure(mixtures[0])
+        start = _How.of(self._now.shapes)
         swept, surely = self._now.shapes.clearance.copy(), self._now.shapes.surely.copy()
         estimates, worst = [_share_touching(swept)], self._worst()
         for mixture in mixtures[1:]:
@@ -155,7 +192,8 @@ class ContactModel:
             self._sweep(before, self._now, swept, surely)
             estimates.append(_share_touching(self._now.shapes.clearance))
             worst = min(worst, self._worst(), key=lambda place: place.clearance_mm)
-        return PathContactRisk(_figures(swept, surely, worst), tuple(estimates))
+        leaving = start.left(_How.of(self._now.shapes), surely)
+        return PathContactRisk(_figures(swept, surely, worst), tuple(estimates), leaving)
 
     def _measure(self, mixture: Mixture) -> None:
         """Have the mixture's shapes now. Those of the last two mixtures are kept."""
@@ -233,6 +271,14 @@ def upper_limit(count: int, samples: int, confidence: float = CONFIDENCE) -> flo
     return float(betaincinv(count + 1, samples - count, confidence))
 
 
+def most_touching(risk: float, samples: int) -> int:
+    """How many of the samples may touch for the upper limit not to be above a risk; −1: none may,
+    and not even that is enough."""
+    count = np.arange(samples)
+    limits = betaincinv(count + 1.0, samples - count, CONFIDENCE)
+    return int(np.searchsorted(limits, risk, side="right")) - 1
+
+
 def _figures(clearance: SingleArray, surely: SingleArray, worst: WorstPlace) -> ContactRisk:
     samples = clearance.size
     ordered = np.sort(clearance)
@@ -251,6 +297,11 @@ def _figures(clearance: SingleArray, surely: SingleArray, worst: WorstPlace) -> 
         float(ordered[:few].mean()),
         worst,
     )
+
+
+def _mean_of_worst(clearance: SingleArray) -> float:
+    few = _few(clearance.size)
+    return float(np.partition(clearance, few - 1)[:few].mean())
 
 
 def _few(samples: int) -> int:

@@ -9,7 +9,7 @@ from safety import gate
 from safety.gate import RISK, RISK_UNAVAILABLE, Gate, Measured
 from safety.limits import CountLimits, Violation
 from safety.permit import PermittedHoming, PermittedStep, permit
-from safety.risk_source import NoModel, RiskReading
+from safety.risk_source import Leaving, NoModel, RiskReading
 from tests.safety.gate_rig import (
     LATEST_S,
     LIMITS,
@@ -450,6 +450,25 @@ def test_a_step_is_shortened_until_its_risk_may_be_taken(wall: float, changed: i
     assert decision.limits == ((RISK,) if changed < 100 else ())
     assert decision.scale == changed / 100
     assert (decision.risk, decision.risk_detail) == (0.0, "a wall")
+
+
+def test_a_body_that_touches_something_may_leave_it() -> None:
+    out = Leaving(at_start=0.8, added=0.003)
+    rig = Rig(risk=ToldRisk(lambda _, __: RiskReading(0.8, 0.1, 0.001, "told", leaving=out)))
+    decision = rig.decide(50_100)
+    assert (change(decision), decision.risk, decision.refused) == (100, 0.8, "")
+    assert decision.limits == ()
+    assert len(rig.risk.asked) == 1
+
+
+def test_a_body_that_leaves_one_thing_is_not_led_into_another() -> None:
+    def between(_: object, u_to: Sequence[float]) -> RiskReading:
+        added = 0.0 if u_to[0] < 50_070 / 2000.0 else 0.5
+        return RiskReading(0.8, 0.1, 0.001, "told", leaving=Leaving(at_start=0.8, added=added))
+
+    rig = Rig(risk=ToldRisk(between))
+    decision = rig.decide(50_100)
+    assert (change(decision), decision.limits) == (50, (RISK,))
 
 
 def test_a_step_of_which_no_part_is_safe_is_refused_and_braked() -> None:

@@ -7,12 +7,15 @@ import pytest
 
 from safety.risk_source import (
     MAXIMUM_RISK,
+    Leaving,
     Nearest,
     NoModel,
     RiskReading,
     RiskSource,
+    Room,
     ask,
     believed,
+    room_of,
 )
 
 LATEST_S = 0.02
@@ -29,8 +32,12 @@ class Source:
 
     name = "a model"
 
-    def __init__(self, answer: RiskReading | Exception | None) -> None:
+    def __init__(
+        self, answer: RiskReading | Exception | None, room: Room | Exception | None = None
+    ) -> None:
         self.answer = answer
+        self.told_room = room
+        self.looked: list[tuple[Sequence[float], float]] = []
         self.asked: list[tuple[Sequence[float], Sequence[float], int]] = []
 
     def assess(
@@ -40,6 +47,12 @@ class Source:
         if isinstance(self.answer, Exception):
             raise self.answer
         return self.answer
+
+    def room(self, u: Sequence[float], risk: float) -> Room | None:
+        self.looked.append((u, risk))
+        if isinstance(self.told_room, Exception):
+            raise self.told_room
+        return self.told_room
 
 
 @pytest.mark.parametrize("risk", [0.0, 0.05, 1.0])
@@ -92,6 +105,53 @@ def test_where_something_is_near_is_passed_on() -> None:
     assert ask(Source(told), [1.0], [2.0], 0, LATEST_S).nearest is nearest
     assert ask(Source(reading()), [1.0], [2.0], 0, LATEST_S).nearest is None
     assert ask(Source(None), [1.0], [2.0], 0, LATEST_S).nearest is None
+
+
+@pytest.mark.parametrize(
+    ("leaving", "bearable"),
+    [
+        (None, False),
+        (Leaving(at_start=0.4, added=0.05), True),
+        (Leaving(at_start=0.4, added=0.06), False),
+        (Leaving(at_start=0.05, added=0.0), False),
+        (Leaving(at_start=0.06, added=0.0), True),
+        (Leaving(at_start=nan, added=0.0), False),
+        (Leaving(at_start=0.4, added=nan), False),
+    ],
+)
+def test_more_risk_is_bearable_on_the_way_out_of_it(
+    leaving: Leaving | None, bearable: bool
+) -> None:
+    told = RiskReading(0.3, None, 0.001, "a model", leaving=leaving)
+    answer = ask(Source(told), [1.0], [2.0], 0, LATEST_S)
+    assert answer.bearable(0.05) == bearable
+    assert answer.bearable(0.3)
+
+
+def test_a_way_out_that_is_doubted_is_none() -> None:
+    out = Leaving(at_start=0.4, added=0.0)
+    late = RiskReading(0.3, None, 1.0, "a model", leaving=out)
+    assert not ask(Source(late), [1.0], [2.0], 0, LATEST_S).bearable(0.5)
+    unknown = RiskReading(0.3, None, 0.001, "a model", doubt="never learned", leaving=out)
+    assert not ask(Source(unknown), [1.0], [2.0], 0, LATEST_S).bearable(0.5)
+
+
+@pytest.mark.parametrize(
+    "room",
+    [None, Room((0.0,), nan, (1.0,)), Room((0.0,), 1.0, (inf,)), ZeroDivisionError("no bodies")],
+)
+def test_a_room_that_is_no_number_or_cannot_be_told_is_none(
+    room: Room | Exception | None,
+) -> None:
+    assert room_of(Source(None, room), [0.0], 0.05) is None
+
+
+def test_a_room_is_passed_on() -> None:
+    room = Room((0.0, 1.0), -2.0, (1.0, 0.0))
+    source = Source(None, room)
+    assert room_of(source, [0.0, 1.0], 0.05) is room
+    assert source.looked == [([0.0, 1.0], 0.05)]
+    assert room_of(NoModel(), [0.0, 1.0], 0.05) is None
 
 
 def test_a_source_that_says_nothing_is_doubted() -> None:

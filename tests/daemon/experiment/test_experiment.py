@@ -128,6 +128,9 @@ class Wall:
     def assess(self, u_from: object, u_to: object, t_ns: int) -> RiskReading:
         return RiskReading(0.9, None, 0.0, self.name, "there is a wall")
 
+    def room(self, u: object, risk: float) -> None:
+        return None
+
 
 def test_who_is_held_again_and_again_gives_up_and_says_why(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

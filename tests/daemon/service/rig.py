@@ -143,11 +143,12 @@ def on_a_rig(
     change: Callable[[Robot], Robot] = lambda robot: robot,
     risk: RiskSource | None = None,
     folder: Path | None = None,
+    seed: int = 1,
 ) -> Rig:
     """Play `scene` with a daemon that has become READY. Everything is taken down afterwards."""
     with tempfile.TemporaryDirectory() as name:
         place = folder or Path(name)
-        return run_in_virtual_time(_play(scene, path, change, risk or NoModel(), place))
+        return run_in_virtual_time(_play(scene, path, change, risk or NoModel(), place, seed))
 
 
 async def _play(
@@ -156,11 +157,12 @@ async def _play(
     change: Callable[[Robot], Robot],
     risk: RiskSource,
     folder: Path,
+    seed: int,
 ) -> Rig:
     file = check_robot(path).file
     robot = change(file.robot)
     clock = virtual_clock()
-    lab = Lab(robot, path, clock, 1)
+    lab = Lab(robot, path, clock, seed)
     lab.start()
     tokens = iter(range(1, 1_000_000))
     surroundings = Surroundings(

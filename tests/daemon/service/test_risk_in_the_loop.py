@@ -24,10 +24,9 @@ from safety.risk.distance_grid import DistanceGrid
 from safety.risk.shapes import CHEST_PORT, chest
 from safety.risk_source import NoModel, RiskReading
 from safety.states import OperatingState
-from tests import SOFT_ARM
+from tests.daemon.service.grazing import BROYDEN, TENDON_ARM, StoppedClock
 from tests.daemon.service.rig import Rig, on_a_rig
 
-TENDON_ARM = SOFT_ARM.with_name("tendon_arm.yaml")
 CIRCLE = {
     "kind": "circle",
     "center_mm": [0.0, 0.0, 197.5],
@@ -35,22 +34,8 @@ CIRCLE = {
     "radius_mm": 34.0,
     "cycle_s": 40.0,
 }
-BROYDEN = {
-    "kind": "broyden",
-    "explore_together": False,
-    "explore_share": 0.03,
-    "damping_mm": 200.0,
-    "posture_gain_per_s": 1.0,
-}
 GRID_MM = 3.0
 IN_THE_PORT_MM = CHEST_PORT.depth_mm + 5.0
-
-
-class StoppedClock:
-    """In virtual time no answer takes any."""
-
-    def now_ns(self) -> int:
-        return 0
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +51,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> RobotFile:
     }
     surface = {"mesh": "chest.stl", "free": "inside", "port": port, "grid_mm": GRID_MM}
     robot: dict[str, Any] = yaml.safe_load(TENDON_ARM.read_text())
-    robot["risk"] = {"model": "builtin:tendon_arm.npz", "surface": surface}
+    robot["risk"] = {"model": "builtin:tendon_arm.npz", "surface": surface, "slide": False}
     (folder / "robot.yaml").write_text(yaml.safe_dump(robot))
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
@@ -169,6 +154,9 @@ class Told:
 
     def assess(self, u_from: object, u_to: object, t_ns: int) -> RiskReading | None:
         return self.answer
+
+    def room(self, u: object, risk: float) -> None:
+        return None
 
 
 @pytest.mark.parametrize(("cause", "answer"), BAD.values(), ids=BAD)

@@ -7,7 +7,7 @@ from safety.risk.body_risk import BodyRisk, WayRisk
 from safety.risk.distance_grid import DistanceGrid, distance_grid
 from safety.risk.environment import Environment, environment
 from safety.risk.risk_model import RiskModel, risk_model
-from safety.risk.shapes import box
+from safety.risk.shapes import box, joined
 from tests.safety.risk.networks import Arrays, model_arrays
 
 INSIDE = (0.0, 0.0, 0.0, 0.0)
@@ -147,3 +147,64 @@ def test_the_same_question_has_the_same_answer_whatever_was_asked_before(
     assert asked((2.0, 5.0), (2.0, 3.0), (2.0, 4.0)) == alone
     assert asked((-1.0, 0.0), (2.0, 4.0)) == alone
     assert asked((2.0, 4.0), (2.0, 4.0)) == alone
+
+
+THRESHOLD = 0.05
+
+
+def test_far_from_everything_there_is_no_room_to_speak_of(risk: BodyRisk) -> None:
+    assert risk.room(at(-3.0), THRESHOLD) is None
+
+
+@pytest.mark.parametrize("u", [at(1.5), at(2.0), at(2.5)])
+def test_room_gets_less_along_its_slope_and_with_none_left_the_risk_is_as_high(
+    risk: BodyRisk, u: tuple[float, ...]
+) -> None:
+    room = risk.room(u, THRESHOLD)
+    assert room is not None
+    assert room.u == u
+    assert room.slope[0] == pytest.approx(-10.0, rel=0.1)  # of x, for each unit
+    assert room.slope[1:] == pytest.approx([0.0, 0.0, 0.0], abs=0.1)
+    there = at(u[0] - (room.room_mm - 3.0) / room.slope[0])
+    assert told(risk, there, there).contact.upper_limit < THRESHOLD
+    beyond = at(u[0] - (room.room_mm + 4.0) / room.slope[0])
+    assert told(risk, beyond, beyond).contact.upper_limit > THRESHOLD
+
+
+def test_a_higher_risk_that_may_be_taken_leaves_more_room(risk: BodyRisk) -> None:
+    rooms = [risk.room(at(2.5), threshold) for threshold in (0.0, 0.01, 0.1, 0.3)]
+    distances = [room.room_mm for room in rooms if room is not None]
+    assert len(distances) == 4
+    assert distances == sorted(distances)
+    assert distances[0] < distances[-1] - 1.0
+
+
+def test_where_the_network_gives_nothing_nobody_knows_the_room(
+    block: Environment, grid: DistanceGrid
+) -> None:
+    broken = arrays()
+    broken["shapes/means.0.weight"][0, 0] = 1e38
+    broken["shapes/output_scale_mm"] = np.array(1e300)
+    risk = BodyRisk(risk_model(broken, "silu", "relu"), block, grid)
+    assert risk.room(at(5.0), THRESHOLD) is None
+
+
+def test_a_way_out_of_what_is_touched_says_what_it_adds(risk: BodyRisk) -> None:
+    out = told(risk, at(5.0), at(4.0)).leaving
+    assert out is not None
+    assert out.at_start > 0.9
+    assert out.added < 0.02
+    for start, end in ((4.0, 5.0), (5.0, 5.0), (-3.0, -4.0)):
+        assert told(risk, at(start), at(end)).leaving is None
+
+
+def test_a_way_out_of_one_thing_into_another_says_that_too(
+    model: RiskModel, risk: BodyRisk
+) -> None:
+    """Deep in a block, through free space to just before a second one, which is passed."""
+    behind = box((4.0, 60.0, 60.0), (10.0, 0.0, 200.0), 4)
+    two = environment(*joined([box((40.0, 60.0, 60.0), (60.0, 0.0, 200.0), 4), behind]))
+    between = BodyRisk(model, two, distance_grid(two, 2.0, 20.0), samples=500)
+    through = told(between, at(3.2), at(-2.0)).leaving
+    assert through is not None
+    assert through.added > 0.3

@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import binom
 
 from safety.risk.body_point import BodyPointRisk
-from safety.risk.contact import ContactModel, upper_limit
+from safety.risk.contact import ContactModel, most_touching, upper_limit
 from safety.risk.distance_grid import DistanceGrid, distance_grid
 from safety.risk.environment import Environment, InsertionPort, environment
 from safety.risk.mixture import FloatArray, Mixture
@@ -68,6 +68,23 @@ def test_a_limit_is_one_that_a_larger_probability_would_almost_always_break() ->
     assert upper_limit(1000, 1000) == 1.0
     for count, samples in ((0, 50), (3, 200), (40, 1000), (999, 1000)):
         assert binom.cdf(count, samples, upper_limit(count, samples)) == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize("risk", [0.0, 0.001, 0.003, 0.05, 0.5, 0.999])
+def test_of_so_many_shapes_may_touch_and_of_no_more(risk: float) -> None:
+    count = most_touching(risk, 1000)
+    assert count < 0 or upper_limit(count, 1000) <= risk
+    assert upper_limit(count + 1, 1000) > risk
+
+
+def test_a_share_of_the_shapes_has_no_more_clearance_than_is_told() -> None:
+    model = ContactModel(rod(), wall(), None, samples=1000)
+    mixture = at(25.0, sigma_mm=4.0)
+    risk = model.risk(mixture)
+    assert model.clearance_mm(mixture, 0.5) == pytest.approx(risk.median_mm)
+    assert model.clearance_mm(mixture, 0.049) == pytest.approx(risk.lowest_5_percent_mm)
+    shares = [model.clearance_mm(mixture, share) for share in (0.0, 0.01, 0.3, 0.99, 1.0)]
+    assert shares == sorted(shares)
 
 
 def test_the_limit_counts_shapes_that_are_not_proved_to_be_clear() -> None:

@@ -1,0 +1,175 @@
+"""The tendon arm goes round a circle, and a ball stands a little in its way.
+
+Every seed is another arm and another place: how it is built differs from the arm that the model has
+learned from, the tracker's noise is its own, and so is the direction from which the ball is met.
+"""
+
+import asyncio
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from config.control import RiskSettings
+from config.emulated_plants import TendonArmPlant
+from config.loader import load_robot
+from config.robot import Robot
+from daemon.loop.control_step import SLIDING
+from daemon.remote.messages import Load, Risk, Start
+from daemon.risk.body_risk_source import make_risk_source
+from daemon.risk.mesh_file import write_mesh
+from safety.gate import RISK
+from safety.risk.shapes import ball
+from safety.risk_source import NoModel
+from safety.states import OperatingState
+from tests import SOFT_ARM
+from tests.daemon.service.rig import Rig, on_a_rig
+
+TENDON_ARM = SOFT_ARM.with_name("tendon_arm.yaml")
+BROYDEN = {
+    "kind": "broyden",
+    "explore_together": False,
+    "explore_share": 0.03,
+    "damping_mm": 200.0,
+    "posture_gain_per_s": 1.0,
+}
+RADIUS_MM = 25.0
+CIRCLE = {
+    "kind": "circle",
+    "center_mm": [0.0, 0.0, 197.5],
+    "plane": "xy",
+    "radius_mm": RADIUS_MM,
+    "cycle_s": 20.0,
+}
+BALL_MM = 15.0
+BALL_HEIGHT_MM = 190.0
+INTO_THE_WAY_MM = 4.0
+"""How far the ball reaches into where the arm would be if it were as long everywhere."""
+_BUILT = {
+    "bending_stiffness_n_mm2": 0.05,
+    "tendon_stiffness_n": 0.1,
+    "drive_stiffness_n_mm": 0.2,
+    "friction": 0.3,
+    "backlash_mm": 0.5,
+}
+"""How far each is from what it should be, at most, as a share of it."""
+
+
+class StoppedClock:
+    """In virtual time no answer takes any."""
+
+    def now_ns(self) -> int:
+        return 0
+
+
+@dataclass(frozen=True)
+class Grazed:
+    """What became of one seed."""
+
+    state: OperatingState
+    causes: set[str]
+    least_clearance_mm: float
+    """Of the plant's own shape, which nothing in the daemon can see."""
+    highest_risk: float | None
+    steps: int
+    shortened: int
+    slid: int
+    mean_error_mm: float
+
+
+class Witness:
+    """Looks at the body itself while the scene plays."""
+
+    def __init__(self, ball_mm: NDArray[np.float64]) -> None:
+        self._ball_mm = ball_mm
+        self.least_clearance_mm = np.inf
+
+    async def watch(self, rig: Rig) -> None:
+        while True:
+            state = rig.lab.body.record.state
+            line = state.centreline_mm
+            shares = np.linspace(0.0, 1.0, 5)[:, None, None]
+            fine = (line[:-1] + shares * (line[1:] - line[:-1])).reshape(-1, 3)
+            away_mm = float(np.linalg.norm(fine - self._ball_mm, axis=1).min())
+            clearance_mm = away_mm - BALL_MM - state.radius_mm
+            self.least_clearance_mm = min(self.least_clearance_mm, clearance_mm)
+            await asyncio.sleep(0.025)
+
+
+def graze(seed: int, folder: Path, aware: bool, slide: bool = True) -> Grazed:
+    """Once round. aware: the gate knows of the ball. slide: steps are turned aside."""
+    random = np.random.default_rng(seed)
+    angle = random.uniform(0.0, 2.0 * np.pi)
+    file = _robot_file(folder, angle, slide)
+    robot = load_robot(file)
+    assert robot.robot.emulation is not None
+    assert isinstance(robot.robot.emulation.plant, TendonArmPlant)
+    plant = _as_built(robot.robot.emulation.plant, random)
+    risk = make_risk_source(robot, StoppedClock()) if aware else NoModel()
+    witness = Witness(_ball_at(angle))
+    ended: dict[str, Any] = {}
+
+    async def scene(rig: Rig) -> None:
+        watching = asyncio.create_task(witness.watch(rig))
+        try:
+            await rig.armed()
+            await rig.do(Load, trajectory=CIRCLE, controller=BROYDEN)
+            await rig.do(Start)
+            await rig.until_state(OperatingState.RUNNING)
+            await rig.until(lambda: rig.state is not OperatingState.RUNNING, within_s=200.0)
+            ended.update(state=rig.state, causes=rig.causes)
+        finally:
+            watching.cancel()
+
+    def change(robot: Robot) -> Robot:
+        assert robot.emulation is not None
+        update: dict[str, Any] = {
+            "emulation": robot.emulation.model_copy(update={"plant": plant, "seed": seed})
+        }
+        return robot.model_copy(update=update if aware else {**update, "risk": RiskSettings()})
+
+    rig = on_a_rig(scene, path=file, change=change, risk=risk, seed=seed)
+    risks = [message for message in rig.told if isinstance(message, Risk)]
+    errors = [tip.error_mm for tip in rig.tips if tip.error_mm is not None]
+    return Grazed(
+        ended["state"],
+        ended["causes"],
+        witness.least_clearance_mm,
+        max((r.contact_risk for r in risks if r.contact_risk is not None), default=None),
+        len(risks),
+        sum(RISK in r.reasons for r in risks),
+        sum(SLIDING in r.reasons for r in risks),
+        float(np.mean(errors)),
+    )
+
+
+def _ball_at(angle_rad: float) -> NDArray[np.float64]:
+    """(3,) its centre."""
+    away_mm = RADIUS_MM + TendonArmPlant(kind="tendon_arm").body_radius_mm + BALL_MM
+    away_mm -= INTO_THE_WAY_MM
+    x, y = away_mm * np.cos(angle_rad), away_mm * np.sin(angle_rad)
+    return np.array([x, y, BALL_HEIGHT_MM])
+
+
+def _robot_file(folder: Path, angle_rad: float, slide: bool) -> Path:
+    write_mesh(folder / "ball.stl", ball(BALL_MM, _ball_at(angle_rad).tolist(), 2000))
+    robot: dict[str, Any] = yaml.safe_load(TENDON_ARM.read_text())
+    robot["risk"] = {
+        "model": "builtin:tendon_arm.npz",
+        "surface": {"mesh": "ball.stl", "free": "outside"},
+        "slide": slide,
+    }
+    path = folder / "robot.yaml"
+    path.write_text(yaml.safe_dump(robot))
+    return path
+
+
+def _as_built(plant: TendonArmPlant, random: np.random.Generator) -> TendonArmPlant:
+    off = {
+        name: getattr(plant, name) * (1.0 + share * random.uniform(-1.0, 1.0))
+        for name, share in _BUILT.items()
+    }
+    return plant.model_copy(update=off)
