@@ -11,6 +11,7 @@ _WORDS: Final = {
     "train": "learn where a body is from such data",
     "sweep": "learn with 1, 2, … components, and say how many it needs",
     "evaluate": "put a learned model beside the data that were kept back",
+    "calibrate": "put the contacts that it predicts beside those of an emulated body",
 }
 
 

@@ -1,0 +1,78 @@
+"""A ball in the tendon arm's way, many times over: with the model nothing is touched.
+
+`python -m tests.experiments.grazing` takes half an hour on two cores. Every seed is another arm,
+another noise and another side, see `tests.daemon.service.grazing`; each goes round with the model
+and without. Ends with exit code 1 where one touches with it, or does not get round, or does not
+touch without it. Prints one JSON.
+"""
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from daemon.worker_processes import worker_processes
+from safety.states import OperatingState
+from tests.daemon.service.grazing import Grazed, graze
+
+
+def both(seed: int) -> tuple[Grazed, Grazed]:
+    """With the model and without."""
+    with tempfile.TemporaryDirectory() as name:
+        os.environ["XDG_CACHE_HOME"] = name
+        aware, unaware = (graze(seed, Path(name), known) for known in (True, False))
+    return aware, unaware
+
+
+def told(found: Sequence[tuple[Grazed, Grazed]]) -> dict[str, Any]:
+    """For JSON."""
+    aware, unaware = zip(*found, strict=True)
+    return {
+        "seeds": len(found),
+        "with_the_model": {
+            "touched": sum(one.least_clearance_mm <= 0.0 for one in aware),
+            "got_round": sum(one.state is OperatingState.ARMED for one in aware),
+            "least_clearance_mm": _spread([one.least_clearance_mm for one in aware]),
+            "highest_risk": max(one.highest_risk or 0.0 for one in aware),
+            "steps": sum(one.steps for one in aware),
+            "turned_aside": sum(one.slid for one in aware),
+            "seeds_turned_aside": sum(one.slid > 0 for one in aware),
+            "shortened_by_the_gate": sum(one.shortened for one in aware),
+            "mean_error_mm": _spread([one.mean_error_mm for one in aware]),
+        },
+        "without": {
+            "touched": sum(one.least_clearance_mm <= 0.0 for one in unaware),
+            "least_clearance_mm": _spread([one.least_clearance_mm for one in unaware]),
+            "mean_error_mm": _spread([one.mean_error_mm for one in unaware]),
+        },
+    }
+
+
+def _spread(values: Sequence[float]) -> dict[str, float]:
+    lowest, median, highest = np.quantile(values, (0.0, 0.5, 1.0)).round(2).tolist()
+    return {"lowest": lowest, "median": median, "highest": highest}
+
+
+def main() -> int:
+    """Prints one JSON."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=100, metavar="N")
+    parser.add_argument("--processes", type=int, default=2, metavar="N")
+    arguments = parser.parse_args()
+    with worker_processes(arguments.processes) as workers:
+        found = list(workers.map(both, range(1, arguments.seeds + 1)))
+    figures = told(found)
+    print(json.dumps(figures, indent=2))
+    good, without = figures["with_the_model"], figures["without"]["touched"]
+    bad = good["touched"] or good["got_round"] < len(found) or without < len(found)
+    return 1 if bad else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
