@@ -78,7 +78,7 @@ def make_risk_source(file: RobotFile, clock: Clock) -> RiskSource:
             f"{model_path} is of the robot {read.robot!r} with {read.model.inputs} axes, and this "
             f"is {file.robot.robot!r} with {axes}: name its own model under risk"
         )
-    radius_mm = float(read.model.basis.radius_mm.max())
+    radius_mm = read.model.basis.thickest_mm
     try:
         surroundings = _environment(settings.surface, mesh_path)
         grid = cached_grid(surroundings, settings.surface.grid_mm, radius_mm + _MARGIN_MM)

@@ -79,6 +79,7 @@ def train_body(dataset: CloudDataset, settings: BodySettings, heard: Heard) -> T
         "basis/base_mm": fit.basis.base_mm,
         "basis/modes": fit.basis.modes,
         "basis/radius_mm": fit.basis.radius_mm,
+        "basis/left_out_mm": fit.basis.left_out_mm,
         "basis/arc_mm": fit.basis.arc_mm,
         "training/inputs": u.astype(np.float32),
         "training/reach": np.array(_reach(u, points.arrays["input_scale"])),

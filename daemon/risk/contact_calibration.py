@@ -98,7 +98,7 @@ def contact_calibration(
     Where they are depends on the rollouts, not on the model. samples: of contact_risk. advance:
     hears of each configuration. Raises ValueError.
     """
-    exact_mm = float(model.basis.radius_mm.max()) + _MARGIN_MM
+    exact_mm = model.basis.thickest_mm + _MARGIN_MM
     found: list[tuple[float, float, float]] = []
     unknown = 0
     for number, (u, lines) in enumerate(zip(rollouts.u, rollouts.centrelines_mm, strict=True)):

@@ -64,7 +64,7 @@ class BodyRisk:
         self._contact = ContactModel(model.basis, grid, surroundings.port, samples, seed)
         self._fewer = ContactModel(model.basis, grid, surroundings.port, samples // _FEWER, seed)
         self._samples = samples
-        self._hardly_proved_mm = 0.5 * grid.error_mm
+        self._hardly_proved_mm = float(model.basis.left_out_mm.max()) + 0.5 * grid.error_mm
         self._body_point = BodyPointRisk(surroundings)
         self._begin: tuple[tuple[float, ...], Mixture] | None = None
         """Where the last way began: the gate asks for several ways from the same place."""

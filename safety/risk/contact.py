@@ -20,6 +20,7 @@ from safety.risk.contact_kernels import (
     CAP_MM,
     FINEST_MM,
     Shapes,
+    Skin,
     Surroundings,
     clearances,
     place_shapes,
@@ -135,7 +136,7 @@ class ContactModel:
     ) -> None:
         # Decided is where interpolated distances are up to so much, from corners one cube away.
         decided_mm = grid.error_mm + FINEST_MM + CAP_MM
-        needed_mm = float(basis.radius_mm.max()) + decided_mm + 2.0 * grid.error_mm
+        needed_mm = basis.thickest_mm + decided_mm + 2.0 * grid.error_mm
         if needed_mm > grid.exact_to_mm:
             raise ValueError(
                 f"the grid is exact to {grid.exact_to_mm:g} mm, and the body needs {needed_mm:.3g}"
@@ -147,6 +148,8 @@ class ContactModel:
         self._normal = random.standard_normal((samples, basis.coefficients))
         self._modes = basis.modes.reshape(basis.coefficients, -1)
         self._surroundings = _surroundings(grid, port)
+        safe = basis.radius_mm + basis.left_out_mm
+        self._skin = Skin(basis.radius_mm, safe, basis.left_out_mm.max())
         nowhere = np.zeros(samples, np.int64)
         self._now, self._next = (_Measured(self._room(samples), nowhere) for _ in range(2))
 
@@ -220,22 +223,22 @@ class ContactModel:
         base, modes = self._basis.base_mm.ravel(), self._modes
         means, factors = mixture.means_mm, mixture.factors_per_mm
         place_shapes(means, factors, component, normal, base, modes, shapes.positions)
-        clearances(self._surroundings, self._basis.radius_mm, shapes)
+        clearances(self._surroundings, self._skin, shapes)
 
     def _sweep(
         self, start: "_Measured", end: "_Measured", swept: SingleArray, surely: SingleArray
     ) -> None:
         """Lower `swept` and `surely` by the way from the one's shapes to the other's."""
-        surroundings, radius = self._surroundings, self._basis.radius_mm
+        surroundings, skin = self._surroundings, self._skin
         changed = np.flatnonzero(start.component != end.component)
         if changed.size == 0 or end.mixture is None:
-            sweep(surroundings, radius, start.shapes, end.shapes, swept, surely)
+            sweep(surroundings, skin, start.shapes, end.shapes, swept, surely)
             return
         arriving = self._room(changed.size)
         self._place(end.mixture, start.component[changed], self._normal[changed], arriving)
         kept = _taken(end.shapes, changed)
         _put(end.shapes, changed, arriving)
-        sweep(surroundings, radius, start.shapes, end.shapes, swept, surely)
+        sweep(surroundings, skin, start.shapes, end.shapes, swept, surely)
         _put(end.shapes, changed, kept)
         swept[changed] = np.minimum(swept[changed], kept.clearance)
         surely[changed] = np.minimum(surely[changed], kept.surely)

@@ -45,6 +45,15 @@ class Surroundings(NamedTuple):
     port: SingleArray
 
 
+class Skin(NamedTuple):
+    """radius: (n,) mm, of the body at each node. safe: (n,) with what its centreline may be off by.
+    most: the largest difference of both."""
+
+    radius: SingleArray
+    safe: SingleArray
+    most: np.float32
+
+
 class Shapes(NamedTuple):
     """positions: (S, 3n). clearance: (S,) mm, smallest distance of the body's skin from what is
     solid, as interpolated, negative where it is in it. node: (S,) where along the body that is.
@@ -93,7 +102,7 @@ def _own_modes(mean, factor, base, modes, middle, spread):  # type: ignore[no-un
 
 
 @_kernel
-def clearances(surroundings, radius, shapes):  # type: ignore[no-untyped-def]
+def clearances(surroundings, skin, shapes):  # type: ignore[no-untyped-def]
     """Write clearance, node and what is sure of each shape."""
     grid, port = _unpacked(surroundings), surroundings.port
     positions, clearance, node, surely = (
@@ -102,14 +111,14 @@ def clearances(surroundings, radius, shapes):  # type: ignore[no-untyped-def]
         shapes.node,
         shapes.surely,
     )
-    at_node = np.empty(radius.size, np.float32)
+    at_node = np.empty(skin.radius.size, np.float32)
     for s in range(clearance.size):
-        clearance[s], node[s] = _clearance(grid, port, radius, positions, s, at_node)
-        surely[s] = _surely(grid, port, radius, positions, s, clearance[s])
+        clearance[s], node[s] = _clearance(grid, port, skin, positions, s, at_node)
+        surely[s] = _surely(grid, port, skin, positions, s, clearance[s])
 
 
 @_kernel
-def sweep(surroundings, radius, start, end, swept, surely):  # type: ignore[no-untyped-def]
+def sweep(surroundings, skin, start, end, swept, surely):  # type: ignore[no-untyped-def]
     """Lower `swept` and `surely`, (S,) clearances on the way from each shape to that of `end`.
 
     All nodes of a shape go straight and at the same time. While none goes farther than the sure
@@ -118,7 +127,7 @@ def sweep(surroundings, radius, start, end, swept, surely):  # type: ignore[no-u
     grid, port = _unpacked(surroundings), surroundings.port
     first, last = start.positions, end.positions
     width = first.shape[1]
-    at_node = np.empty(radius.size, np.float32)
+    at_node = np.empty(skin.radius.size, np.float32)
     between = np.empty((1, width), np.float32)
     ways = np.empty((_MOST_CUTS, 4), np.float32)
     for s in range(swept.size):
@@ -138,9 +147,9 @@ def sweep(surroundings, radius, start, end, swept, surely):  # type: ignore[no-u
             half = _HALF * (begin + stop)
             for c in range(width):
                 between[0, c] = first[s, c] + half * (last[s, c] - first[s, c])
-            there, _ = _clearance(grid, port, radius, between, 0, at_node)
+            there, _ = _clearance(grid, port, skin, between, 0, at_node)
             swept[s] = min(swept[s], there)
-            sure = _surely(grid, port, radius, between, 0, there)
+            sure = _surely(grid, port, skin, between, 0, there)
             waiting = _halved(ways, waiting, half, sure)
         surely[s] = min(surely[s], swept[s])
 
@@ -175,14 +184,14 @@ def _way(start, end, s, width):  # type: ignore[no-untyped-def]
 
 
 @_inlined
-def _clearance(grid, port, radius, positions, s, at_node):  # type: ignore[no-untyped-def]
+def _clearance(grid, port, skin, positions, s, at_node):  # type: ignore[no-untyped-def]
     """Of shape s: the smallest clearance, and the node where it is, or nearest to where it is.
 
     Nodes that are so near to another one that they cannot lower the clearance are passed over; what
     is noted for them is a distance that they have at least.
     """
-    count, best, node = radius.size, _FAR, 0
-    enough = grid[10] + np.float32(CAP_MM)
+    radius, count, best, node = skin.radius, skin.radius.size, _FAR, 0
+    enough = grid[10] + np.float32(CAP_MM) + skin.most
     x0, y0, z0, known = _ZERO, _ZERO, _ZERO, -_FAR
     for step in range(count):
         i = count - 1 if step == 0 else step - 1  # the tip first: it is often the nearest
@@ -228,8 +237,9 @@ def _longest_segment(positions, s, count):  # type: ignore[no-untyped-def]
 
 
 @_kernel
-def _surely(grid, port, radius, positions, s, clearance):  # type: ignore[no-untyped-def]
-    """What the clearance of no part of shape s is below; CAP_MM or less, unless it touches.
+def _surely(grid, port, skin, positions, s, clearance):  # type: ignore[no-untyped-def]
+    """What the clearance of no part of shape s is below; CAP_MM or less, unless it touches. As
+    thick as its centreline may be off.
 
     Interpolated distances may be wrong by the grid's error. Where that leaves it open whether the
     shape touches, bounds from the grid's corners are taken, which are nearer to the truth.
@@ -237,9 +247,9 @@ def _surely(grid, port, radius, positions, s, clearance):  # type: ignore[no-unt
     cut, cap = np.float32(_HALF * FINEST_MM), np.float32(CAP_MM)
     if not clearance > _ZERO:
         return clearance
-    if clearance > grid[10] + cut + cap:
+    if clearance > grid[10] + cut + cap + skin.most:
         return cap
-    least = cap
+    least, radius = cap, skin.safe
     for i in range(radius.size - 1):
         x, y, z = positions[s, 3 * i], positions[s, 3 * i + 1], positions[s, 3 * i + 2]
         u, v, w = positions[s, 3 * i + 3], positions[s, 3 * i + 4], positions[s, 3 * i + 5]

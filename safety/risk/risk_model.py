@@ -4,7 +4,7 @@ The arrays of a file have these names:
 
     points/…          the network over places of the body: see `mixture_network`
     shapes/…          the network over coefficients of its shape
-    basis/base_mm, basis/modes, basis/radius_mm, basis/arc_mm      see `shape_basis`
+    basis/base_mm, basis/modes, basis/radius_mm, basis/left_out_mm, basis/arc_mm: see `shape_basis`
     training/inputs   (n, m) actuation vectors that it was trained at
     training/reach    () how far from the nearest of them it may be asked; see `distance`
 """
@@ -21,7 +21,7 @@ from safety.risk.mixture_network import MixtureNetwork, NetworkError
 from safety.risk.shape_basis import ShapeBasis, ShapeBasisError
 
 _POINTS, _SHAPES, _BASIS, _TRAINING = "points/", "shapes/", "basis/", "training/"
-_BASIS_ARRAYS: Final = ("base_mm", "modes", "radius_mm", "arc_mm")
+_BASIS_ARRAYS: Final = ("base_mm", "modes", "radius_mm", "left_out_mm", "arc_mm")
 
 
 class RiskModelError(ValueError):

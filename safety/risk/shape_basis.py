@@ -27,7 +27,9 @@ class ShapeBasis:
     modes: SingleArray
     """(d, n, 3) mm per mm."""
     radius_mm: SingleArray
-    """(n,) with what the fit leaves out, if that is to be on the safe side."""
+    """(n,) of the body."""
+    left_out_mm: SingleArray
+    """(n,) how far the centreline of a true body may be off."""
     arc_mm: FloatArray
     """(n,) along the body, from its base."""
 
@@ -37,6 +39,7 @@ class ShapeBasis:
         base_mm: NDArray[Any],
         modes: NDArray[Any],
         radius_mm: NDArray[Any],
+        left_out_mm: NDArray[Any],
         arc_mm: NDArray[Any],
     ) -> "ShapeBasis":
         """A basis of arrays from anywhere. Raises ShapeBasisError."""
@@ -45,26 +48,34 @@ class ShapeBasis:
             base,
             np.ascontiguousarray(modes, np.float32),
             np.ascontiguousarray(radius_mm, np.float32),
+            np.ascontiguousarray(left_out_mm, np.float32),
             np.ascontiguousarray(arc_mm, np.float64),
         )
         if base.ndim != 2 or len(base) < 2 or base.shape[1] != 3:
             raise ShapeBasisError(f"base_mm: must be (nodes, 3), two or more; it is {base.shape}")
         if basis.modes.ndim != 3 or not len(basis.modes) or basis.modes.shape[1:] != base.shape:
             raise ShapeBasisError(f"modes: must be (coefficients, {len(base)}, 3), as base_mm")
-        for name in ("radius_mm", "arc_mm"):
+        for name in ("radius_mm", "left_out_mm", "arc_mm"):
             if getattr(basis, name).shape != (len(base),):
                 raise ShapeBasisError(f"{name}: must be {len(base)} numbers, one per node")
-        for name in ("base_mm", "modes", "radius_mm", "arc_mm"):
+        for name in ("base_mm", "modes", "radius_mm", "left_out_mm", "arc_mm"):
             if not np.isfinite(getattr(basis, name)).all():
                 raise ShapeBasisError(f"{name}: must be finite")
         if not (basis.radius_mm > 0.0).all() or not (np.diff(basis.arc_mm) > 0.0).all():
             raise ShapeBasisError("radius_mm must be positive, and arc_mm must grow to the tip")
+        if not (basis.left_out_mm >= 0.0).all():
+            raise ShapeBasisError("left_out_mm must not be negative")
         return basis
 
     @property
     def coefficients(self) -> int:
         """d."""
         return len(self.modes)
+
+    @property
+    def thickest_mm(self) -> float:
+        """The largest radius, with what is left out."""
+        return float((self.radius_mm + self.left_out_mm).max())
 
     @property
     def nodes(self) -> int:

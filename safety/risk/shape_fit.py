@@ -51,7 +51,11 @@ def fit_shapes(centrelines_mm: NDArray[Any], radius_mm: float, coefficients: int
     left_out = missed + _standing_out(lines)
     arc = np.linalg.norm(np.diff(lines, axis=1), axis=2).mean(axis=0)
     basis = ShapeBasis.checked(
-        base, modes, radius_mm + left_out, np.concatenate([[0.0], np.cumsum(arc)])
+        base,
+        modes,
+        np.full(nodes, radius_mm),
+        left_out,
+        np.concatenate([[0.0], np.cumsum(arc)]),
     )
     return ShapeFit(basis, found, left_out)
 

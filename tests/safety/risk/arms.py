@@ -64,7 +64,7 @@ def shape_mixture(pose: Pose) -> tuple[ShapeBasis, Mixture]:
     for mode, (axis, power) in zip(modes, _POWERS, strict=True):
         mode[:, axis] = share**power
     base = np.column_stack([np.zeros((NODES, 2)), ARC_MM])
-    basis = ShapeBasis.checked(base, modes, np.full(NODES, RADIUS_MM), ARC_MM)
+    basis = ShapeBasis.checked(base, modes, np.full(NODES, RADIUS_MM), np.zeros(NODES), ARC_MM)
     wanted = (shapes(pose, 400, seed=0) - base).reshape(400, -1)
     fit = np.linalg.lstsq(modes.reshape(len(modes), -1).T, wanted.T, rcond=None)[0]
     covariance = np.cov(fit) + _FLOOR_MM**2 * np.eye(len(modes))

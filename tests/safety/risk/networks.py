@@ -58,6 +58,7 @@ def model_arrays(
         "basis/base_mm": np.column_stack([np.zeros((nodes, 2)), along]),
         "basis/modes": random.normal(size=(coefficients, nodes, 3)),
         "basis/radius_mm": np.full(nodes, 6.0),
+        "basis/left_out_mm": np.zeros(nodes),
         "basis/arc_mm": along,
         "training/inputs": random.uniform(-8.0, 8.0, (60, 4)),
         "training/reach": np.array(0.4),

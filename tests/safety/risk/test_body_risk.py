@@ -28,6 +28,7 @@ def arrays() -> Arrays:
         "points/input_scale": np.ones(4),
         "basis/modes": modes(),
         "basis/radius_mm": np.full(11, 5.0),
+        "basis/left_out_mm": np.zeros(11),
         "training/inputs": np.array([[first, 0.0, 0.0, 0.0] for first in np.arange(-6.0, 6.1)]),
         "training/reach": np.array(0.8),
     }

@@ -1,5 +1,6 @@
 """contact_risk: any part of the body, anywhere on its way; and that body_point_risk is not that."""
 
+from dataclasses import replace
 from functools import cache
 from math import erf, sqrt
 
@@ -29,7 +30,7 @@ def rod(nodes: int = 21) -> ShapeBasis:
     base = np.column_stack([np.zeros((nodes, 2)), along])
     modes = np.zeros((2, nodes, 3))
     modes[0, :, 0] = modes[1, :, 1] = 1.0
-    return ShapeBasis.checked(base, modes, np.full(nodes, RADIUS_MM), along)
+    return ShapeBasis.checked(base, modes, np.full(nodes, RADIUS_MM), np.zeros(nodes), along)
 
 
 def at(x: float, y: float = 0.0, sigma_mm: float = 1e-3) -> Mixture:
@@ -98,6 +99,18 @@ def test_the_limit_counts_shapes_that_are_not_proved_to_be_clear() -> None:
     assert fine_risk.probability == pytest.approx(coarse_risk.probability, abs=0.01)
     assert fine_risk.touching <= fine_risk.not_surely_clear <= coarse_risk.not_surely_clear
     assert fine_risk.upper_limit < coarse_risk.upper_limit
+
+
+def test_what_the_centreline_may_be_off_by_is_for_the_limit_and_not_for_the_estimate() -> None:
+    """The estimate says what happens; what is not known well goes to the safe side."""
+    basis, mixture = rod(), at(40.0 - RADIUS_MM - 4.0, sigma_mm=2.0)
+    off = replace(basis, left_out_mm=np.full(basis.nodes, 2.0, np.float32))
+    exact, safe = (ContactModel(one, wall(), None).risk(mixture) for one in (basis, off))
+    assert safe.touching == exact.touching
+    assert safe.median_mm == exact.median_mm
+    nearer = ContactModel(basis, wall(), None).risk(at(40.0 - RADIUS_MM - 2.0, sigma_mm=2.0))
+    assert safe.not_surely_clear == pytest.approx(nearer.not_surely_clear, abs=1)
+    assert safe.upper_limit > exact.upper_limit + 0.05
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -260,7 +273,7 @@ def test_a_thick_body_just_outside_the_grid_does_not_touch() -> None:
     along = np.array([0.0, 50.0, 100.0])
     base, modes = np.column_stack([np.zeros((3, 2)), along]), np.zeros((1, 3, 3))
     modes[0, :, 0] = 1.0
-    thick = ShapeBasis.checked(base, modes, np.full(3, 13.0), along)
+    thick = ShapeBasis.checked(base, modes, np.full(3, 13.0), np.zeros(3), along)
     model = ContactModel(thick, wall(), None, samples=5)
     for x, touched in ((23.0, 0.0), (19.5, 0.0), (10.0, 0.0), (28.0, 1.0)):
         risk = model.risk(Mixture.checked([1.0], [[x]], [[[1e6]]]))

@@ -10,6 +10,7 @@ SOUND = {
     "base_mm": np.zeros((4, 3)),
     "modes": np.zeros((2, 4, 3)),
     "radius_mm": np.ones(4),
+    "left_out_mm": np.zeros(4),
     "arc_mm": np.arange(4.0),
 }
 
@@ -28,6 +29,8 @@ def test_a_sound_basis_says_its_sizes() -> None:
         ("modes", np.zeros((0, 4, 3)), "modes: must be"),
         ("modes", np.full((2, 4, 3), np.inf), "modes: must be finite"),
         ("radius_mm", np.ones(3), "radius_mm: must be 4 numbers"),
+        ("left_out_mm", np.zeros(3), "left_out_mm: must be 4 numbers"),
+        ("left_out_mm", np.array([0.0, -1.0, 0.0, 0.0]), "left_out_mm must not be negative"),
         ("radius_mm", np.array([1.0, 1.0, 0.0, 1.0]), "radius_mm must be positive"),
         ("arc_mm", np.array([0.0, 1.0, 1.0, 2.0]), "arc_mm must grow"),
         ("arc_mm", np.array([0.0, 1.0, np.nan, 2.0]), "arc_mm: must be finite"),

@@ -46,7 +46,7 @@ def test_what_the_modes_leave_out_makes_the_body_thicker() -> None:
     assert (fits[0].left_out_mm[10:] > 1.5 * fits[1].left_out_mm[10:]).all()
     for fit in fits:
         again = shapes_of(fit.basis, fit.coefficients_mm)
-        outside = np.linalg.norm(again - arcs, axis=2) > fit.basis.radius_mm - RADIUS_MM
+        outside = np.linalg.norm(again - arcs, axis=2) > fit.basis.left_out_mm
         assert outside.mean() <= 0.001
 
 
