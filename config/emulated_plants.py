@@ -124,7 +124,7 @@ class TendonArmPlant(ConfigModel):
     """Of everything between a motor and the base plate: spool, gear, the tendon's way there."""
     pretension_n: Positive = 2.0
     """Of every tendon as it is strung, with all axes at zero and nothing at the tip."""
-    friction: Annotated[float, Field(ge=0, le=1)] = 0.2
+    friction: Annotated[float, Field(ge=0, le=1)] = 0.15
     """Of a tendon on the edge of a hole, by Euler and Eytelwein."""
     presliding_mm: Annotated[float, Field(ge=0.005)] = 0.02
     """What a tendon gives way at a hole before it slips, from rest to full friction."""
