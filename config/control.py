@@ -68,6 +68,9 @@ class RiskSettings(ConfigModel):
     surface: Surface | None = None
     """Needed by a model, and needs one."""
 
+    tip_load_g: NotNegative = 0.0
+    """What hangs at the tip. A model that was made with another load is not believed."""
+
     samples: Annotated[int, Field(ge=100, le=100_000)] = 1000
     """How many shapes of the body are tried. None of n that touches is a risk of 3/n."""
 

@@ -1,6 +1,6 @@
 """The risk of collision as the gate asks for it, from the files that a robot file names."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -17,6 +17,9 @@ from safety.risk_source import Nearest, NoModel, RiskReading, RiskSource, Room
 
 _MARGIN_MM: Final = 10.0
 """Beyond the body's radius, to which the grid of distances is exact."""
+
+
+_SAME_LOAD_G: Final = 1.0
 
 
 class RiskFilesError(Exception):
@@ -59,10 +62,12 @@ class BodyRiskSource:
         return self._risk.room(u, risk)
 
 
-def make_risk_source(file: RobotFile, clock: Clock) -> RiskSource:
+def make_risk_source(
+    file: RobotFile, clock: Clock, tip_loads_g: Iterable[float] | None = None
+) -> RiskSource:
     """What the gate of this robot asks. Takes seconds where the grid has to be made first.
 
-    Raises RiskFilesError.
+    tip_loads_g: what will hang at the tip; None: what the robot file says. Raises RiskFilesError.
     """
     settings, paths = file.robot.risk, risk_paths(file.robot, file.path)
     if settings.surface is None or paths is None:
@@ -79,6 +84,13 @@ def make_risk_source(file: RobotFile, clock: Clock) -> RiskSource:
             f"is {file.robot.robot!r} with {axes}: name its own model under risk"
         )
     radius_mm = read.model.basis.thickest_mm
+    made_with_g = float(read.about.get("tip_load_g", 0.0))
+    for load_g in (settings.tip_load_g,) if tip_loads_g is None else tip_loads_g:
+        if abs(load_g - made_with_g) > _SAME_LOAD_G:
+            raise RiskFilesError(
+                f"{model_path} was made with {made_with_g:g} g at the tip, and not with "
+                f"{load_g:g} g: train one with that load, or go without a model"
+            )
     try:
         surroundings = _environment(settings.surface, mesh_path)
         grid = cached_grid(surroundings, settings.surface.grid_mm, radius_mm + _MARGIN_MM)

@@ -88,6 +88,10 @@ def of_another_robot(folder: Path) -> None:
     write_model(folder / "arm.npz", arrays(), {**ABOUT, "robot": "another_arm"})
 
 
+def with_a_load(folder: Path) -> None:
+    write_model(folder / "arm.npz", arrays(), {**ABOUT, "tip_load_g": 14.2})
+
+
 def open_mesh(folder: Path) -> None:
     mesh = box((40.0, 60.0, 60.0), (60.0, 0.0, 200.0), 4)
     write_mesh(folder / "block.stl", type(mesh)(mesh.vertices_mm, mesh.triangles[:-1]))
@@ -104,6 +108,7 @@ def too_thick(folder: Path) -> None:
     [
         (damaged, "arm.npz"),
         (of_another_robot, "is of the robot 'another_arm'"),
+        (with_a_load, "was made with 14.2 g at the tip, and not with 0 g"),
         (open_mesh, "block.stl"),
         (too_thick, "grid"),
     ],
@@ -114,6 +119,14 @@ def test_files_that_do_not_do_are_named(
     spoil(folder)
     with pytest.raises(RiskFilesError, match=told):
         make_risk_source(load_robot(folder / "robot.yaml"), Clock())
+
+
+def test_a_model_is_for_the_load_that_it_was_made_with(folder: Path) -> None:
+    with_a_load(folder)
+    file = load_robot(folder / "robot.yaml")
+    assert make_risk_source(file, Clock(), [14.2, 14.0]).name == "arm.npz, block.stl"
+    with pytest.raises(RiskFilesError, match="not with 20 g"):
+        make_risk_source(file, Clock(), [14.2, 20.0])
 
 
 @pytest.mark.parametrize(
