@@ -53,6 +53,10 @@ bench: $(DEVELOPMENT)
 
 experiments: $(DEVELOPMENT)
 	@$(BIN)/python -m tests.fuzz --inputs 1000000
+	@$(BIN)/python -m tests.experiments.body_point
+	@$(BIN)/python -m tests.experiments.grazing
+	@for robot in tendon_arm soft_arm; do $(BIN)/tentacled mdn calibrate config/robots/$$robot.yaml \
+		--model config/models/$$robot.npz --out runs/calibrated/$$robot || exit 1; done
 	@$(BIN)/tentacled reproduce ho2018 --out runs/ho2018
 	@$(BIN)/tentacled compare --out runs/compared
 

@@ -62,9 +62,10 @@ class BodyRisk:
         """samples: shapes that are drawn, the same ones for every question."""
         self._model = model
         self._contact = ContactModel(model.basis, grid, surroundings.port, samples, seed)
-        self._fewer = ContactModel(model.basis, grid, surroundings.port, samples // _FEWER, seed)
+        thicker = model.basis.on_the_safe_side()
+        self._fewer = ContactModel(thicker, grid, surroundings.port, samples // _FEWER, seed)
         self._samples = samples
-        self._hardly_proved_mm = float(model.basis.left_out_mm.max()) + 0.5 * grid.error_mm
+        self._hardly_proved_mm = 0.5 * grid.error_mm
         self._body_point = BodyPointRisk(surroundings)
         self._begin: tuple[tuple[float, ...], Mixture] | None = None
         """Where the last way began: the gate asks for several ways from the same place."""

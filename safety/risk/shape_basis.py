@@ -1,6 +1,6 @@
 """From a few coefficients to the body's centreline: a base and modes, as a fit has found them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -76,6 +76,11 @@ class ShapeBasis:
     def thickest_mm(self) -> float:
         """The largest radius, with what is left out."""
         return float((self.radius_mm + self.left_out_mm).max())
+
+    def on_the_safe_side(self) -> "ShapeBasis":
+        """The same as thick as it may be taken to be."""
+        thicker = self.radius_mm + self.left_out_mm
+        return replace(self, radius_mm=thicker, left_out_mm=np.zeros_like(thicker))
 
     @property
     def nodes(self) -> int:

@@ -20,6 +20,14 @@ def test_a_sound_basis_says_its_sizes() -> None:
     assert (basis.coefficients, basis.nodes) == (2, 4)
 
 
+def test_on_the_safe_side_it_is_as_thick_as_it_may_be() -> None:
+    basis = ShapeBasis.checked(**(SOUND | {"left_out_mm": np.array([0.0, 0.5, 0.0, 2.0])}))
+    safe = basis.on_the_safe_side()
+    assert safe.radius_mm.tolist() == [1.0, 1.5, 1.0, 3.0]
+    assert safe.left_out_mm.tolist() == [0.0] * 4
+    assert basis.thickest_mm == safe.thickest_mm == 3.0
+
+
 @pytest.mark.parametrize(
     ("name", "array", "told"),
     [
