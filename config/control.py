@@ -71,6 +71,10 @@ class RiskSettings(ConfigModel):
     tip_load_g: NotNegative = 0.0
     """What hangs at the tip. A model that was made with another load is not believed."""
 
+    oldest_days: Positive | None = None
+    """A model whose clouds were seen longer ago is not believed: bodies change with use. It has to
+    say when that was (`tentacled mdn collect --seen-on`). None: any age."""
+
     samples: Annotated[int, Field(ge=100, le=100_000)] = 1000
     """How many shapes of the body are tried. None of n that touches is a risk of 3/n."""
 

@@ -2,11 +2,11 @@
 
 from daemon.experiment.experiment_file import ExperimentFile
 from daemon.experiment.trial import TrialError
-from drivers.clock import Clock
+from drivers.clock import WallClock
 from safety.risk_source import NoModel, RiskSource
 
 
-def risk_source_of(file: ExperimentFile, clock: Clock) -> RiskSource:
+def risk_source_of(file: ExperimentFile, clock: WallClock) -> RiskSource:
     """What the robot file names, or nobody if the experiment wants it so. Raises TrialError."""
     if not file.experiment.risk or file.robot.risk.model is None:
         return NoModel()

@@ -4,12 +4,14 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
-from config.control import Surface
+import numpy as np
+
+from config.control import RiskSettings, Surface
 from config.loader import RobotFile, risk_paths
 from daemon.risk.grid_cache import cached_grid
 from daemon.risk.mesh_file import read_environment
-from daemon.risk.model_file import read_model
-from drivers.clock import Clock
+from daemon.risk.model_file import ModelFile, read_model
+from drivers.clock import WallClock
 from safety.risk.body_risk import BodyRisk, WayRisk
 from safety.risk.environment import Environment, EnvironmentFaultError, InsertionPort
 from safety.risk.risk_model import RiskModelError
@@ -20,6 +22,8 @@ _MARGIN_MM: Final = 10.0
 
 
 _SAME_LOAD_G: Final = 1.0
+_DAY_NS: Final = 86_400_000_000_000
+_TOO_OLD: Final = "the model is older than risk.oldest_days: see the body anew, and train another"
 
 
 class RiskFilesError(Exception):
@@ -29,10 +33,14 @@ class RiskFilesError(Exception):
 class BodyRiskSource:
     """A `RiskSource`: says how long it took, which pure mathematics cannot."""
 
-    def __init__(self, risk: BodyRisk, name: str, clock: Clock) -> None:
+    def __init__(
+        self, risk: BodyRisk, name: str, clock: WallClock, until_ns: int | None = None
+    ) -> None:
+        """until_ns: date from which on the model is too old to be believed; None: never."""
         self._risk = risk
         self._name = name
         self._clock = clock
+        self._until_ns = until_ns
 
     @property
     def name(self) -> str:
@@ -43,6 +51,8 @@ class BodyRiskSource:
     ) -> RiskReading | None:
         del t_ns
         began_ns = self._clock.now_ns()
+        if self._until_ns is not None and self._clock.wall_time_ns() >= self._until_ns:
+            return RiskReading(1.0, None, 0.0, self._name, doubt=_TOO_OLD)
         told = self._risk.of_way(u_from, u_to)
         took_s = (self._clock.now_ns() - began_ns) * 1e-9
         if isinstance(told, str):
@@ -63,7 +73,7 @@ class BodyRiskSource:
 
 
 def make_risk_source(
-    file: RobotFile, clock: Clock, tip_loads_g: Iterable[float] | None = None
+    file: RobotFile, clock: WallClock, tip_loads_g: Iterable[float] | None = None
 ) -> RiskSource:
     """What the gate of this robot asks. Takes seconds where the grid has to be made first.
 
@@ -97,9 +107,23 @@ def make_risk_source(
         risk = BodyRisk(read.model, surroundings, grid, settings.samples)
     except (EnvironmentFaultError, ValueError) as error:
         raise RiskFilesError(str(error)) from None
-    source = BodyRiskSource(risk, f"{model_path.name}, {mesh_path.name}", clock)
+    name = f"{model_path.name}, {mesh_path.name}"
+    source = BodyRiskSource(risk, name, clock, _believed_until_ns(read, settings, model_path))
     _compile(source, read.model.known[0] / read.model.scale)
     return source
+
+
+def _believed_until_ns(read: ModelFile, settings: RiskSettings, path: Path) -> int | None:
+    if settings.oldest_days is None:
+        return None
+    try:
+        seen_on_day = int(np.datetime64(read.about["seen_on"], "D").astype(np.int64))
+    except (KeyError, ValueError, TypeError):
+        raise RiskFilesError(
+            f"{path} does not say when its clouds were seen, which risk.oldest_days asks for: "
+            "collect them with --seen-on"
+        ) from None
+    return int((seen_on_day + settings.oldest_days) * _DAY_NS)
 
 
 def _environment(surface: Surface, path: Path) -> Environment:

@@ -26,10 +26,14 @@ class Clock:
 
     def __init__(self, step_ns: int = 0) -> None:
         self._t_ns, self._step_ns = 0, step_ns
+        self.wall_ns = 0
 
     def now_ns(self) -> int:
         self._t_ns += self._step_ns
         return self._t_ns
+
+    def wall_time_ns(self) -> int:
+        return self.wall_ns
 
 
 @pytest.fixture
@@ -127,6 +131,31 @@ def test_a_model_is_for_the_load_that_it_was_made_with(folder: Path) -> None:
     assert make_risk_source(file, Clock(), [14.2, 14.0]).name == "arm.npz, block.stl"
     with pytest.raises(RiskFilesError, match="not with 20 g"):
         make_risk_source(file, Clock(), [14.2, 20.0])
+
+
+def test_a_model_is_believed_for_so_many_days_and_then_no_more(folder: Path) -> None:
+    surface = {"mesh": "block.stl", "grid_mm": 2.0}
+    write_robot(folder, {"model": "arm.npz", "surface": surface, "oldest_days": 1.5})
+    write_model(folder / "arm.npz", arrays(), {**ABOUT, "seen_on": "1970-01-11"})
+    clock = Clock()
+    source = make_risk_source(load_robot(folder / "robot.yaml"), clock)
+    clock.wall_ns = int(11.4 * 86_400e9)
+    assert ask(source, at(0.0), at(0.5), 0, 0.02).risk < 0.05
+    clock.wall_ns = int(11.5 * 86_400e9)
+    late = ask(source, at(0.0), at(0.5), 0, 0.02)
+    assert late.risk == 1.0
+    assert "older than risk.oldest_days" in late.doubt
+
+
+@pytest.mark.parametrize("about", [{}, {"seen_on": "yesterday"}, {"seen_on": 3.5}])
+def test_a_model_that_may_not_be_old_says_how_old_it_is(
+    folder: Path, about: dict[str, object]
+) -> None:
+    surface = {"mesh": "block.stl", "grid_mm": 2.0}
+    write_robot(folder, {"model": "arm.npz", "surface": surface, "oldest_days": 30})
+    write_model(folder / "arm.npz", arrays(), {**ABOUT, **about})
+    with pytest.raises(RiskFilesError, match="does not say when its clouds were seen"):
+        make_risk_source(load_robot(folder / "robot.yaml"), Clock())
 
 
 @pytest.mark.parametrize(

@@ -64,6 +64,9 @@ class StoppedClock:
     def now_ns(self) -> int:
         return 0
 
+    def wall_time_ns(self) -> int:
+        return 0
+
 
 @dataclass(frozen=True)
 class Grazed:
