@@ -111,10 +111,10 @@ def clearances(surroundings, skin, shapes):  # type: ignore[no-untyped-def]
         shapes.node,
         shapes.surely,
     )
-    at_node = np.empty(skin.radius.size, np.float32)
+    scratch = np.empty(skin.radius.size, np.float32), np.empty((_MOST_CUTS, 4), np.float32)
     for s in range(clearance.size):
-        clearance[s], node[s] = _clearance(grid, port, skin, positions, s, at_node)
-        surely[s] = _surely(grid, port, skin, positions, s, clearance[s])
+        clearance[s], node[s] = _clearance(grid, port, skin, positions, s, scratch)
+        surely[s] = _surely(grid, port, skin, positions, s, clearance[s], scratch)
 
 
 @_kernel
@@ -127,7 +127,7 @@ def sweep(surroundings, skin, start, end, swept, surely):  # type: ignore[no-unt
     grid, port = _unpacked(surroundings), surroundings.port
     first, last = start.positions, end.positions
     width = first.shape[1]
-    at_node = np.empty(skin.radius.size, np.float32)
+    scratch = np.empty(skin.radius.size, np.float32), np.empty((_MOST_CUTS, 4), np.float32)
     between = np.empty((1, width), np.float32)
     ways = np.empty((_MOST_CUTS, 4), np.float32)
     for s in range(swept.size):
@@ -147,9 +147,9 @@ def sweep(surroundings, skin, start, end, swept, surely):  # type: ignore[no-unt
             half = _HALF * (begin + stop)
             for c in range(width):
                 between[0, c] = first[s, c] + half * (last[s, c] - first[s, c])
-            there, _ = _clearance(grid, port, skin, between, 0, at_node)
+            there, _ = _clearance(grid, port, skin, between, 0, scratch)
             swept[s] = min(swept[s], there)
-            sure = _surely(grid, port, skin, between, 0, there)
+            sure = _surely(grid, port, skin, between, 0, there, scratch)
             waiting = _halved(ways, waiting, half, sure)
         surely[s] = min(surely[s], swept[s])
 
@@ -184,12 +184,13 @@ def _way(start, end, s, width):  # type: ignore[no-untyped-def]
 
 
 @_inlined
-def _clearance(grid, port, skin, positions, s, at_node):  # type: ignore[no-untyped-def]
+def _clearance(grid, port, skin, positions, s, scratch):  # type: ignore[no-untyped-def]
     """Of shape s: the smallest clearance, and the node where it is, or nearest to where it is.
 
     Nodes that are so near to another one that they cannot lower the clearance are passed over; what
-    is noted for them is a distance that they have at least.
+    is noted for them, in the first part of the scratch, is a distance that they have at least.
     """
+    at_node, pieces = scratch
     radius, count, best, node = skin.radius, skin.radius.size, _FAR, 0
     enough = grid[10] + np.float32(CAP_MM) + skin.most
     x0, y0, z0, known = _ZERO, _ZERO, _ZERO, -_FAR
@@ -219,7 +220,7 @@ def _clearance(grid, port, skin, positions, s, at_node):  # type: ignore[no-unty
         room = at_node[i] + at_node[i + 1] - _TWO * (thick + enough)
         if not (room > _ZERO and x * x + y * y + z * z < room * room):
             ends = at_node[i], at_node[i + 1]
-            between, _ = _between(grid, port, positions, s, i, thick, ends, enough, False)
+            between, _ = _between(grid, port, positions, s, i, thick, ends, enough, False, pieces)
             if between < best:
                 best, node = between, i
     return best, node
@@ -237,29 +238,32 @@ def _longest_segment(positions, s, count):  # type: ignore[no-untyped-def]
 
 
 @_kernel
-def _surely(grid, port, skin, positions, s, clearance):  # type: ignore[no-untyped-def]
+def _surely(grid, port, skin, positions, s, clearance, scratch):  # type: ignore[no-untyped-def]
     """What the clearance of no part of shape s is below; CAP_MM or less, unless it touches. As
-    thick as its centreline may be off.
+    thick as its centreline may be off. scratch: with distances that its nodes have at least.
 
     Interpolated distances may be wrong by the grid's error. Where that leaves it open whether the
     shape touches, bounds from the grid's corners are taken, which are nearer to the truth.
     """
+    at_node, pieces = scratch
     cut, cap = np.float32(_HALF * FINEST_MM), np.float32(CAP_MM)
     if not clearance > _ZERO:
         return clearance
     if clearance > grid[10] + cut + cap + skin.most:
         return cap
     least, radius = cap, skin.safe
+    looked_at, there = -1, _ZERO
     for i in range(radius.size - 1):
         x, y, z = positions[s, 3 * i], positions[s, 3 * i + 1], positions[s, 3 * i + 2]
         u, v, w = positions[s, 3 * i + 3], positions[s, 3 * i + 4], positions[s, 3 * i + 5]
         thick = max(radius[i], radius[i + 1])
         length = np.float32(sqrt((u - x) * (u - x) + (v - y) * (v - y) + (w - z) * (w - z)))
-        ends = _distance(grid, x, y, z) - grid[10], _distance(grid, u, v, w) - grid[10]
-        if _HALF * (ends[0] + ends[1] - length) - thick > cap:
+        if _HALF * (at_node[i] + at_node[i + 1] - length) - grid[10] - thick > cap:
             continue
-        ends = _at_least(grid, x, y, z), _at_least(grid, u, v, w)
-        _, between = _between(grid, port, positions, s, i, thick, ends, cap, True)
+        before = there if looked_at == i else _at_least(grid, x, y, z)
+        looked_at, there = i + 1, _at_least(grid, u, v, w)
+        ends = before, there
+        _, between = _between(grid, port, positions, s, i, thick, ends, cap, True, pieces)
         least = min(least, between)
         if not least > _ZERO:
             return least
@@ -267,7 +271,7 @@ def _surely(grid, port, skin, positions, s, clearance):  # type: ignore[no-untyp
 
 
 @_kernel
-def _between(grid, port, positions, s, i, thick, ends, enough, surely):  # type: ignore[no-untyped-def]
+def _between(grid, port, positions, s, i, thick, ends, enough, surely, pieces):  # type: ignore[no-untyped-def]
     """From node i to node i + 1, cut until no piece is open: the smallest clearance found, and
     what it is not below.
 
@@ -280,7 +284,6 @@ def _between(grid, port, positions, s, i, thick, ends, enough, surely):  # type:
         return _FAR, _FAR
     dx, dy, dz = x - x0, y - y0, z - z0
     length = np.float32(sqrt(dx * dx + dy * dy + dz * dz))
-    pieces = np.empty((_MOST_CUTS, 4), np.float32)
     pieces[0, 0], pieces[0, 1], pieces[0, 2], pieces[0, 3] = 0.0, 1.0, ends[0], ends[1]
     waiting, found, least = 1, _FAR, _FAR
     while waiting > 0 and found > _ZERO:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from safety.risk.mixture import FloatArray
 from safety.risk.mixture_network import MixtureNetwork, NetworkError
+from safety.risk.nearest_kernels import nearest_distance
 from safety.risk.shape_basis import ShapeBasis, ShapeBasisError
 
 _POINTS, _SHAPES, _BASIS, _TRAINING = "points/", "shapes/", "basis/", "training/"
@@ -50,8 +51,7 @@ class RiskModel:
 
     def distance(self, u: Sequence[float] | FloatArray) -> float:
         """From (m,) u to the nearest vector of the training, in the networks' own inputs."""
-        ways = self.known - np.asarray(u, np.float64) * self.scale
-        return float(np.sqrt(np.einsum("ni,ni->n", ways, ways).min()))
+        return float(nearest_distance(self.known, np.asarray(u, np.float64) * self.scale))
 
     def knows(self, u: Sequence[float] | FloatArray) -> bool:
         """Whether it may be asked there; never where u is not finite."""
@@ -86,7 +86,7 @@ def risk_model(
         raise RiskModelError(f"shapes/: takes {shapes.inputs} inputs, points/ {points.inputs}")
     inputs, reach = _training(parts[_TRAINING], points.inputs)
     scale = 1.0 / arrays["points/input_scale"].astype(np.float64)
-    return RiskModel(points, shapes, basis, inputs * scale, scale, reach)
+    return RiskModel(points, shapes, basis, np.ascontiguousarray(inputs * scale), scale, reach)
 
 
 def _network(prefix: str, arrays: Mapping[str, NDArray[Any]], activation: str) -> MixtureNetwork:
