@@ -57,7 +57,7 @@ class TipFollower:
         step = share * error
         if options.feed_forward:
             step = step + observation.reference_velocity_mm_s * dt_s
-        if not np.isfinite(step).all():
+        if not _all_finite(step):
             raise ControllerError("where the tip is, or shall be, is not a number")
         length, most = math.sqrt(step @ step), options.max_tip_speed_mm_s * dt_s
         return np.asarray(step if length <= most else step * (most / length))
@@ -79,7 +79,7 @@ class TipFollower:
         near: (m,) a step that should be changed as little as need be; None: the posture's.
         Raises ControllerError for a Jacobian or targets that are not finite.
         """
-        if not (np.isfinite(jacobian).all() and np.isfinite(observation.targets).all()):
+        if not (_all_finite(jacobian) and _all_finite(observation.targets)):
             raise ControllerError("the controller's model is not a number here: learn it anew")
         drawn = self.drawn(observation) if near is None else near
         lowest, highest = self.axes.room(observation.targets)
@@ -164,6 +164,11 @@ def warm_up() -> None:
     jacobian, axes = np.eye(3), np.zeros(3)
     damped_solution(jacobian, axes, 1.0)
     bounded_step(jacobian, axes, axes, axes, axes, 1.0)
+
+
+def _all_finite(array: Vector) -> bool:
+    """Of a few numbers: numpy's own overhead would be most of it."""
+    return all(map(math.isfinite, array.ravel().tolist()))
 
 
 def _in_rows(array: Vector) -> Vector:
