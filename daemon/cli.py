@@ -1,6 +1,7 @@
 """`tentacled`: finds the command and runs it. A command is imported only when it is used."""
 
 import argparse
+import gc
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -85,8 +86,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(name: str) -> Command:
+    """Imports leave nothing behind: looking for it would take a tenth of their time."""
     module = "order" if name in _ONE_WORD else name
-    return cast(Command, import_module(f"daemon.commands.{module}"))
+    gc.disable()
+    try:
+        return cast(Command, import_module(f"daemon.commands.{module}"))
+    finally:
+        gc.enable()
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ import numpy as np
 
 from config.controllers import TipFollowing
 from config.robot import Robot
+from daemon.control import damped_step_kernels as kernels
 from daemon.control.axis_ranges import AxisRanges
 from daemon.control.controller import ControllerError, Observation
 from drivers.pose import Vector
@@ -20,8 +21,6 @@ LONGEST_STEP_S = 0.1
 """A step that took longer counts as this long: the tip does not leap after a gap."""
 
 Matrix = Vector
-
-_TINY = 1e-12
 
 
 class TipFollower:
@@ -58,7 +57,7 @@ class TipFollower:
         step = share * error
         if options.feed_forward:
             step = step + observation.reference_velocity_mm_s * dt_s
-        if not np.isfinite(step).all():
+        if not _all_finite(step):
             raise ControllerError("where the tip is, or shall be, is not a number")
         length, most = math.sqrt(step @ step), options.max_tip_speed_mm_s * dt_s
         return np.asarray(step if length <= most else step * (most / length))
@@ -80,7 +79,7 @@ class TipFollower:
         near: (m,) a step that should be changed as little as need be; None: the posture's.
         Raises ControllerError for a Jacobian or targets that are not finite.
         """
-        if not (np.isfinite(jacobian).all() and np.isfinite(observation.targets).all()):
+        if not (_all_finite(jacobian) and _all_finite(observation.targets)):
             raise ControllerError("the controller's model is not a number here: learn it anew")
         drawn = self.drawn(observation) if near is None else near
         lowest, highest = self.axes.room(observation.targets)
@@ -139,29 +138,16 @@ def bounded_step(
     jacobian: (3, m). An axis that would pass a limit is set to it, the worst one first, and the
     rest is solved again without it.
     """
-    # Column by column, like the parts that are solved again: rounding is the same for both.
-    whole = np.asfortranarray(jacobian)
-    trial = drawn + damped_solution(whole, wanted - whole @ drawn, damping)
-    beyond = np.maximum(lowest - trial, trial - highest)
-    worst = int(beyond.argmax())
-    if not beyond[worst] > 0.0:
-        return trial
-    step = np.minimum(np.maximum(drawn, lowest), highest)
-    free = np.ones(len(drawn), dtype=bool)
-    while True:
-        index = int(np.flatnonzero(free)[worst])
-        step[index] = min(max(trial[worst], lowest[index]), highest[index])
-        free[index] = False
-        if not free.any():
-            return step
-        partial = jacobian[:, free]
-        missing = wanted - jacobian[:, ~free] @ step[~free] - partial @ drawn[free]
-        trial = drawn[free] + damped_solution(partial, missing, damping)
-        beyond = np.maximum(lowest[free] - trial, trial - highest[free])
-        worst = int(beyond.argmax())
-        if not beyond[worst] > 0.0:
-            step[free] = trial
-            return step
+    return np.asarray(
+        kernels.bounded_step(
+            _in_rows(jacobian),
+            _in_rows(wanted),
+            _in_rows(drawn),
+            _in_rows(lowest),
+            _in_rows(highest),
+            damping,
+        )
+    )
 
 
 def damped_solution(jacobian: Matrix, wanted: Vector, damping: float) -> Vector:
@@ -170,8 +156,21 @@ def damped_solution(jacobian: Matrix, wanted: Vector, damping: float) -> Vector:
     Along a singular value s below `damping` the answer is multiplied by s²/(s² + λ²), where λ²
     grows from 0 at s = `damping` to damping² at s = 0; other directions are not touched.
     """
-    values, directions = np.linalg.eigh(jacobian @ jacobian.T)
-    squared = np.maximum(values, 0.0)
-    short = np.maximum(1.0 - np.sqrt(squared) / damping, 0.0)
-    share = directions.T @ wanted / (squared + (short * damping) ** 2 + _TINY)
-    return np.asarray(jacobian.T @ (directions @ share))
+    return np.asarray(kernels.damped_solution(_in_rows(jacobian), _in_rows(wanted), damping))
+
+
+def warm_up() -> None:
+    """Compile the kernels, or load them from numba's cache: seconds once, then tenths of one."""
+    jacobian, axes = np.eye(3), np.zeros(3)
+    damped_solution(jacobian, axes, 1.0)
+    bounded_step(jacobian, axes, axes, axes, axes, 1.0)
+
+
+def _all_finite(array: Vector) -> bool:
+    """Of a few numbers: numpy's own overhead would be most of it."""
+    return all(map(math.isfinite, array.ravel().tolist()))
+
+
+def _in_rows(array: Vector) -> Vector:
+    """The kernels are compiled for one layout of memory."""
+    return np.ascontiguousarray(array, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Everything that learning compiles, compiled before the robot moves.
+"""Everything that controllers compile, compiled before the robot moves.
 
 Kernels are compiled when they are first called, which takes seconds, or fetched from a cache on
 disk, which takes tenths of one. A control step can wait for neither.
@@ -6,6 +6,7 @@ disk, which takes tenths of one. A control step can wait for neither.
 
 import numpy as np
 
+from daemon.control import tip_following
 from daemon.learning import engines
 from daemon.learning.forward_model import forward_settings, slopes_by_step
 from daemon.learning.lwpr import Lwpr
@@ -19,6 +20,7 @@ _MEMORY = 100.0
 
 def warm_up() -> None:
     """Run every kernel once that a controller uses. Takes seconds where nothing is compiled yet."""
+    tip_following.warm_up()
     engines.warm_up()
     _warm_up_forward_model()
 

@@ -150,7 +150,7 @@ class ControlLoop:
         """Distance of the tip from its reference, at the last step."""
         if self.tip is None or self.aim is None:
             return None
-        return math.dist(self.tip.position_mm, self.aim.position_mm)
+        return math.dist(self.tip.position_mm.tolist(), self.aim.position_mm.tolist())
 
     @property
     def outside_workspace(self) -> bool:
@@ -238,7 +238,7 @@ class ControlLoop:
         if not running:
             return None
         proposal = controller.propose(observation)
-        if not np.isfinite(proposal.delta_u).all():
+        if not all(map(math.isfinite, proposal.delta_u.tolist())):
             raise ControllerError("the controller proposed something that is not a number")
         self.note = proposal.note
         return self._turned_aside(proposal.delta_u, observation)
@@ -298,7 +298,7 @@ class ControlLoop:
         told = decision.risk_detail
         supervisor.failsafe.set("risk_too_high", too_high, now_ns, "gate", told)
         supervisor.failsafe.set("risk_unavailable", unknown, now_ns, "gate", told)
-        asked = bool(np.any(np.abs(wish.delta_u) > _ASKED_ABOVE))
+        asked = any(abs(change) > _ASKED_ABOVE for change in wish.delta_u.tolist())
         stuck = asked and not (too_high or unknown) and decision.scale < _STUCK_BELOW
         told = decision.refused or ", ".join(decision.limits) if stuck else ""
         supervisor.failsafe.set("gate_refused", stuck, now_ns, "gate", told)

@@ -6,6 +6,7 @@ for comes in through `operator.Operator`.
 
 import asyncio
 from collections.abc import Callable
+from functools import partial
 from importlib.metadata import version
 from typing import Final
 
@@ -31,7 +32,7 @@ from daemon.status import StatusReport
 from daemon.supervision.supervisor import Supervisor
 from drivers.aurora.frame import TrackerFrame
 from drivers.axis_scale import axis_scale, count_limits, tension_range_n
-from drivers.cia402.drive_bus import DriveBus, TrafficTap
+from drivers.cia402.drive_bus import DriveBus
 from drivers.conditions import ConditionChange
 from safety.gate import Gate
 from safety.states import OperatingState, Request
@@ -250,18 +251,11 @@ class RobotService:
 
     def _make_hardware(self, file: RobotFile) -> Hardware:
         surroundings, recorder = self.surroundings, self.surroundings.recorder
-
-        def tap(bus: str) -> TrafficTap:
-            def frame(can_id: int, data: bytes, t_ns: int) -> None:
-                recorder.can_frame(bus, can_id, data, t_ns)
-
-            return frame
-
         listeners = Listeners(
             self._on_frame,
             self._on_condition,
             recorder.tracker_traffic,
-            {name: tap(name) for name in self.robot.buses},
+            {name: partial(recorder.can_frame, name) for name in self.robot.buses},
             self._on_cycle,
         )
         return Hardware(file, self.robot, surroundings.connections, self.clock, listeners)

@@ -7,6 +7,7 @@ body takes (1 − c) of the strain that it takes for good; the rest c comes with
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from sim_backends.plants.plant import FloatArray
 
@@ -51,9 +52,23 @@ class Creep:
         """What has crept when the rod has settled at `strain` (N, 3, 6) after `dt_s`."""
         kept, _ = self._kept(dt_s)
         towards = (1.0 - kept) * self.share
-        crept = kept * self.crept + towards * (strain - self.unloaded)
+        crept = _crept(self.crept, kept, strain, self.unloaded, towards)
         return Creep(self.stiffness, self.unloaded, crept, self.share, self.time_s)
 
     def _kept(self, dt_s: float) -> tuple[float, float]:
         kept = float(np.exp(-dt_s / (self.time_s * (1.0 - self.share))))
         return kept, 1.0 - (1.0 - kept) * self.share
+
+
+@njit(cache=True)
+def _crept(
+    before: FloatArray, kept: float, strain: FloatArray, unloaded: FloatArray, towards: float
+) -> FloatArray:
+    """(N, 3, 6) what has crept: a share of what had, and a share of the strain."""
+    out = np.empty_like(before)
+    for k in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            for a in range(out.shape[2]):
+                new = towards * (strain[k, j, a] - unloaded[k, j, a])
+                out[k, j, a] = kept * before[k, j, a] + new
+    return out

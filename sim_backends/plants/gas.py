@@ -6,6 +6,9 @@ tube throttles, so the share in the chamber follows its balanced value with the 
 
 from dataclasses import dataclass
 
+import numpy as np
+from numba import njit
+
 from sim_backends.plants.plant import FloatArray
 
 ATMOSPHERE_MPA = 0.101325
@@ -35,9 +38,31 @@ class GasLines:
 
     def amount_in_chamber(self, length_mm: FloatArray) -> FloatArray:
         """(m,) gas in the chambers at the step's end."""
-        return self.chamber_pressure(length_mm)[0] * self.area_mm2 * length_mm
+        amount: FloatArray = _amount_in_chamber(
+            self.amount, self.in_chamber, self.supply_mm3, self.area_mm2, self.kept, length_mm
+        )
+        return amount
 
     def cylinder_pressure(self, in_chamber: FloatArray) -> FloatArray:
         """(m,) absolute pressure MPa in front of the pistons at the step's end, with so much gas
         in the chambers."""
         return (self.amount - in_chamber) / self.supply_mm3
+
+
+@njit(cache=True, error_model="numpy")
+def _amount_in_chamber(
+    amount: FloatArray,
+    in_chamber: FloatArray,
+    supply_mm3: FloatArray,
+    area_mm2: FloatArray,
+    kept: float,
+    length_mm: FloatArray,
+) -> FloatArray:
+    """(m,) pressure, as `GasLines.chamber_pressure` has it, times volume."""
+    out = np.empty_like(amount)
+    for i in range(out.shape[0]):
+        area, length = area_mm2[i], length_mm[i]
+        held = kept * in_chamber[i] / (area * length)
+        shared = (1.0 - kept) * amount[i] / (supply_mm3[i] + area * length)
+        out[i] = (held + shared) * area * length
+    return out

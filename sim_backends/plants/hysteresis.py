@@ -8,6 +8,7 @@ displacement. Their weights relate alike: the body is stiffer by `Σ stiffness` 
 """
 
 import numpy as np
+from numba import njit
 
 from sim_backends.plants.plant import FloatArray
 
@@ -38,6 +39,18 @@ class StopOperators:
 
     def after(self, displacement_mm: FloatArray) -> "StopOperators":
         """The sliders after a monotone move."""
-        stretch = displacement_mm[:, None] - self.slider_mm
-        held = np.minimum(np.maximum(stretch, -self.threshold_mm), self.threshold_mm)
-        return StopOperators(self.stiffness, self.threshold_mm, displacement_mm[:, None] - held)
+        dragged = _dragged(self.slider_mm, self.threshold_mm, displacement_mm)
+        return StopOperators(self.stiffness, self.threshold_mm, dragged)
+
+
+@njit(cache=True)
+def _dragged(
+    slider_mm: FloatArray, threshold_mm: FloatArray, displacement_mm: FloatArray
+) -> FloatArray:
+    """(m, n) where sliders stand after a move."""
+    out = np.empty_like(slider_mm)
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            stretch, reach = displacement_mm[i] - slider_mm[i, j], threshold_mm[j]
+            out[i, j] = displacement_mm[i] - min(max(stretch, -reach), reach)
+    return out

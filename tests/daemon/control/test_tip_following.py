@@ -160,3 +160,48 @@ def test_an_axis_outside_its_travel_may_come_back_and_not_go_further() -> None:
     lowest, highest = axes.room(np.array([-2.0, 52.0, 25.0, 0.0, 50.0, 1.0]))
     np.testing.assert_allclose(lowest, [0.0, -52.0, -25.0, 0.0, -50.0, -1.0])
     np.testing.assert_allclose(highest, [52.0, 0.0, 25.0, 50.0, 0.0, 49.0])
+
+
+def plainly_damped(jacobian: Vector, wanted: Vector, damping: float) -> Vector:
+    """By numpy's singular values."""
+    left, values, right = np.linalg.svd(jacobian, full_matrices=False)
+    grown = (np.maximum(1.0 - values / damping, 0.0) * damping) ** 2
+    return np.asarray(right.T @ (values / (values**2 + grown + 1e-12) * (left.T @ wanted)))
+
+
+def plainly_bounded(
+    jacobian: Vector, wanted: Vector, drawn: Vector, lowest: Vector, highest: Vector, damping: float
+) -> Vector:
+    """One axis after the other is taken out, each time the one that is furthest beyond."""
+    step, free = drawn.copy(), np.ones(len(drawn), dtype=bool)
+    while free.any():
+        missing = wanted - jacobian @ step
+        trial = drawn[free] + plainly_damped(jacobian[:, free], missing, damping)
+        beyond = np.maximum(lowest[free] - trial, trial - highest[free])
+        if beyond.max() <= 0.0:
+            step[free] = trial
+            break
+        index = np.flatnonzero(free)[beyond.argmax()]
+        step[index] = np.clip(trial[beyond.argmax()], lowest[index], highest[index])
+        free[index] = False
+    return step
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_the_compiled_step_is_the_plain_one(seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    axes = int(generator.integers(1, 9))
+    jacobian = generator.normal(size=(3, axes)) * 10.0 ** generator.uniform(-2, 2, size=(3, 1))
+    wanted, drawn = generator.normal(size=3), 0.3 * generator.normal(size=axes)
+    damping = float(10.0 ** generator.uniform(-3, 2))
+    np.testing.assert_allclose(
+        damped_solution(jacobian, wanted, damping),
+        plainly_damped(jacobian, wanted, damping),
+        rtol=1e-6,
+        atol=1e-9,
+    )
+    reach = 10.0 ** generator.uniform(-2, 2, size=axes)
+    for jacobians in (jacobian, np.asfortranarray(jacobian)):
+        found = bounded_step(jacobians, wanted, drawn, -reach, reach, damping)
+        plain = plainly_bounded(jacobian, wanted, drawn, -reach, reach, damping)
+        np.testing.assert_allclose(found, plain, rtol=1e-6, atol=1e-9)

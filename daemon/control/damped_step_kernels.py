@@ -1,0 +1,120 @@
+"""Damped least squares with three equations, compiled: of numpy's time for a step on matrices this
+small, nine tenths are its own overhead.
+
+Every function that is cached on disk stands in this one file: numba notices a change only in the
+file of the cached function itself.
+"""
+
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+_TINY: Final = 1e-12
+_SWEEPS: Final = 20
+"""At most; each one about squares what is left beside the diagonal, and five or six do."""
+
+_kernel = njit(cache=True, error_model="numpy")
+"""error_model: a division by zero gives inf or no number, and no exception."""
+
+
+@_kernel
+def _turn(a: FloatArray, v: FloatArray, p: int, q: int) -> None:
+    """A rotation in the plane of p and q that leaves nothing in a[p, q] (Jacobi); v follows."""
+    if a[p, q] == 0.0:
+        return
+    theta = 0.5 * (a[q, q] - a[p, p]) / a[p, q]
+    t = 1.0 / (abs(theta) + np.sqrt(theta * theta + 1.0))
+    if theta < 0.0:
+        t = -t
+    c = 1.0 / np.sqrt(t * t + 1.0)
+    s = t * c
+    for k in range(3):
+        left, right = a[k, p], a[k, q]
+        a[k, p], a[k, q] = c * left - s * right, s * left + c * right
+    for k in range(3):
+        left, right = a[p, k], a[q, k]
+        a[p, k], a[q, k] = c * left - s * right, s * left + c * right
+    for k in range(3):
+        left, right = v[k, p], v[k, q]
+        v[k, p], v[k, q] = c * left - s * right, s * left + c * right
+    a[p, q] = a[q, p] = 0.0
+
+
+@_kernel
+def _eigen(a: FloatArray, v: FloatArray) -> None:
+    """Eigenvalues of a symmetric (3, 3) onto its diagonal, eigenvectors into the columns of v."""
+    for i in range(3):
+        for j in range(3):
+            v[i, j] = 1.0 if i == j else 0.0
+    for _ in range(_SWEEPS):
+        beside = abs(a[0, 1]) + abs(a[0, 2]) + abs(a[1, 2])
+        if not beside > 1e-17 * (abs(a[0, 0]) + abs(a[1, 1]) + abs(a[2, 2])):
+            return
+        _turn(a, v, 0, 1)
+        _turn(a, v, 0, 2)
+        _turn(a, v, 1, 2)
+
+
+@_kernel
+def damped_solution(jacobian: FloatArray, wanted: FloatArray, damping: float) -> FloatArray:
+    """(m,) as `tip_following.damped_solution` says. jacobian: (3, m). wanted: (3,)."""
+    count = jacobian.shape[1]
+    a, v, pull = np.zeros((3, 3)), np.empty((3, 3)), np.zeros(3)
+    for i in range(3):
+        for j in range(3):
+            for k in range(count):
+                a[i, j] += jacobian[i, k] * jacobian[j, k]
+    _eigen(a, v)
+    for i in range(3):
+        squared = max(a[i, i], 0.0)
+        short = max(1.0 - np.sqrt(squared) / damping, 0.0) * damping
+        along = v[0, i] * wanted[0] + v[1, i] * wanted[1] + v[2, i] * wanted[2]
+        share = along / (squared + short * short + _TINY)
+        for j in range(3):
+            pull[j] += share * v[j, i]
+    x = np.empty(count)
+    for k in range(count):
+        x[k] = jacobian[0, k] * pull[0] + jacobian[1, k] * pull[1] + jacobian[2, k] * pull[2]
+    return x
+
+
+@_kernel
+def bounded_step(
+    jacobian: FloatArray,
+    wanted: FloatArray,
+    drawn: FloatArray,
+    lowest: FloatArray,
+    highest: FloatArray,
+    damping: float,
+) -> FloatArray:
+    """(m,) as `tip_following.bounded_step` says."""
+    count = jacobian.shape[1]
+    free, held = jacobian.copy(), np.zeros(count, dtype=np.bool_)
+    step = drawn.copy()
+    for _ in range(count):
+        missing = wanted.copy()
+        for i in range(3):
+            for k in range(count):
+                missing[i] -= jacobian[i, k] * step[k]
+        # An axis that is held has no column: nothing is asked of it.
+        answer = damped_solution(free, missing, damping)
+        worst, most = -1, 0.0
+        for k in range(count):
+            if not held[k]:
+                trial = drawn[k] + answer[k]
+                beyond = max(lowest[k] - trial, trial - highest[k])
+                if beyond > most:
+                    worst, most = k, beyond
+        if worst < 0:
+            for k in range(count):
+                step[k] += answer[k]
+            return step
+        step[worst] = min(max(drawn[worst] + answer[worst], lowest[worst]), highest[worst])
+        held[worst] = True
+        for i in range(3):
+            free[i, worst] = 0.0
+    return step
