@@ -98,9 +98,10 @@ class ControlLoop:
         self._publish_message = publish
         self._duration_ns = FRAME_PERIOD_NS[robot.tracker.frame_rate]
         self._threshold = robot.risk.threshold
-        self._slide = robot.risk.slide
+        self._slide = robot.risk.slide and robot.risk.model is not None
         self._max_velocity = AxisRanges.of(robot).max_velocity
         self._room: Room | None = None
+        self._look_round = False
         box = robot.workspace
         self._workspace = None if box is None else (box.x_mm, box.y_mm, box.z_mm)
         self._tendons = [tension_range_n(axis) is not None for axis in robot.axes]
@@ -121,12 +122,14 @@ class ControlLoop:
         self._act(decision)
         on_bus_ns = self._clock.now_ns()
         self._publish(sensed, believed, wish, decision)
-        self._look_round(decision)
         self._timekeeping.step_ended(frame.received_ns, on_bus_ns, self._clock.now_ns())
 
-    def learn(self) -> None:
-        """A little of what the controller has put off. For a moment with nothing else to do."""
-        if self.controller is not None and self._begun:
+    def use_spare_time(self) -> None:
+        """A little of what has been put off. For a moment with nothing else to do."""
+        if self._look_round:
+            self._look_round = False
+            self._room = self._room_now()
+        elif self.controller is not None and self._begun:
             self.controller.learn(_LEARNING_S)
 
     def settle(self) -> None:
@@ -270,6 +273,7 @@ class ControlLoop:
     def _act(self, decision: Decision | None) -> None:
         self.decision = decision
         self.steps += 1
+        self._look_round = self._slide
         if decision is not None and decision.step is not None:
             self._last_step = decision.step
             taken = [bus.write(decision.step) for bus in self._buses]
@@ -279,16 +283,16 @@ class ControlLoop:
         if running and reference is not None and reference.finished:
             self._supervisor.request(Request.FINISHED, self._clock.now_ns())
 
-    def _look_round(self, decision: Decision | None) -> None:
-        """How near the body will be to something, for the next step: targets are on the bus now."""
-        self._room = None
-        step = None if decision is None else decision.step
-        if self._slide and step is not None and self._supervisor.running:
-            ends = [
-                channel.scale.position(counts)
-                for channel, counts in zip(self.channels, step.to_counts, strict=True)
-            ]
-            self._room = room_of(self._risk, ends, self._threshold)
+    def _room_now(self) -> Room | None:
+        """How near the body will be to something where it is told to go."""
+        step = None if self.decision is None else self.decision.step
+        if step is None or not self._supervisor.running:
+            return None
+        ends = [
+            channel.scale.position(counts)
+            for channel, counts in zip(self.channels, step.to_counts, strict=True)
+        ]
+        return room_of(self._risk, ends, self._threshold)
 
     def _tell_supervisor(self, decision: Decision, wish: Wish, now_ns: int) -> None:
         """A step that was refused, or cut to nothing again and again, is a reason to hold."""

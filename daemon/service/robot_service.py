@@ -181,13 +181,13 @@ class RobotService:
         bus.tick(now_ns, self._healthy)
         if paces:
             self._after_cycle(now_ns)
-            self._learn()
+            self._use_spare_time()
 
-    def _learn(self) -> None:
+    def _use_spare_time(self) -> None:
         try:
-            self.loop.learn()
+            self.loop.use_spare_time()
         except Exception as error:
-            self._broken("controller's learning", error)
+            self._broken("learning or looking round", error)
 
     def _supervise(self, now_ns: int) -> bool:
         """Whether the supervision itself is sound."""

@@ -188,7 +188,7 @@ def test_learning_that_breaks_stops_the_robot_and_is_told() -> None:
         controller.learn = breaks  # type: ignore[method-assign]
         await rig.until_state(S.FAULT)
         await rig.until(lambda: bool(rig.events("cause", "internal_error")))
-        assert rig.events("cause", "internal_error")[0].detail.startswith("controller's learning")
+        assert rig.events("cause", "internal_error")[0].detail.startswith("learning or looking")
 
     on_a_rig(scene)
 
