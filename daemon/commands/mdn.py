@@ -7,7 +7,7 @@ from typing import Final, cast
 from daemon.cli import Command
 
 _WORDS: Final = {
-    "collect": "see an emulated body at many configurations, from many others",
+    "collect": "see an emulated body at many configurations; or take over clouds of a real one",
     "train": "learn where a body is from such data",
     "sweep": "learn with 1, 2, … components, and say how many it needs",
     "evaluate": "put a learned model beside the data that were kept back",

@@ -1,11 +1,13 @@
 """`tentacled mdn sweep ROBOT.yaml CLOUDS.npz --out NLL.png`: how many components a body needs.
 
 Figure 4 of Thompson et al.: the likelihood of what was kept back, over the number of components.
+They chose the most that do not collapse; how many that are depends on where components begin.
 """
 
 import argparse
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from daemon.cli import EXIT_FAILED, EXIT_OK, EXIT_USAGE
@@ -23,11 +25,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_robot_argument(parser)
     add_data_arguments(parser)
     parser.add_argument(
-        "--components", default="1..10", metavar="FIRST..LAST", help="default: %(default)s"
+        "--components", default="1..16", metavar="FIRST..LAST", help="default: %(default)s"
+    )
+    parser.add_argument(
+        "--start",
+        choices=("arc", "plain", "both"),
+        default="both",
+        help="components begin along the body, as in `mdn train`; or as chance has it, as in the "
+        "paper (default: %(default)s)",
     )
     parser.add_argument("--out", type=Path, required=True, metavar="NLL.png")
     parser.add_argument("--json", action="store_true", help="the figures as one JSON object")
-    add_training_arguments(parser)
+    add_training_arguments(parser, 2000, "at most: enough to tell numbers of components apart")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -39,27 +48,35 @@ def run(arguments: argparse.Namespace) -> int:
     if checked is None or not torch_or_explain(arguments.threads):
         return EXIT_FAILED
     # Torch and matplotlib take seconds to come: `--help` does without.
+    from daemon.risk.body_training import STARTS, BodySettings
     from daemon.risk.cloud_dataset import CloudDataset, CloudDatasetError
-    from daemon.risk.component_sweep import Counted, recommended, sweep, told
+    from daemon.risk.component_sweep import Counted, sweep, told
     from daemon.risk.mdn_figures import write_sweep
-    from safety.risk.training import TrainingError, TrainingSettings
+    from safety.risk.training import TrainingError
 
     def say(counted: Counted) -> None:
         if not arguments.json:
             print(counted.line, flush=True)
 
     try:
-        settings = TrainingSettings(steps=arguments.steps, seed=arguments.seed)
+        settings = replace(BodySettings().training, steps=arguments.steps, seed=arguments.seed)
         dataset = CloudDataset.load(arguments.data, checked.file.robot)
-        found = sweep(dataset, components, settings, say)
+        starts = [start for start in STARTS if arguments.start in (start, "both")]
+        found = [
+            one for start in starts for one in sweep(dataset, components, settings, start, say)
+        ]
         write_sweep(found, arguments.out)
     except (CloudDatasetError, TrainingError, ValueError, OSError) as error:
         print(error, file=sys.stderr)
         return EXIT_FAILED
+    found_out = told(found)
     if arguments.json:
-        print(json.dumps(told(found), indent=2))
+        print(json.dumps(found_out, indent=2))
         return EXIT_OK
-    print(f"recommended: {recommended(found)} components")
+    for start, one in found_out["starts"].items():
+        collapsed = one["first_collapsed"]
+        said = "none collapsed" if collapsed is None else f"first collapsed at {collapsed}"
+        print(f"{start}: {said}; recommended: {one['recommended']} components")
     print(arguments.out)
     return EXIT_OK
 

@@ -30,9 +30,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--shape-components",
         type=int,
-        default=3,
+        default=8,
         metavar="K",
-        help="of the network over the shape's coefficients (default: %(default)s)",
+        help="of the network over the shape's coefficients; each becomes a narrow and a wide one "
+        "(default: %(default)s, which is the most)",
     )
     parser.add_argument(
         "--coefficients",
@@ -41,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="that say what shape the body has (default: %(default)s)",
     )
-    add_training_arguments(parser)
+    add_training_arguments(parser, 6000, "at most; for the shapes a third more")
 
 
 def add_data_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,13 +51,10 @@ def add_data_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_training_arguments(parser: argparse.ArgumentParser) -> None:
+def add_training_arguments(parser: argparse.ArgumentParser, steps: int, what: str) -> None:
+    """steps: usually; what: more about them."""
     parser.add_argument(
-        "--steps",
-        type=int,
-        default=4000,
-        metavar="N",
-        help="at most; for the shapes twice as many (default: %(default)s)",
+        "--steps", type=int, default=steps, metavar="N", help=f"{what} (default: %(default)s)"
     )
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="default: %(default)s")
     parser.add_argument(
@@ -104,10 +102,13 @@ def run(arguments: argparse.Namespace) -> int:
         print(error, file=sys.stderr)
         return EXIT_FAILED
     kept_back = nats_in_metres(made.points.best.kept_back)
+    widths = made.about["shapes_widths"]
     print(
         f"{arguments.out}: NLL {kept_back:.3f} nats per point (places in m) at configurations that "
         f"were kept back, best after step {made.points.best.step}; the modes leave out "
-        f"{made.about['basis_left_out_mm']:.2f} mm"
+        f"{made.about['basis_left_out_mm']:.2f} mm; of shapes, "
+        f"{widths['wide_share']:.0%} are {widths['wide']:.2f} times as wide as learnt, the others "
+        f"{widths['narrow']:.2f} times, as the same say"
     )
     return EXIT_OK
 
@@ -124,7 +125,7 @@ def _settings(arguments: argparse.Namespace) -> "BodySettings":
         coefficients=arguments.coefficients,
         training=replace(usual.training, steps=arguments.steps, seed=arguments.seed),
         shapes_training=replace(
-            usual.shapes_training, steps=2 * arguments.steps, seed=arguments.seed
+            usual.shapes_training, steps=4 * arguments.steps // 3, seed=arguments.seed
         ),
     )
 
@@ -145,6 +146,17 @@ def _commands(arguments: argparse.Namespace, collected: Mapping[str, Any]) -> li
             f"tentacled mdn collect {arguments.robot.name} --out {arguments.data.name} "
             f"--configurations {how['training'] + how['test']} --starts {how['starts']} "
             f"--points {how['points']} --seed {how['seed']}"
+        )
+    if (how := collected.get("imported")) is not None:
+        body = how["surface"]
+        told.append(
+            f"tentacled mdn collect {arguments.robot.name} --out {arguments.data.name} "
+            f"--from FOLDER --unit {how['unit']} --length-mm {body['length_mm']:g} "
+            f"--radius-mm {how['radius_mm']:g} --tube-radius-mm {body['tube_radius_mm']:g} "
+            f"--disks {body['disks']} --disk-radius-mm {body['disk_radius_mm']:g} "
+            f"--points {how['points']} --seed {how['seed']} "
+            f"--tip-load-g {collected['tip_load_g']:g}"
+            + (f" --seen-on {collected['seen_on']}" if "seen_on" in collected else "")
         )
     told.append(
         f"tentacled mdn train {arguments.robot.name} {arguments.data.name} "

@@ -6,7 +6,7 @@ Also the file's word on where it all comes from, so that a model is never taken 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from math import log
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,19 +14,24 @@ from scipy.spatial import cKDTree
 
 from daemon.learning.npz_file import prefixed
 from daemon.risk.cloud_dataset import BoolArray, CloudDataset
+from daemon.risk.recalibration import MOST_DOUBLED, recalibrated
 from safety.risk.mixture import FloatArray
 from safety.risk.network import Beginning, NetworkShape, Scaling
-from safety.risk.shape_fit import SPREAD_MM, ShapeFit, coefficients_of, fit_shapes
+from safety.risk.shape_fit import ShapeFit, coefficients_of, fit_shapes
 from safety.risk.training import Check, Trained, TrainingSettings, train
 
 Arrays = dict[str, NDArray[Any]]
 Heard = Callable[[str, Check], None]
+Start = Literal["arc", "plain"]
+"""Where the components over places begin: along the body; or as chance has it, as in the paper,
+with all layers as torch makes them."""
+STARTS: Final[tuple[Start, ...]] = ("arc", "plain")
 
 MM_PER_M: Final = 1e3
 _THINNEST_MM: Final = 0.5
 """Less than the cameras' noise: no component of a cloud is thinner."""
-_LEAST_SPREAD: Final = 0.01
-"""The same of a coefficient, against its own spread over all configurations."""
+_LEAST_SPREAD: Final = 0.1
+"""The same of a coefficient, against its spread at one configuration."""
 _WIDEST: Final = 3.0
 """No component is wider, against the spread of all data."""
 _ASKED: Final = 1.5
@@ -39,13 +44,24 @@ class BodySettings:
     """How both networks are made and trained."""
 
     points: NetworkShape = field(default_factory=lambda: NetworkShape(5))
-    shapes: NetworkShape = field(default_factory=lambda: NetworkShape(3))
+    shapes: NetworkShape = field(default_factory=lambda: NetworkShape(8))
+    """As it is trained: each component becomes two. See `recalibration`."""
     coefficients: int = 8
-    training: TrainingSettings = field(default_factory=TrainingSettings)
+    training: TrainingSettings = field(
+        default_factory=lambda: TrainingSettings(
+            steps=6000, groups=128, samples=32, learning_rate=6e-3
+        )
+    )
     shapes_training: TrainingSettings = field(
-        default_factory=lambda: TrainingSettings(steps=8000, groups=128, learning_rate=6e-3)
+        default_factory=lambda: TrainingSettings(
+            steps=8000, groups=128, learning_rate=6e-3, alone=1.0 / 3.0
+        )
     )
     """In a step each group gives all its samples: one for each start."""
+
+    def __post_init__(self) -> None:
+        if self.shapes.components > MOST_DOUBLED:
+            raise ValueError(f"a mixture over shapes is learnt as 1 to {MOST_DOUBLED} components")
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +72,7 @@ class TrainedBody:
     about: dict[str, Any]
     points: Trained
     shapes: Trained
+    """Before each component was made two."""
 
 
 def nats_in_metres(nll_mm: float, dimensions: int = 3) -> float:
@@ -70,12 +87,16 @@ def train_body(dataset: CloudDataset, settings: BodySettings, heard: Heard) -> T
     """
     learnt_from = ~dataset.test
     u = dataset.configurations[learnt_from]
-    points = train_points(dataset, learnt_from, settings.points, settings.training, heard)
+    points = train_points(dataset, learnt_from, settings.points, settings.training, "arc", heard)
     fit = _fitted(dataset, learnt_from, settings.coefficients)
-    shapes = _train_shapes(dataset, learnt_from, fit, settings, heard)
+    shapes = _train_shapes(u, fit, settings, heard)
+    kept = shapes.kept_back
+    of_shapes, widths = recalibrated(
+        shapes.arrays, shapes.activation, u[kept], fit.coefficients_mm[kept]
+    )
     arrays = {
         **prefixed("points/", points.arrays),
-        **prefixed("shapes/", shapes.arrays),
+        **prefixed("shapes/", of_shapes),
         "basis/base_mm": fit.basis.base_mm,
         "basis/modes": fit.basis.modes,
         "basis/radius_mm": fit.basis.radius_mm,
@@ -98,6 +119,7 @@ def train_body(dataset: CloudDataset, settings: BodySettings, heard: Heard) -> T
             "shapes_training": asdict(settings.shapes_training),
         },
         "nll_nats_m": nats_in_metres(points.best.kept_back),
+        "shapes_widths": asdict(widths),
         "basis_left_out_mm": float(fit.left_out_mm.max()),
     }
     return TrainedBody(arrays, about, points, shapes)
@@ -108,6 +130,7 @@ def train_points(
     chosen: BoolArray,
     shape: NetworkShape,
     settings: TrainingSettings,
+    start: Start = "arc",
     heard: Heard = lambda *_: None,
 ) -> Trained:
     """The network over places of the body, from the chosen configurations. Raises TrainingError."""
@@ -116,35 +139,29 @@ def train_points(
     scale_mm = float(np.sqrt(np.square(clouds - middle, dtype=np.float64).mean()))
     limits = (-log(_WIDEST), log(scale_mm / _THINNEST_MM))
     scaling = _scaling(u, middle, scale_mm, limits)
-    beginning = _along_arc(dataset, chosen, shape.components)
+    beginning = _along_arc(dataset, chosen, shape.components) if start == "arc" else None
     return train(
-        u, clouds, shape, scaling, beginning, settings, lambda check, _: heard("points", check)
+        u, clouds, shape, scaling, beginning, settings, lambda check: heard("points", check)
     )
 
 
-def _train_shapes(
-    dataset: CloudDataset, chosen: BoolArray, fit: ShapeFit, settings: BodySettings, heard: Heard
-) -> Trained:
-    u = dataset.configurations[chosen]
-    d, k = fit.basis.coefficients, settings.shapes.components
-    limits = (-log(_WIDEST), -log(_LEAST_SPREAD))
-    scaling = _scaling(u, np.zeros(d), SPREAD_MM, limits)
-    random = np.random.default_rng(settings.shapes_training.seed)
-    beginning = Beginning(
-        0.2 * SPREAD_MM * random.standard_normal((k, d)),
-        np.repeat(np.eye(d)[None] * (0.5 * SPREAD_MM) ** 2, k, axis=0),
-    )
-    starts = dataset.starts.shape[1]
-    own = replace(settings.shapes_training, samples=starts)
-    samples = fit.coefficients_mm.reshape(len(u), starts, d)
+def _train_shapes(u: FloatArray, fit: ShapeFit, settings: BodySettings, heard: Heard) -> Trained:
+    samples = fit.coefficients_mm
+    spread = np.sqrt(samples.reshape(-1, fit.basis.coefficients).var(axis=0))
+    usual = float(np.sqrt(np.square(spread).mean()))
+    # Half way between how wide they are at one configuration, which is 1, and over all of them.
+    scale_mm = usual**0.5
+    limits = (-log(_WIDEST * usual / scale_mm), log(scale_mm / _LEAST_SPREAD))
+    scaling = _scaling(u, np.zeros(spread.size), scale_mm, limits)
+    beginning = Beginning(np.zeros((1, spread.size)), np.diag(np.square(0.5 * spread))[None])
+    own = replace(settings.shapes_training, samples=samples.shape[1])
     return train(
-        u, samples, settings.shapes, scaling, beginning, own, lambda c, _: heard("shapes", c)
+        u, samples, settings.shapes, scaling, beginning, own, lambda check: heard("shapes", check)
     )
 
 
 def _fitted(dataset: CloudDataset, chosen: BoolArray, coefficients: int) -> ShapeFit:
-    lines = dataset.centrelines_mm[chosen]
-    return fit_shapes(lines.reshape(-1, *lines.shape[2:]), dataset.radius_mm, coefficients)
+    return fit_shapes(dataset.centrelines_mm[chosen], dataset.radius_mm, coefficients)
 
 
 def coefficients_at(dataset: CloudDataset, chosen: BoolArray, basis: Any) -> FloatArray:

@@ -39,7 +39,10 @@ class Scores:
 def scores(
     network: MixtureNetwork, u: FloatArray, samples_mm: NDArray[Any], seed: int = 0
 ) -> Scores:
-    """How (k, s, d) samples at (k, m) u lie in the network's mixtures there."""
+    """How (k, s, d) samples at (k, m) u lie in the network's mixtures there.
+
+    Raises TrainingError.
+    """
     random = np.random.default_rng(seed)
     nll, depth = np.empty(len(u)), np.empty(samples_mm.shape[:2])
     for i, (place, samples) in enumerate(zip(u, samples_mm, strict=True)):

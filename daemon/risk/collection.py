@@ -75,16 +75,21 @@ def planned(robot: Robot, settings: CollectionSettings, parameters: FloatArray) 
     split = np.random.default_rng([settings.seed, _SPLIT])
     test = np.zeros(n, np.bool_)
     test[split.permutation(n)[: settings.test]] = True
-    block = np.ones(n, np.bool_)
-    for values in parameters.T[:2]:
-        low, high = np.quantile(values, _BLOCK)
-        block &= (values >= low) & (values < high)
     starts = np.empty((n, settings.starts, u.shape[1]))
     for i in range(n):
         random = np.random.default_rng([settings.seed, _STARTS, i])
         others = random.permutation(n - 1)[: settings.starts]
         starts[i] = u[others + (others >= i)]
-    return {"configurations": u, "starts": starts, "test": test, "block": block}
+    return {"configurations": u, "starts": starts, "test": test, "block": block_of(parameters)}
+
+
+def block_of(parameters: FloatArray) -> NDArray[np.bool_]:
+    """(n,) which of (n, q) lie in the middle of the first two."""
+    block = np.ones(len(parameters), np.bool_)
+    for values in parameters.T[:2]:
+        low, high = np.quantile(values, _BLOCK)
+        block &= (values >= low) & (values < high)
+    return block
 
 
 def seen_at(

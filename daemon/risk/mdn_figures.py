@@ -21,9 +21,10 @@ from daemon.recording.report_style import (
     WIDTH_IN,
     styled,
 )
+from daemon.risk.body_training import Start
 from daemon.risk.calibration import CURVE
 from daemon.risk.cloud_dataset import CloudDataset
-from daemon.risk.component_sweep import Counted, recommended
+from daemon.risk.component_sweep import Counted, by_start, recommended
 from daemon.risk.evaluation import Evaluation
 from safety.risk.risk_model import RiskModel
 
@@ -31,33 +32,53 @@ _DPI: Final = 160
 _POINTS: Final = 1500
 _ELLIPSE: Final = 2.0
 """Standard deviations."""
+_STARTS: Final[dict[Start, tuple[str, str]]] = {
+    "arc": (ACCENT, "components begin along the body"),
+    "plain": (WARNING, "they begin as chance has it"),
+}
+_ABOVE: Final[dict[Start, int]] = {"arc": 8, "plain": -18}
+_COLLAPSED: Final = "collapsed: a component without weight at so many configurations"
 
 
 def write_sweep(found: Sequence[Counted], path: Path) -> None:
-    """NLL over K, what collapsed and what is recommended marked. Raises OSError, ValueError."""
+    """NLL over K for each start, what collapsed and what is recommended marked.
+
+    Raises OSError, ValueError.
+    """
     with styled():
-        made = _figure(0.7 * WIDTH_IN, 3.8)
+        made = _figure(0.8 * WIDTH_IN, 4.2)
         axes = made.subplots()
-        counts = [one.components for one in found]
-        axes.plot(counts, [one.test for one in found], "o-", color=ACCENT, label="kept back")
-        axes.plot(
-            counts, [one.learnt_from for one in found], "--", color=MUTED, label="learnt from"
-        )
-        if bad := [one for one in found if one.collapsed]:
+        for start, part in by_start(found).items():
+            colour, begins = _STARTS[start]
+            counts = [one.components for one in part]
             axes.plot(
-                [one.components for one in bad],
-                [one.test for one in bad],
-                "x",
-                color=ALARM,
-                markersize=9,
-                label="collapsed: components without weight",
+                counts, [one.test for one in part], "o-", color=colour, label=f"kept back; {begins}"
             )
-        best = recommended(found)
+            axes.plot(counts, [one.learnt_from for one in part], ":", color=colour)
+        _mark_collapsed([one for one in found if one.collapsed], axes)
+        best = recommended(next(iter(by_start(found).values())))
         axes.axvline(best, color=REFERENCE, zorder=0, label=f"recommended: {best}")
+        axes.plot([], [], ":", color=MUTED, label="learnt from")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.set(xlabel="components", ylabel="negative log-likelihood / nats (places in m)")
         axes.legend()
         made.savefig(path, dpi=_DPI, metadata={"Software": None})
+
+
+def _mark_collapsed(bad: Sequence[Counted], axes: Axes) -> None:
+    if not bad:
+        return
+    counts, nll = [one.components for one in bad], [one.test for one in bad]
+    axes.plot(counts, nll, "x", color=ALARM, markersize=9, label=_COLLAPSED)
+    for one in bad:
+        axes.annotate(
+            f"{one.useless:.0%}",
+            (one.components, one.test),
+            (0, _ABOVE[one.start]),
+            textcoords="offset points",
+            ha="center",
+            color=ALARM,
+        )
 
 
 def write_evaluation(

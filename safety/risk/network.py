@@ -77,14 +77,25 @@ class Beginning:
     covariances_mm2: FloatArray
     """(K, d, d)."""
 
+    @property
+    def together(self) -> "Beginning":
+        """One component that is as wide as all of them."""
+        middle = self.means_mm.mean(axis=0)
+        away = self.means_mm - middle
+        spread = self.covariances_mm2.mean(axis=0) + away.T @ away / len(away)
+        return Beginning(middle[None], spread[None])
+
 
 class MixtureDensityNetwork(nn.Module):
     """m inputs to K components over d coordinates."""
 
-    def __init__(self, shape: NetworkShape, scaling: Scaling, beginning: Beginning) -> None:
-        """Weights are drawn from torch's generator: seed it before."""
+    def __init__(self, shape: NetworkShape, scaling: Scaling, beginning: Beginning | None) -> None:
+        """Weights are drawn from torch's generator: seed it before.
+
+        beginning: None: all layers as torch makes them, the last ones too.
+        """
         super().__init__()
-        self._shape, self._scaling = shape, scaling
+        self.shape, self.scaling = shape, scaling
         self._dimensions = d = scaling.output_offset_mm.size
         k, wide = shape.components, shape.trunk[-1]
         self._rows, self._columns = torch.triu_indices(d, d)
@@ -93,10 +104,11 @@ class MixtureDensityNetwork(nn.Module):
         self.factors = _stack((wide, *shape.heads, k * d * (d + 1) // 2))
         self.weights = _stack((wide, *shape.heads, k))
         self._activation = _ACTIVATIONS[shape.activation]()
-        self._begin(beginning)
+        if beginning is not None:
+            self._begin(beginning)
 
     def _begin(self, beginning: Beginning) -> None:
-        scaling = self._scaling
+        scaling = self.scaling
         means = (beginning.means_mm - scaling.output_offset_mm) / scaling.output_scale_mm
         # The lower Cholesky factor L of the precision is the wanted Ū, transposed.
         precision = np.linalg.inv(beginning.covariances_mm2) * scaling.output_scale_mm**2
@@ -118,7 +130,7 @@ class MixtureDensityNetwork(nn.Module):
         Returns ln w (b, K), means (b, K, d), Ū (b, K, d, d), and the sum of the logarithms of its
         diagonal (b, K).
         """
-        k, d = self._shape.components, self._dimensions
+        k, d = self.shape.components, self._dimensions
         common = inputs
         for layer in self.trunk:
             common = self._activation(layer(common))
@@ -126,7 +138,7 @@ class MixtureDensityNetwork(nn.Module):
         entries = self._head(self.factors, common).reshape(-1, k, d * (d + 1) // 2)
         logits = self._head(self.weights, common)
         on_diagonal = self._rows == self._columns
-        logarithms = entries[:, :, on_diagonal].clamp(*self._scaling.log_diagonal_limits)
+        logarithms = entries[:, :, on_diagonal].clamp(*self.scaling.log_diagonal_limits)
         upper = torch.zeros(*entries.shape[:2], d, d, dtype=entries.dtype, device=entries.device)
         off = ~on_diagonal
         upper[:, :, self._rows[off], self._columns[off]] = entries[:, :, off]
@@ -148,11 +160,11 @@ class MixtureDensityNetwork(nn.Module):
     @property
     def in_mm(self) -> float:
         """What to add to a negative log-likelihood of scaled places for one of places in mm."""
-        return self._dimensions * log(self._scaling.output_scale_mm)
+        return self._dimensions * log(self.scaling.output_scale_mm)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """What `mixture_network` runs."""
-        scaling = self._scaling
+        scaling = self.scaling
         arrays: dict[str, NDArray[Any]] = {
             name: value.detach().cpu().numpy().copy() for name, value in self.state_dict().items()
         }

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from safety.risk.mixture import FloatArray
 from safety.risk.shape_basis import ShapeBasis
 
-SPREAD_MM: Final = 10.0
-"""Standard deviation of every coefficient. Modes are as large as that makes them: then a network
-over coefficients sees all of them as equally wide."""
+_LEAST_APART: Final = 0.01
+"""Of a coefficient's whole spread. What spreads less in a group is taken to spread so much."""
 _LEFT_OUT: Final = 0.999
 """Of the shapes that come to lie within the basis' radius."""
 
@@ -22,30 +21,37 @@ class ShapeFit:
 
     basis: ShapeBasis
     coefficients_mm: FloatArray
-    """(N, d)."""
+    """(n, s, d)."""
     left_out_mm: FloatArray
     """(nodes,) by how much the body's radius was enlarged."""
 
 
 def fit_shapes(centrelines_mm: NDArray[Any], radius_mm: float, coefficients: int) -> ShapeFit:
-    """Of (N, nodes, 3) centrelines from base to tip. Raises ValueError where they are too few.
+    """Of (n, s, nodes, 3) centrelines from base to tip. Raises ValueError where they are too few.
 
+    The s of a group are what comes of one actuation vector. Coefficients are such that within the
+    groups each spreads by 1 mm, and none with another; over all groups they are principal ones, the
+    widest first. A network that learns them has misses of equal size in all of them.
     Each node's radius is larger than the body's by what the modes leave out of all but a thousandth
     of the shapes, and by what a curved body stands out from the straight line between two nodes.
     """
     lines = np.asarray(centrelines_mm, np.float64)
-    count, nodes = lines.shape[:2]
+    groups, of_each, nodes = lines.shape[:3]
+    lines = lines.reshape(-1, nodes, 3)
+    count = len(lines)
     if not 1 <= coefficients <= min(count - 1, 3 * nodes):
         raise ValueError(f"{count} shapes of {nodes} nodes do not make {coefficients} coefficients")
     base = lines.mean(axis=0)
     away = (lines - base).reshape(count, -1)
     values, vectors = np.linalg.eigh(away.T @ away / count)
-    modes = vectors[:, ::-1][:, :coefficients].T
+    principal = vectors[:, ::-1][:, :coefficients]
     spread = np.sqrt(np.maximum(values[::-1][:coefficients], 0.0))
     if not spread[-1] > 0.0:
         raise ValueError(f"these shapes have less than {coefficients} coefficients")
-    found = away @ modes.T * (SPREAD_MM / spread)
-    modes = (modes * (spread / SPREAD_MM)[:, None]).reshape(coefficients, nodes, 3)
+    even = away @ principal / spread
+    turned = _evenly_spread(even.reshape(groups, of_each, coefficients))
+    found = even @ turned
+    modes = (np.linalg.inv(turned) @ (principal * spread).T).reshape(coefficients, nodes, 3)
     again = base + np.tensordot(found, modes, axes=1)
     missed = np.quantile(np.linalg.norm(lines - again, axis=2), _LEFT_OUT, axis=0)
     left_out = missed + _standing_out(lines)
@@ -57,7 +63,17 @@ def fit_shapes(centrelines_mm: NDArray[Any], radius_mm: float, coefficients: int
         left_out,
         np.concatenate([[0.0], np.cumsum(arc)]),
     )
-    return ShapeFit(basis, found, left_out)
+    return ShapeFit(basis, found.reshape(groups, of_each, coefficients), left_out)
+
+
+def _evenly_spread(even: FloatArray) -> FloatArray:
+    """(d, d) of (n, s, d) coefficients that spread by 1 over all: what makes the others of them."""
+    n, s, d = even.shape
+    apart = (even - even.mean(axis=1, keepdims=True)).reshape(-1, d)
+    within = apart.T @ apart / max(1, n * (s - 1)) + _LEAST_APART**2 * np.eye(d)
+    values, vectors = np.linalg.eigh(within)
+    turned: FloatArray = vectors / np.sqrt(values)
+    return turned
 
 
 def coefficients_of(basis: ShapeBasis, centrelines_mm: NDArray[Any]) -> FloatArray:

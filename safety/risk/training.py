@@ -1,27 +1,40 @@
 """Trains a mixture density network: equations 2 to 6 of Thompson et al., by descent on the NLL.
 
 Samples come in groups, one for each actuation vector. Some groups are kept back to tell when to
-stop: of the weights that the network passes through, those are taken that were best there. With the
-same seed and number of threads a training gives the same weights to the last bit, on a CPU.
+stop: what is judged, and taken where it was best, is a running mean of the weights that the network
+passes through, which says the same of new groups with less noise (Polyak and Juditsky 1992). With
+the same seed and number of threads a training gives the same weights to the last bit, on a CPU.
+
+A network over many dimensions can learn as one component first, and then be split: see
+`component_split`.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from copy import deepcopy
+from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Any, Final
 
 import numpy as np
 import torch
+from numpy.random import Generator
 from numpy.typing import NDArray
 from torch import Tensor
 
-from safety.risk.mixture import FloatArray
+from safety.risk.component_split import split_component
+from safety.risk.mixture import FloatArray, IndexArray
 from safety.risk.network import Beginning, MixtureDensityNetwork, NetworkShape, Scaling
 
 _LARGEST_GRADIENT: Final = 5.0
-_WEIGHT_DECAY: Final = 1e-4
+_WEIGHT_DECAY: Final = 1e-2
 _RISING: Final = 0.1
 """Of the steps, in which the learning rate rises. Then it falls, like a cosine."""
+_FEWEST_STEPS: Final = 20
+"""In which a learning rate can rise and fall."""
+_REMEMBERED: Final = 0.998
+"""Of the mean of the weights, from step to step. Less at first: what it began with is no part."""
+_SPLIT_RATE: Final = 0.6
+"""Of the learning rate, after the split: it is near to where it will be."""
 _CHECKED_GROUPS: Final = 256
 """At once."""
 _CHECKED_SAMPLES: Final = 512
@@ -40,7 +53,7 @@ class TrainingSettings:
     groups: int = 64
     """In a step."""
     samples: int = 64
-    """Of each group, by chance."""
+    """Of each group, by chance; all, where there are no more."""
     learning_rate: float = 3e-3
     validation_share: float = 0.1
     """Of the groups that are kept back to tell when to stop."""
@@ -48,12 +61,16 @@ class TrainingSettings:
     patience: int = 12
     """Stops after so many checks without anything better."""
     seed: int = 1
+    alone: float = 0.0
+    """Share of the steps in which one component learns by itself, before it is split."""
 
     def __post_init__(self) -> None:
         if min(self.steps, self.groups, self.samples, self.check_every, self.patience) < 1:
             raise ValueError("steps, groups, samples, checks and patience must be 1 or more")
         if not 0.0 < self.learning_rate < 1.0 or not 0.0 < self.validation_share < 1.0:
             raise ValueError("the learning rate and the share kept back are between 0 and 1")
+        if not 0.0 <= self.alone < 1.0:
+            raise ValueError("the share of one component alone is 0 or more, and less than 1")
 
 
 @dataclass(frozen=True)
@@ -73,6 +90,39 @@ class Trained:
     activation: str
     checks: tuple[Check, ...]
     best: Check
+    kept_back: IndexArray
+    """The groups that told when to stop."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Samples:
+    """Scaled, on the device. learning, kept_back: numbers of groups."""
+
+    inputs: Tensor
+    places: Tensor
+    learning: IndexArray
+    kept_back: IndexArray
+
+    @classmethod
+    def of(
+        cls, u: FloatArray, samples_mm: NDArray[Any], scaling: Scaling, settings: TrainingSettings
+    ) -> "_Samples":
+        device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+        inputs, places = scaling.inputs(u).to(device), scaling.places(samples_mm).to(device)
+        return cls(inputs, places, *_split(len(u), settings))
+
+    def some(self, groups: IndexArray, count: int, random: Generator) -> Tensor:
+        """(k, count, d) of each of k groups, by chance; all, where there are no more."""
+        there = self.places.shape[1]
+        if count >= there:
+            return self.places[groups]
+        which = torch.from_numpy(random.integers(there, size=(len(groups), count)))
+        return self.places[torch.from_numpy(groups)[:, None], which]
+
+    def check(self, network: MixtureDensityNetwork, step: int) -> "Check":
+        few = self.learning[:: -(-len(self.learning) // len(self.kept_back))]  # as many as kept
+        seen = [_mean(network, self.inputs, self.places, part) for part in (few, self.kept_back)]
+        return Check(step, *seen)
 
 
 def train(
@@ -80,50 +130,89 @@ def train(
     samples_mm: NDArray[Any],
     shape: NetworkShape,
     scaling: Scaling,
-    beginning: Beginning,
+    beginning: Beginning | None,
     settings: TrainingSettings,
-    heard: Callable[[Check, dict[str, NDArray[Any]] | None], None] = lambda *_: None,
+    heard: Callable[[Check], None] = lambda _: None,
 ) -> Trained:
     """Learn what (n, s, d) samples are like at (n, m) u. Raises TrainingError.
 
-    heard: is told of every check, with the weights where they are the best so far.
+    beginning: None: as chance has it. heard: is told of every check.
     """
-    learning, kept_back = _split(len(u), settings)
+    samples = _Samples.of(u, samples_mm, scaling, settings)
+    alone = round(settings.alone * settings.steps) if shape.components > 1 else 0
     torch.manual_seed(settings.seed)
-    device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-    network = MixtureDensityNetwork(shape, scaling, beginning).to(device)
-    inputs, places = scaling.inputs(u).to(device), scaling.places(samples_mm).to(device)
+    device = samples.inputs.device
+    if not alone:
+        network = MixtureDensityNetwork(shape, scaling, beginning).to(device)
+        found = _descent(network, samples, settings, 0, heard)
+    else:
+        single = replace(shape, components=1)
+        one = MixtureDensityNetwork(single, scaling, beginning and beginning.together).to(device)
+        first = replace(settings, steps=alone)
+        before = _descent(one, samples, first, 0, heard)
+        learnt = samples.inputs[samples.learning], samples.places[samples.learning]
+        try:
+            network = split_component(before.network, shape.components, *learnt, settings.seed)
+        except ValueError as error:
+            raise TrainingError(str(error)) from None
+        rest = replace(
+            settings,
+            steps=settings.steps - alone,
+            learning_rate=_SPLIT_RATE * settings.learning_rate,
+        )
+        found = _descent(network, samples, rest, alone, heard)
+        found.checks[:0] = before.checks
+    return Trained(
+        found.network.arrays(),
+        shape.activation,
+        tuple(found.checks),
+        found.check,
+        samples.kept_back,
+    )
+
+
+@dataclass(eq=False)
+class _Found:
+    """The best network of a descent."""
+
+    network: MixtureDensityNetwork
+    check: Check
+    checks: list[Check]
+
+
+def _descent(
+    network: MixtureDensityNetwork,
+    samples: _Samples,
+    settings: TrainingSettings,
+    before: int,
+    heard: Callable[[Check], None],
+) -> _Found:
+    """before: steps that were made already. The network is changed."""
     descent = _Descent(network, settings)
-    random = np.random.default_rng(settings.seed)
+    random = np.random.default_rng([settings.seed, before])
     checks: list[Check] = []
-    best: tuple[Check, dict[str, NDArray[Any]]] | None = None
+    found: _Found | None = None
     since = 0
     for step in range(1, settings.steps + 1):
+        learning = samples.learning
         chosen = random.choice(learning, min(settings.groups, len(learning)), replace=False)
-        which = torch.from_numpy(
-            random.integers(places.shape[1], size=(len(chosen), settings.samples))
-        )
-        rows = torch.from_numpy(chosen)[:, None]
-        descent.step(inputs[chosen], places[rows, which])
+        descent.step(samples.inputs[chosen], samples.some(chosen, settings.samples, random))
         if step % settings.check_every and step != settings.steps:
             continue
-        few = learning[:: -(-len(learning) // len(kept_back))]  # as many as are kept back
-        seen = [_mean(network, inputs, places, part) for part in (few, kept_back)]
-        check = Check(step, *seen)
+        check = samples.check(descent.mean, before + step)
         checks.append(check)
-        better = isfinite(check.kept_back) and (best is None or check.kept_back < best[0].kept_back)
-        since = 0 if better else since + 1
-        if better:
-            best = check, network.arrays()
-        heard(check, best[1] if better and best else None)
+        heard(check)
+        since += 1
+        if isfinite(check.kept_back) and (found is None or check.kept_back < found.check.kept_back):
+            found, since = _Found(deepcopy(descent.mean), check, checks), 0
         if since >= settings.patience:
             break
-    if best is None:
+    if found is None:
         raise TrainingError("it diverged: its likelihood was never finite. Lower the learning rate")
-    return Trained(best[1], shape.activation, tuple(checks), best[0])
+    return found
 
 
-def _split(n: int, settings: TrainingSettings) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _split(n: int, settings: TrainingSettings) -> tuple[IndexArray, IndexArray]:
     """Groups to learn from, and such as are kept back."""
     if n < 2:
         raise TrainingError(f"{n} groups of samples: there must be two, one to learn from")
@@ -135,13 +224,15 @@ def _split(n: int, settings: TrainingSettings) -> tuple[NDArray[np.int64], NDArr
 class _Descent:
     def __init__(self, network: MixtureDensityNetwork, settings: TrainingSettings) -> None:
         self._network = network
+        self.mean = deepcopy(network)
+        self._steps = 0
         self._optimizer = torch.optim.AdamW(
             network.parameters(), settings.learning_rate, weight_decay=_WEIGHT_DECAY
         )
         self._schedule = torch.optim.lr_scheduler.OneCycleLR(
             self._optimizer,
             settings.learning_rate,
-            total_steps=settings.steps + 1,
+            total_steps=max(settings.steps + 1, _FEWEST_STEPS),
             pct_start=_RISING,
         )
 
@@ -154,10 +245,15 @@ class _Descent:
         if torch.isfinite(norm):
             self._optimizer.step()
         self._schedule.step()
+        self._steps += 1
+        remembered = min(_REMEMBERED, (1.0 + self._steps) / (10.0 + self._steps))
+        with torch.no_grad():
+            for mean, now in zip(self.mean.parameters(), self._network.parameters(), strict=True):
+                mean.lerp_(now, 1.0 - remembered)
 
 
 def _mean(
-    network: MixtureDensityNetwork, inputs: Tensor, places: Tensor, groups: NDArray[np.int64]
+    network: MixtureDensityNetwork, inputs: Tensor, places: Tensor, groups: IndexArray
 ) -> float:
     """NLL of groups, in nats per sample, of a density per mm^d."""
     total, count = 0.0, 0

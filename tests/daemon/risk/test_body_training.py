@@ -13,13 +13,15 @@ torch = pytest.importorskip("torch", reason="pip install '.[training]'")
 from daemon.cli import EXIT_FAILED, EXIT_OK, EXIT_USAGE, main  # noqa: E402
 from daemon.risk.body_training import (  # noqa: E402
     BodySettings,
+    Start,
     TrainedBody,
     nats_in_metres,
     train_body,
 )
 from daemon.risk.calibration import scores  # noqa: E402
-from daemon.risk.component_sweep import Counted, recommended  # noqa: E402
+from daemon.risk.component_sweep import Counted, recommended, told  # noqa: E402
 from daemon.risk.evaluation import against_reference, evaluate  # noqa: E402
+from daemon.risk.mdn_figures import write_sweep  # noqa: E402
 from daemon.risk.model_file import read_model, write_model  # noqa: E402
 from safety.risk.network import NetworkShape  # noqa: E402
 from safety.risk.risk_model import risk_model  # noqa: E402
@@ -31,7 +33,9 @@ SETTINGS = BodySettings(
     shapes=NetworkShape(2, (32,)),
     coefficients=3,
     training=TrainingSettings(steps=200, groups=32, samples=32, learning_rate=1e-2, check_every=50),
-    shapes_training=TrainingSettings(steps=200, groups=32, learning_rate=1e-2, check_every=50),
+    shapes_training=TrainingSettings(
+        steps=200, groups=32, learning_rate=1e-2, check_every=50, alone=0.5
+    ),
 )
 
 
@@ -54,7 +58,7 @@ def test_a_trained_body_is_a_model_that_is_read_again(trained: TrainedBody, tmp_
     write_model(path, trained.arrays, trained.about)
     file = read_model(path)
     assert file.robot == "tendon_arm"
-    assert (file.model.points.components, file.model.shapes.components) == (3, 2)
+    assert (file.model.points.components, file.model.shapes.components) == (3, 4)
     assert file.model.basis.coefficients == 3
     assert file.about["clouds_sha256"] == dataset(n=240).sha256
     assert file.about["training"]["seed"] == 1
@@ -95,10 +99,10 @@ def test_an_evaluation_says_all_of_it(trained: TrainedBody) -> None:
     made = evaluate(
         model, data, 1, 8, (NetworkShape(3, (32, 32)), SETTINGS.training), lambda _: None
     )
-    told = made.told()
-    json.dumps(told)
-    assert told["nll_nats_m"] == pytest.approx(told["nll_nats_mm"] - 3.0 * np.log(1000.0))
-    assert set(told["coverage"]) == {"0.5", "0.8", "0.95"}
+    found = made.told()
+    json.dumps(found)
+    assert found["nll_nats_m"] == pytest.approx(found["nll_nats_mm"] - 3.0 * np.log(1000.0))
+    assert set(found["coverage"]) == {"0.5", "0.8", "0.95"}
     assert made.reference.configurations == 8
     assert made.block is not None
     assert made.block.configurations == int(data.block.sum())
@@ -120,8 +124,21 @@ def test_nats_go_from_millimetres_to_metres() -> None:
     assert nats_in_metres(0.0) == pytest.approx(-3.0 * np.log(1000.0))
 
 
-def counted(components: int, nll: float, useless: float = 0.0) -> Counted:
-    return Counted(components, nll, nll, 0.1, useless)
+def test_a_reference_does_not_know_the_start_before() -> None:
+    """Two starts in a row give the same here: of every other one it would know the rest."""
+    data = dataset(n=240, starts=8)
+    random = np.random.default_rng(1)
+    aside = np.repeat(20.0 * random.standard_normal((240, 4, 1, 3)), 2, axis=1)
+    remembering = replace(data, clouds_mm=(data.clouds_mm + aside).astype(np.float32))
+    trained = train_body(remembering, SETTINGS, lambda *_: None)
+    model = risk_model(trained.arrays, "silu", "silu")
+    assert against_reference(model.points, remembering, 20, seed=1).difference < 0.0
+
+
+def counted(
+    components: int, nll: float, useless: float = 0.0, start: Start = "arc", idle: int = 0
+) -> Counted:
+    return Counted(start, components, nll, nll, 0.1, useless, idle)
 
 
 def test_components_are_recommended_that_bring_something_and_do_not_collapse() -> None:
@@ -136,6 +153,25 @@ def test_components_are_recommended_that_bring_something_and_do_not_collapse() -
     assert [one.collapsed for one in collapsing] == [False, False, True]
 
 
+def test_a_sweep_tells_of_each_start_where_it_collapses(tmp_path: Path) -> None:
+    arc = [counted(k, -8.0 - 0.3 * k) for k in (1, 2, 3)]
+    plain = [
+        counted(k, -8.0 - 0.3 * min(k, 2), useless=0.4 * (k > 2), start="plain", idle=int(k > 2))
+        for k in (1, 2, 3)
+    ]
+    found = told([*arc, *plain])
+    json.dumps(found)
+    assert found["recommended"] == 3
+    assert found["starts"]["arc"] == {"recommended": 3, "first_collapsed": None}
+    assert found["starts"]["plain"] == {"recommended": 2, "first_collapsed": 3}
+    assert [one["collapsed"] for one in found["sweep"]] == [False] * 5 + [True]
+    assert "COLLAPSED (1 idle)" in plain[-1].line
+    assert told(plain)["recommended"] == 2
+    write_sweep([*arc, *plain], tmp_path / "both.png")
+    write_sweep(arc, tmp_path / "arc.png")
+    assert (tmp_path / "both.png").read_bytes() != (tmp_path / "arc.png").read_bytes()
+
+
 def test_the_commands_train_sweep_and_evaluate(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -145,6 +181,9 @@ def test_the_commands_train_sweep_and_evaluate(
     words = ["train", *data, "--out", str(model), "--components", "2", "--coefficients", "3"]
     assert main(["mdn", *words, *quick]) == EXIT_OK
     assert "nats per point (places in m)" in capsys.readouterr().out
+    about = read_model(model).about
+    assert about["shapes_widths"]["narrow"] <= about["shapes_widths"]["wide"]
+    assert about["training"]["shapes_training"]["steps"] == 26
     (command,) = read_model(model).about["commands"]
     assert command.startswith("tentacled mdn train tendon_arm.yaml clouds.npz --out model.npz")
 
@@ -156,12 +195,22 @@ def test_the_commands_train_sweep_and_evaluate(
     assert written == {"evaluation.json", "coverage.png", "samples.png"}
 
     figure = tmp_path / "nll.png"
-    words = ["sweep", *data, "--components", "1..2", "--out", str(figure), "--json"]
-    assert main(["mdn", *words, *quick]) == EXIT_OK
-    told = json.loads(capsys.readouterr().out)
-    assert [one["components"] for one in told["sweep"]] == [1, 2]
-    assert told["recommended"] in (1, 2)
+    words = ["sweep", *data, "--components", "1..2", "--out", str(figure)]
+    assert main(["mdn", *words, "--start", "plain", *quick]) == EXIT_OK
+    assert "plain: none collapsed; recommended: " in capsys.readouterr().out
+    assert main(["mdn", *words, "--json", *quick]) == EXIT_OK
+    swept = json.loads(capsys.readouterr().out)
+    assert [(one["start"], one["components"]) for one in swept["sweep"]] == [
+        *(("arc", 1), ("arc", 2)),
+        *(("plain", 1), ("plain", 2)),
+    ]
+    assert swept["recommended"] in (1, 2)
     assert figure.read_bytes().startswith(b"\x89PNG")
+
+
+def test_more_components_of_shapes_than_can_become_two_are_refused(tmp_path: Path) -> None:
+    words = ["mdn", "train", str(TENDON_ARM), "c.npz", "--out", str(tmp_path / "m.npz")]
+    assert main([*words, "--shape-components", "9"]) == EXIT_USAGE
 
 
 @pytest.mark.parametrize("components", ["0..3", "3..1", "1..17", "few", ""])
