@@ -22,6 +22,8 @@ _MISSES: Final = 4000
 _BEGINNINGS: Final = 4
 _THINNEST: Final = 0.1
 """Of a standard deviation of the whole."""
+_ALIKE: Final = 0.1
+"""Of how much the components' weights would depend on the inputs if they began at random."""
 
 
 def split_component(
@@ -56,7 +58,7 @@ def split_component(
     last = made.weights[-1]
     assert isinstance(last, nn.Linear)
     with torch.no_grad():
-        last.weight *= _THINNEST
+        last.weight *= _ALIKE
         last.bias.copy_(torch.from_numpy(np.log(split.weights).astype(np.float32)))
     return made
 

@@ -131,9 +131,9 @@ def test_more_risk_is_bearable_on_the_way_out_of_it(
 def test_a_way_out_that_is_doubted_is_none() -> None:
     out = Leaving(at_start=0.4, added=0.0)
     late = RiskReading(0.3, None, 1.0, "a model", leaving=out)
-    assert not ask(Source(late), [1.0], [2.0], 0, LATEST_S).bearable(0.5)
+    assert not ask(Source(late), [1.0], [2.0], 0, LATEST_S).bearable(0.1)
     unknown = RiskReading(0.3, None, 0.001, "a model", doubt="never learned", leaving=out)
-    assert not ask(Source(unknown), [1.0], [2.0], 0, LATEST_S).bearable(0.5)
+    assert not ask(Source(unknown), [1.0], [2.0], 0, LATEST_S).bearable(0.1)
 
 
 @pytest.mark.parametrize(
