@@ -16,6 +16,7 @@ from safety.risk.risk_model import RiskModel
 BINS: Final = 10
 _MARGIN_MM: Final = 10.0
 """Beyond the body's radius, to which the grid is exact."""
+_FULL: Final = 20
 _UNDECIDED: Final = (0.02, 0.98)
 
 
@@ -41,8 +42,10 @@ class ContactCalibration:
 
     @property
     def largest_error(self) -> float:
-        """Of a bin with twenty situations or more."""
-        return float(max((abs(p - o) for p, o, n in self.bins() if n >= 20), default=np.nan))
+        """Of a bin with twenty situations or more, if there is one."""
+        bins = self.bins()
+        full = [(p, o) for p, o, n in bins if n >= _FULL]
+        return float(max(abs(p - o) for p, o in full or [(p, o) for p, o, _ in bins]))
 
     @property
     def single_error(self) -> float:
