@@ -21,7 +21,7 @@ class Nearest:
     obstacle_mm: tuple[float, ...]
     """(3,) the place of the surface nearest to there."""
     means_mm: tuple[tuple[float, ...], ...]
-    """(K, 3) of the mixture over the body's points."""
+    """(K, 3) of the mixture over the body's points; empty: not computed yet."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,8 @@ class RiskReading:
     contact_risk: float
     """Probability that any part of the body touches something, anywhere along the way."""
     body_point_risk: float | None
-    """Probability that a random point of the body is in an obstacle; None: not computed."""
+    """Probability that a random point of the body is in an obstacle, where the source was last
+    asked for the room; None: not computed."""
     took_s: float
     """How long the answer took."""
     source: str

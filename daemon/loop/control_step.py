@@ -98,7 +98,8 @@ class ControlLoop:
         self._publish_message = publish
         self._duration_ns = FRAME_PERIOD_NS[robot.tracker.frame_rate]
         self._threshold = robot.risk.threshold
-        self._slide = robot.risk.slide and robot.risk.model is not None
+        self._slide = robot.risk.slide
+        self._looks_round = robot.risk.model is not None
         self._max_velocity = AxisRanges.of(robot).max_velocity
         self._room: Room | None = None
         self._look_round = False
@@ -128,7 +129,8 @@ class ControlLoop:
         """A little of what has been put off. For a moment with nothing else to do."""
         if self._look_round:
             self._look_round = False
-            self._room = self._room_now()
+            room = self._room_now()
+            self._room = room if self._slide else None
         elif self.controller is not None and self._begun:
             self.controller.learn(_LEARNING_S)
 
@@ -273,7 +275,7 @@ class ControlLoop:
     def _act(self, decision: Decision | None) -> None:
         self.decision = decision
         self.steps += 1
-        self._look_round = self._slide
+        self._look_round = self._looks_round
         if decision is not None and decision.step is not None:
             self._last_step = decision.step
             taken = [bus.write(decision.step) for bus in self._buses]
@@ -374,7 +376,7 @@ def _told(nearest: Nearest | None) -> dict[str, Any]:
         "arc_mm": nearest.arc_mm,
         "place_mm": list(nearest.place_mm),
         "obstacle_mm": list(nearest.obstacle_mm),
-        "means_mm": [list(mean) for mean in nearest.means_mm],
+        "means_mm": [list(mean) for mean in nearest.means_mm] or None,
     }
 
 

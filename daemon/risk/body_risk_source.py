@@ -12,7 +12,8 @@ from daemon.risk.grid_cache import cached_grid
 from daemon.risk.mesh_file import read_environment
 from daemon.risk.model_file import ModelFile, read_model
 from drivers.clock import WallClock
-from safety.risk.body_risk import BodyRisk, WayRisk
+from safety.risk.body_risk import Beside, BodyRisk
+from safety.risk.contact import WorstPlace
 from safety.risk.environment import Environment, EnvironmentFaultError, InsertionPort
 from safety.risk.risk_model import RiskModelError
 from safety.risk_source import Nearest, NoModel, RiskReading, RiskSource, Room
@@ -41,6 +42,7 @@ class BodyRiskSource:
         self._name = name
         self._clock = clock
         self._until_ns = until_ns
+        self._beside: Beside | None = None
 
     @property
     def name(self) -> str:
@@ -57,10 +59,10 @@ class BodyRiskSource:
         took_s = (self._clock.now_ns() - began_ns) * 1e-9
         if isinstance(told, str):
             return RiskReading(1.0, None, took_s, self._name, doubt=told)
-        nearest = _nearest(told)
+        nearest = _nearest(told.contact.worst, self._beside)
         return RiskReading(
             told.contact.upper_limit,
-            told.body_point_risk,
+            None if self._beside is None else self._beside.body_point_risk,
             took_s,
             self._name,
             _words(nearest),
@@ -69,6 +71,8 @@ class BodyRiskSource:
         )
 
     def room(self, u: Sequence[float], risk: float) -> Room | None:
+        """What is told beside the risk is of this place from now on: no step has to wait for it."""
+        self._beside = self._risk.beside(u)
         return self._risk.room(u, risk)
 
 
@@ -141,14 +145,13 @@ def _compile(source: BodyRiskSource, u: Sequence[float]) -> None:
         source.room(list(u), 0.5)
 
 
-def _nearest(told: WayRisk) -> Nearest:
-    worst = told.contact.worst
+def _nearest(worst: WorstPlace, beside: Beside | None) -> Nearest:
     return Nearest(
         worst.clearance_mm,
         worst.arc_mm,
         tuple(worst.place_mm.tolist()),
         tuple(worst.nearest_mm.tolist()),
-        tuple(map(tuple, told.means_mm.tolist())),
+        () if beside is None else tuple(map(tuple, beside.means_mm.tolist())),
     )
 
 

@@ -1,8 +1,7 @@
 """Both risks of one way of the actuation vector, and the room round a place: see `RiskSource`.
 
 What decides is contact_risk, swept along the way: the upper limit of how likely any part of the
-body touches something. The body_point_risk of the paper, its printed bound at the way's end, is
-computed beside it.
+body touches something. The body_point_risk of the paper, its printed bound, is computed beside it.
 """
 
 from collections.abc import Sequence
@@ -39,10 +38,16 @@ class WayRisk:
     """Anywhere along it."""
     leaving: Leaving | None
     """Where it leads away from what touches."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Beside:
+    """What is told beside the risk that decides, of the body at rest."""
+
     body_point_risk: float
-    """Printed bound (equation 9) at its end."""
+    """Printed bound (equation 9)."""
     means_mm: FloatArray
-    """(K, 3) where the mixture over the body's points has its components, at the end."""
+    """(K, 3) where the mixture over the body's points has its components."""
 
 
 class BodyRisk:
@@ -81,12 +86,15 @@ class BodyRisk:
             if not self._model.knows(u):
                 return f"outside what the model has learned: {_words(u)}"
         mixtures = self._mixtures(u_from, u_to)
-        points = self._model.points.mixture(u_to)
-        if mixtures is None or points is None:
+        if mixtures is None:
             return f"the model gives no finite answer at {_words(u_to)}"
         contact = self._contact.along(mixtures)
-        printed = self._body_point.printed(points)
-        return WayRisk(contact.on_the_way, contact.leaving, printed, points.means_mm)
+        return WayRisk(contact.on_the_way, contact.leaving)
+
+    def beside(self, u: Sequence[float]) -> Beside | None:
+        """At (m,) u; None where it cannot be told."""
+        points = self._model.points.mixture(u) if self._model.knows(u) else None
+        return None if points is None else Beside(self._body_point.printed(points), points.means_mm)
 
     def room(self, u: Sequence[float], risk: float) -> Room | None:
         """How far the body at rest at (m,) u is from such a risk; None: far, or nobody knows.

@@ -1,8 +1,9 @@
 """What the risk of one step costs.
 
 The mixture network forward, beside torch; the bounds of body_point_risk over mesh size;
-contact_risk of a thousand shapes; the whole gate, with the tendon arm in a chest; and how long
-surroundings take to be made ready, once.
+contact_risk of a thousand shapes; the whole gate, with the tendon arm in a chest, and what is
+looked for after a step: the room that is left, and body_point_risk; and how long surroundings take
+to be made ready, once.
 """
 
 import tempfile
@@ -152,6 +153,7 @@ def _gate(triangles: int, repeats: int) -> Figures:
     limits = [count_limits(axis) for axis in axes]
     gate = Gate(limits, scales, tensions, source, risk.threshold, risk.latest_after_s)
     at, t_ns, durations, refused = [0] * len(axes), 0, [], 0
+    looking = []
     gate.settle(at)
     for number in range(repeats):
         t_ns += _STEP_NS
@@ -164,7 +166,14 @@ def _gate(triangles: int, repeats: int) -> Figures:
         refused += bool(decision.refused)
         if decision.step is not None:
             at = list(decision.step.to_counts)
-    return {**percentiles(durations, 1e3), "refused": refused}
+        started = time.perf_counter()
+        source.room([count / scale for count, scale in zip(at, scales, strict=True)], 0.05)
+        looking.append(time.perf_counter() - started)
+    return {
+        **percentiles(durations, 1e3),
+        "refused": refused,
+        "looking_round_after_it": percentiles(looking, 1e3),
+    }
 
 
 def _port() -> dict[str, Any]:

@@ -57,7 +57,7 @@ def test_it_goes_round_in_a_chest_along_what_is_in_its_way() -> None:
         assert all(risk["contact_risk"] is not None for risk in risks)
         assert max(risk["contact_risk"] for risk in risks) > 0.01
         assert any("sliding" in risk["reasons"] for risk in risks)
-        assert {len(risk["means_mm"]) for risk in risks} == {5}
+        assert {len(risk["means_mm"]) for risk in risks if risk["means_mm"]} == {5}
         assert max(tip["cycle"] for tip in tips) >= 0
         report = run("report", str(recorded))
         assert report.returncode == 0, report.stderr

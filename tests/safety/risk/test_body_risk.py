@@ -87,8 +87,14 @@ def test_far_from_everything_no_shape_touches(risk: BodyRisk) -> None:
     assert answer.contact.touching == 0
     assert answer.contact.upper_limit == pytest.approx(3.0 / 500, rel=0.1)
     assert answer.contact.median_mm > 30.0
-    assert answer.means_mm.shape == (5, 3)
-    assert 0.0 <= answer.body_point_risk <= 1.0
+
+
+def test_the_body_point_risk_is_told_beside_it(risk: BodyRisk) -> None:
+    beside = risk.beside(at(-2.9))
+    assert beside is not None
+    assert beside.means_mm.shape == (5, 3)
+    assert 0.0 <= beside.body_point_risk <= 1.0
+    assert risk.beside(at(8.0)) is None
 
 
 def test_the_nearer_the_end_of_the_way_the_higher_the_risk(risk: BodyRisk) -> None:
