@@ -102,17 +102,18 @@ class _How:
     """(S,) which shapes are not proved to be clear."""
     count: int
     mean_of_worst_mm: float
+    """Not taken where none touches."""
 
     @classmethod
     def of(cls, shapes: Shapes) -> "_How":
         touching = ~(shapes.surely > 0.0)
-        worst_mm = _mean_of_worst(shapes.clearance)
-        return cls(touching, int(np.count_nonzero(touching)), worst_mm)
+        count = int(np.count_nonzero(touching))
+        return cls(touching, count, _mean_of_worst(shapes.clearance) if count else np.inf)
 
-    def left(self, end: "_How", surely: SingleArray) -> Leaving | None:
+    def left(self, end: Shapes, surely: SingleArray) -> Leaving | None:
         """Where the way from here to there leads out. surely: (S,) on the way."""
-        better = end.mean_of_worst_mm > self.mean_of_worst_mm and end.count <= self.count
-        if not (better and self.count):
+        there = _How.of(end)
+        if there.count > self.count or not there.mean_of_worst_mm > self.mean_of_worst_mm:
             return None
         samples = self.touching.size
         added = int(np.count_nonzero(~(surely > 0.0) & ~self.touching))
@@ -195,7 +196,7 @@ class ContactModel:
             self._sweep(before, self._now, swept, surely)
             estimates.append(_share_touching(self._now.shapes.clearance))
             worst = min(worst, self._worst(), key=lambda place: place.clearance_mm)
-        leaving = start.left(_How.of(self._now.shapes), surely)
+        leaving = start.left(self._now.shapes, surely) if start.count else None
         return PathContactRisk(_figures(swept, surely, worst), tuple(estimates), leaving)
 
     def _measure(self, mixture: Mixture) -> None:

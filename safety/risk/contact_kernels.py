@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 FINEST_MM = 0.5
 """What is between nodes, or between two shapes on the way, is cut no finer than this."""
-CAP_MM = 1.0
+CAP_MM = 0.6
 """More clearance need not be proved: shapes do not move by twice as much between two questions."""
 _MOST_CUTS = 64
 _ZERO, _HALF, _TWO = np.float32(0.0), np.float32(0.5), np.float32(2.0)

@@ -74,8 +74,8 @@ class ShapeBasis:
 
     @property
     def thickest_mm(self) -> float:
-        """The largest radius, with what is left out."""
-        return float((self.radius_mm + self.left_out_mm).max())
+        """The largest radius, with the most that is left out."""
+        return float(self.radius_mm.max() + self.left_out_mm.max())
 
     def on_the_safe_side(self) -> "ShapeBasis":
         """The same as thick as it may be taken to be."""
