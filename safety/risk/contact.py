@@ -162,7 +162,8 @@ class ContactModel:
     def risk(self, mixture: Mixture) -> ContactRisk:
         """Of the body at rest."""
         self._measure(mixture)
-        return _figures(self._now.shapes.clearance, self._now.shapes.surely, self._worst())
+        shapes = self._now.shapes
+        return _figures(shapes.clearance, shapes.surely, self._worst(shapes))
 
     def clearance_mm(self, mixture: Mixture, share: float) -> float:
         """What this share of the shapes, or one of them, have no more clearance than."""
@@ -188,15 +189,21 @@ class ContactModel:
         self._measure(mixtures[0])
         start = _How.of(self._now.shapes)
         swept, surely = self._now.shapes.clearance.copy(), self._now.shapes.surely.copy()
-        estimates, worst = [_share_touching(swept)], self._worst()
+        estimates, lowest_mm = [_share_touching(swept)], _threshold(swept)
+        worst: WorstPlace | None = None
         for mixture in mixtures[1:]:
             before = self._now
             self._now, self._next = self._next, self._now
             self._measure_anew(mixture)
             self._sweep(before, self._now, swept, surely)
             estimates.append(_share_touching(self._now.shapes.clearance))
-            worst = min(worst, self._worst(), key=lambda place: place.clearance_mm)
+            there_mm = _threshold(self._now.shapes.clearance)
+            if there_mm <= lowest_mm:
+                lowest_mm, worst = there_mm, self._worst(self._now.shapes)
+            elif worst is None:  # where it begins: those shapes are still there
+                worst = self._worst(before.shapes)
         leaving = start.left(self._now.shapes, surely) if start.count else None
+        worst = worst or self._worst(self._now.shapes)
         return PathContactRisk(_figures(swept, surely, worst), tuple(estimates), leaving)
 
     def _measure(self, mixture: Mixture) -> None:
@@ -244,17 +251,14 @@ class ContactModel:
         swept[changed] = np.minimum(swept[changed], kept.clearance)
         surely[changed] = np.minimum(surely[changed], kept.surely)
 
-    def _worst(self) -> WorstPlace:
-        """Of the shapes now."""
-        shapes = self._now.shapes
-        few = _few(shapes.clearance.size)
-        threshold = np.partition(shapes.clearance, few - 1)[few - 1]
+    def _worst(self, shapes: Shapes) -> WorstPlace:
+        threshold = _threshold(shapes.clearance)
         worst = np.flatnonzero(shapes.clearance <= threshold)
         node = int(np.bincount(shapes.node[worst]).argmax())
         mine = worst[shapes.node[worst] == node]
         place_mm = shapes.positions[mine, 3 * node : 3 * node + 3].mean(axis=0, dtype=np.float64)
         nearest_mm = _nearest_surface(self._grid, place_mm)
-        return WorstPlace(float(self._basis.arc_mm[node]), place_mm, nearest_mm, float(threshold))
+        return WorstPlace(float(self._basis.arc_mm[node]), place_mm, nearest_mm, threshold)
 
     def _room(self, samples: int) -> Shapes:
         return Shapes(
@@ -306,6 +310,12 @@ def _figures(clearance: SingleArray, surely: SingleArray, worst: WorstPlace) -> 
 def _mean_of_worst(clearance: SingleArray) -> float:
     few = _few(clearance.size)
     return float(np.partition(clearance, few - 1)[:few].mean())
+
+
+def _threshold(clearance: SingleArray) -> float:
+    """None of the worst twentieth has more."""
+    few = _few(clearance.size)
+    return float(np.partition(clearance, few - 1)[few - 1])
 
 
 def _few(samples: int) -> int:
