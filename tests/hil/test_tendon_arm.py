@@ -54,8 +54,9 @@ def test_it_goes_round_in_a_chest_along_what_is_in_its_way() -> None:
     with short_folder() as folder:
         recorded = gone_round(folder)
         risks, tips = seen(recorded, "/risk"), seen(recorded, "/tip")
-        assert all(risk["contact_risk"] is not None for risk in risks)
-        assert max(risk["contact_risk"] for risk in risks) > 0.01
+        asked = [risk["contact_risk"] for risk in risks]
+        assert None not in asked
+        assert min(asked) < max(asked), "the heart is near, and not always"
         assert any("sliding" in risk["reasons"] for risk in risks)
         assert {len(risk["means_mm"]) for risk in risks if risk["means_mm"]} == {5}
         assert max(tip["cycle"] for tip in tips) >= 0
