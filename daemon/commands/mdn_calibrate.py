@@ -36,12 +36,13 @@ def run(arguments: argparse.Namespace) -> int:
         return EXIT_FAILED
     # Matplotlib and the plant's compiled code are slow to come: `--help` does without.
     from daemon.learning.robot_fit import misfit_of
+    from daemon.risk.collection import CollectionError
     from daemon.risk.collection_bar import CollectionBar
     from daemon.risk.contact_calibration import contact_calibration
     from daemon.risk.contact_figure import write_reliability
     from daemon.risk.emulated_body import UnreachableError
     from daemon.risk.model_file import read_model
-    from daemon.risk.rollouts import RolloutError, roll_out
+    from daemon.risk.rollouts import roll_out
     from daemon.worker_processes import worker_processes
     from safety.risk.risk_model import RiskModelError
     from sim_backends.lab import LabError
@@ -73,7 +74,14 @@ def run(arguments: argparse.Namespace) -> int:
         path, figure = arguments.out / "contact.json", arguments.out / "reliability.png"
         path.write_text(json.dumps(found.told(), indent=2) + "\n", encoding="utf-8")
         write_reliability(found, figure)
-    except (RiskModelError, RolloutError, UnreachableError, LabError, ValueError, OSError) as error:
+    except (
+        RiskModelError,
+        CollectionError,
+        UnreachableError,
+        LabError,
+        ValueError,
+        OSError,
+    ) as error:
         print(error, file=sys.stderr)
         return EXIT_FAILED
     print(

@@ -107,26 +107,18 @@ class FittedCentreline:
     """Share of the points within 3 mm of it."""
     unseen: float
     """Longest part of the body with no such point beside it, as a share of its length."""
-    parameters: FloatArray
-    """To begin the next fit with."""
 
 
 def fit_centreline(
-    points_mm: NDArray[np.floating],
-    surface: VisibleSurface,
-    nodes: int,
-    before: FloatArray | None = None,
+    points_mm: NDArray[np.floating], surface: VisibleSurface, nodes: int
 ) -> FittedCentreline:
-    """Of (p, 3) points. Raises ValueError where they are fewer than 30 or not finite.
-
-    before: parameters of a fit nearby; it is begun there too, not only from scratch.
-    """
+    """Of (p, 3) points. Raises ValueError where they are fewer than 30 or not finite."""
     points = np.ascontiguousarray(points_mm, np.float64)
     if len(points) < LEAST_POINTS or not np.isfinite(points).all():
         raise ValueError(f"a centreline needs {LEAST_POINTS} points, all of them finite")
     fit = _Fit(points, surface)
-    begun = [one for one in (before, _along_points(points, surface)) if one is not None]
-    told = fit.told(fit.best(begun, _NEARBY), nodes) if begun else None
+    begun = _along_points(points, surface)
+    told = None if begun is None else fit.told(fit.best([begun], _NEARBY), nodes)
     if told is None or told.near < _GOOD[0] or told.unseen > _GOOD[1]:
         another = fit.told(fit.best(_likely_beginnings(points, surface), 0), nodes)
         told = another if told is None else max(told, another, key=lambda one: one.near)
@@ -165,7 +157,6 @@ class _Fit:
             float(np.median(off)),
             float((off < _NEAR_MM).mean()),
             float(gaps.max()) / _PIECES,
-            parameters,
         )
 
     def _at_scale(self, parameters: FloatArray, scale_mm: float, rounds: int) -> FloatArray:

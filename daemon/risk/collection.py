@@ -78,8 +78,7 @@ def planned(robot: Robot, settings: CollectionSettings, parameters: FloatArray) 
     starts = np.empty((n, settings.starts, u.shape[1]))
     for i in range(n):
         random = np.random.default_rng([settings.seed, _STARTS, i])
-        others = random.permutation(n - 1)[: settings.starts]
-        starts[i] = u[others + (others >= i)]
+        starts[i] = others_of(u, i, settings.starts, random)
     return {"configurations": u, "starts": starts, "test": test, "block": block_of(parameters)}
 
 
@@ -90,6 +89,12 @@ def block_of(parameters: FloatArray) -> NDArray[np.bool_]:
         low, high = np.quantile(values, _BLOCK)
         block &= (values >= low) & (values < high)
     return block
+
+
+def others_of(u: FloatArray, i: int, count: int, random: Generator) -> FloatArray:
+    """(count, m) of the (n, m) configurations, by chance: not number i, and none twice."""
+    others = random.permutation(len(u) - 1)[:count]
+    return np.asarray(u[others + (others >= i)])
 
 
 def seen_at(

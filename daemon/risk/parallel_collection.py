@@ -93,11 +93,21 @@ def _configurations(
     path: Path,
     progress: Progress,
 ) -> FloatArray:
-    """(n, q) parameters of the first configurations of the sequence that the body can hold."""
-    wanted = settings.configurations
     if path.exists():
         with np.load(path, allow_pickle=False) as content:
             return np.asarray(content["parameters"])
+    parameters = first_possible(robot, settings.configurations, settings.seed, workers, progress)
+    save_npz(path, {"parameters": parameters})
+    return parameters
+
+
+def first_possible(
+    robot: Robot, wanted: int, seed: int, workers: Executor, progress: Progress
+) -> FloatArray:
+    """(wanted, q) parameters of the first configurations of the sequence that the body can hold.
+
+    Raises CollectionError, LabError.
+    """
     progress.begin("what it can hold", wanted, 0)
     found: list[FloatArray] = []
     count, begin, each, at_once = 0, 0, min(_CANDIDATES, 2 * wanted), 4
@@ -108,7 +118,7 @@ def _configurations(
                 "look at the axes' limits and at the workspace"
             )
         tasks = [
-            workers.submit(possible_ones, robot, settings.seed, begin + k * each, each)
+            workers.submit(possible_ones, robot, seed, begin + k * each, each)
             for k in range(at_once)
         ]
         for task in tasks:  # in their order: it decides which are the first
@@ -116,9 +126,7 @@ def _configurations(
             progress.advance(min(len(found[-1]), max(0, wanted - count)))
             count += len(found[-1])
         begin += at_once * each
-    parameters = np.concatenate([part for part in found if len(part)])[:wanted]
-    save_npz(path, {"parameters": parameters})
-    return parameters
+    return np.concatenate([part for part in found if len(part)])[:wanted]
 
 
 def _collected(

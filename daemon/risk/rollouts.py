@@ -7,17 +7,16 @@ centreline at arrival. The configurations are of another sequence than any colle
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from itertools import count
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from config.robot import Robot
-from daemon.risk.collection import possible_ones
+from daemon.risk.collection import CollectionError, others_of
 from daemon.risk.configurations import Candidates
 from daemon.risk.emulated_body import EmulatedBody
-from daemon.risk.parallel_collection import Progress
+from daemon.risk.parallel_collection import Progress, first_possible
 from safety.risk.mixture import FloatArray
 from sim_backends.plants.shooting import warm_up
 
@@ -25,13 +24,6 @@ _OTHER_SEQUENCE: Final = 1_000_003
 """Added to the seed."""
 _PART: Final = 5
 """Configurations: some seconds of work."""
-_AT_ONCE: Final = 200
-_MOST_CANDIDATES: Final = 200
-"""Times as many as are wanted: then the body can hold next to nothing."""
-
-
-class RolloutError(ValueError):
-    """There are no such rollouts. Says why."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,15 +42,17 @@ def roll_out(
 ) -> Rollouts:
     """The first configurations that the body can hold, each come to from `starts` of the others.
 
-    workers: such as `worker_processes` gives. Raises RolloutError, UnreachableError, LabError.
+    workers: such as `worker_processes` gives. Raises CollectionError, UnreachableError, LabError.
     """
     if robot.emulation is None:
-        raise RolloutError("there is no 'emulation' in this robot file")
+        raise CollectionError("there is no 'emulation' in this robot file")
     if not 1 <= starts < configurations:
-        raise RolloutError(
+        raise CollectionError(
             f"{configurations} configurations are too few to come to each from {starts} others"
         )
-    u = _held(robot, configurations, seed + _OTHER_SEQUENCE, workers, progress)
+    other = seed + _OTHER_SEQUENCE
+    parameters = first_possible(robot, configurations, other, workers, progress)
+    u = Candidates(robot, other).actuation(parameters)
     begins = range(0, configurations, _PART)
     progress.begin("rollouts", configurations * starts, 0)
     tasks = [
@@ -81,38 +75,10 @@ def arrived(
     found: list[list[NDArray[Any]]] = []
     for i in which:
         random = np.random.default_rng([_OTHER_SEQUENCE, i])
-        others = random.permutation(len(u) - 1)[:starts]
         body.rest()
         found.append([])
-        for start in u[others + (others >= i)]:
+        for start in others_of(u, i, starts, random):
             body.go(start)
             state = body.go(u[i])
             found[-1].append(state.centreline_mm.astype(np.float32))
     return np.array(found), state.radius_mm
-
-
-def _held(
-    robot: Robot, wanted: int, seed: int, workers: Executor, progress: Progress
-) -> FloatArray:
-    """(wanted, m) first configurations of the seed's sequence that the body can hold."""
-    progress.begin("what it can hold", wanted, 0)
-    found: list[FloatArray] = []
-    for turn in count():
-        if turn * _AT_ONCE > _MOST_CANDIDATES * wanted:
-            raise RolloutError(
-                f"of {turn * _AT_ONCE} configurations the body can hold {sum(map(len, found))}, "
-                f"and {wanted} are wanted: look at the axes' limits and at the workspace"
-            )
-        half = _AT_ONCE // 2
-        tasks = [
-            workers.submit(possible_ones, robot, seed, turn * _AT_ONCE + begin, half)
-            for begin in (0, half)
-        ]
-        for task in tasks:  # in their order: it decides which are the first
-            there = sum(map(len, found))
-            found.append(task.result())
-            progress.advance(min(len(found[-1]), max(0, wanted - there)))
-        if sum(map(len, found)) >= wanted:
-            break
-    parameters = np.concatenate([part for part in found if len(part)])[:wanted]
-    return Candidates(robot, seed).actuation(parameters)

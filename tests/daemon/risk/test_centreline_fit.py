@@ -105,13 +105,6 @@ def test_a_body_that_stretches_is_as_long_as_it_is_seen(stretch: float) -> None:
     assert found == pytest.approx(200.0 * stretch, abs=2.0)
 
 
-def test_a_fit_nearby_is_a_beginning() -> None:
-    line = bent(1.5, 1.5)
-    before = fit_centreline(skin(line, 250), TUBE, 21)
-    moved = fit_centreline(skin(bent(1.5, 1.45), 250), TUBE, 21, before.parameters)
-    assert np.max(off_curve(moved.nodes_mm, bent(1.5, 1.45))) < 2.5
-
-
 def test_another_body_is_not_taken_for_this_one() -> None:
     fit = fit_centreline(skin(bent(0.2, 0.2), 250), VisibleSurface(60.0, 2.0), 21)
     assert fit.near < 0.5

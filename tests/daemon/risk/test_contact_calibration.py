@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from config.loader import load_robot
+from daemon.risk.collection import CollectionError
 from daemon.risk.contact_calibration import ContactCalibration, contact_calibration
 from daemon.risk.emulated_body import EmulatedBody
 from daemon.risk.grazed_obstacles import Block, grazed_block
-from daemon.risk.rollouts import RolloutError, Rollouts, roll_out
+from daemon.risk.rollouts import Rollouts, roll_out
 from safety.risk.risk_model import RiskModel, risk_model
 from tests import SOFT_ARM
 from tests.safety.risk.test_body_risk import arrays, at
@@ -146,8 +147,8 @@ def test_rollouts_come_to_one_place_from_many_and_are_the_same_again() -> None:
 
 def test_too_few_configurations_are_refused() -> None:
     robot = load_robot(TENDON_ARM).robot
-    with ThreadPoolExecutor(1) as workers, pytest.raises(RolloutError, match="too few"):
+    with ThreadPoolExecutor(1) as workers, pytest.raises(CollectionError, match="too few"):
         roll_out(robot, 3, 3, 1, workers, Nobody())
-    with ThreadPoolExecutor(1) as workers, pytest.raises(RolloutError, match="no 'emulation'"):
+    with ThreadPoolExecutor(1) as workers, pytest.raises(CollectionError, match="no 'emulation'"):
         bare = robot.model_copy(update={"emulation": None})
         roll_out(bare, 3, 2, 1, workers, Nobody())

@@ -5,6 +5,7 @@ learned from, the tracker's noise is its own, and so is the direction from which
 """
 
 import asyncio
+from collections.abc import Coroutine
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -102,6 +103,19 @@ class Witness:
             await asyncio.sleep(0.025)
 
 
+async def once_round(rig: Rig, circle: dict[str, Any], watch: Coroutine[Any, Any, None]) -> None:
+    """Until the circle is done, or the robot holds; watched from its first motion on."""
+    watching = asyncio.create_task(watch)
+    try:
+        await rig.armed()
+        await rig.do(Load, trajectory=circle, controller=BROYDEN)
+        await rig.do(Start)
+        await rig.until_state(OperatingState.RUNNING)
+        await rig.until(lambda: rig.state is not OperatingState.RUNNING, within_s=200.0)
+    finally:
+        watching.cancel()
+
+
 def graze(seed: int, folder: Path, aware: bool, slide: bool = True) -> Grazed:
     """Once round. aware: the gate knows of the ball. slide: steps are turned aside."""
     random = np.random.default_rng(seed)
@@ -116,16 +130,8 @@ def graze(seed: int, folder: Path, aware: bool, slide: bool = True) -> Grazed:
     ended: dict[str, Any] = {}
 
     async def scene(rig: Rig) -> None:
-        watching = asyncio.create_task(witness.watch(rig))
-        try:
-            await rig.armed()
-            await rig.do(Load, trajectory=CIRCLE, controller=BROYDEN)
-            await rig.do(Start)
-            await rig.until_state(OperatingState.RUNNING)
-            await rig.until(lambda: rig.state is not OperatingState.RUNNING, within_s=200.0)
-            ended.update(state=rig.state, causes=rig.causes)
-        finally:
-            watching.cancel()
+        await once_round(rig, CIRCLE, witness.watch(rig))
+        ended.update(state=rig.state, causes=rig.causes)
 
     def change(robot: Robot) -> Robot:
         assert robot.emulation is not None

@@ -15,7 +15,7 @@ from scipy.ndimage import map_coordinates
 from config.control import RiskSettings
 from config.loader import RobotFile, load_robot
 from config.robot import Robot
-from daemon.remote.messages import Load, Resume, Risk, Start
+from daemon.remote.messages import Resume, Risk
 from daemon.risk.body_risk_source import make_risk_source
 from daemon.risk.grid_cache import cached_grid
 from daemon.risk.mesh_file import read_environment, write_mesh
@@ -24,7 +24,7 @@ from safety.risk.distance_grid import DistanceGrid
 from safety.risk.shapes import CHEST_PORT, chest
 from safety.risk_source import NoModel, RiskReading
 from safety.states import OperatingState
-from tests.daemon.service.grazing import BROYDEN, TENDON_ARM, StoppedClock
+from tests.daemon.service.grazing import TENDON_ARM, StoppedClock, once_round
 from tests.daemon.service.rig import Rig, on_a_rig
 
 CIRCLE = {
@@ -84,24 +84,11 @@ class Witness:
             await asyncio.sleep(0.025)
 
 
-async def once_round(rig: Rig, witness: Witness) -> None:
-    """Until the circle is done, or the robot holds."""
-    watching = asyncio.create_task(witness.watch(rig))
-    try:
-        await rig.armed()
-        await rig.do(Load, trajectory=CIRCLE, controller=BROYDEN)
-        await rig.do(Start)
-        await rig.until_state(OperatingState.RUNNING)
-        await rig.until(lambda: rig.state is not OperatingState.RUNNING, within_s=200.0)
-    finally:
-        watching.cancel()
-
-
 def test_it_holds_before_it_touches_and_says_where(file: RobotFile, walls: DistanceGrid) -> None:
     witness = Witness(walls)
 
     async def scene(rig: Rig) -> None:
-        await once_round(rig, witness)
+        await once_round(rig, CIRCLE, witness.watch(rig))
         assert rig.state is OperatingState.HOLD
         assert rig.causes == {"risk_too_high"}
         (reason,) = rig.status.reasons
@@ -126,7 +113,7 @@ def test_without_the_model_the_same_way_touches(file: RobotFile, walls: Distance
     witness = Witness(walls)
 
     async def scene(rig: Rig) -> None:
-        await once_round(rig, witness)
+        await once_round(rig, CIRCLE, witness.watch(rig))
 
     def unaware(robot: Robot) -> Robot:
         return robot.model_copy(update={"risk": RiskSettings()})
