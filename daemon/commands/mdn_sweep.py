@@ -76,7 +76,9 @@ def run(arguments: argparse.Namespace) -> int:
     for start, one in found_out["starts"].items():
         collapsed = one["first_collapsed"]
         said = "none collapsed" if collapsed is None else f"first collapsed at {collapsed}"
-        print(f"{start}: {said}; recommended: {one['recommended']} components")
+        best = one["recommended"]
+        advice = "try fewer components" if best is None else f"recommended: {best} components"
+        print(f"{start}: {said}; {advice}")
     print(arguments.out)
     return EXIT_OK
 

@@ -100,19 +100,19 @@ def first_collapsed(found: Iterable[Counted]) -> int | None:
     return min((one.components for one in found if one.collapsed), default=None)
 
 
-def recommended(found: Sequence[Counted]) -> int:
+def recommended(found: Sequence[Counted]) -> int | None:
     """The fewest components of which more bring next to nothing, among those not collapsed.
 
-    All of one start. Next to nothing: 0.05 nats for each one more.
+    All of one start. Next to nothing: 0.05 nats for each one more. None: all have collapsed.
     """
-    sound = [one for one in found if not one.collapsed] or list(found)
+    sound = [one for one in found if not one.collapsed]
     for number, one in enumerate(sound):
         if all(
             one.test - more.test < _WORTH * (more.components - one.components)
             for more in sound[number + 1 :]
         ):
             return one.components
-    return sound[-1].components
+    return None
 
 
 def told(found: Sequence[Counted]) -> dict[str, Any]:

@@ -57,7 +57,8 @@ def write_sweep(found: Sequence[Counted], path: Path) -> None:
             axes.plot(counts, [one.learnt_from for one in part], ":", color=colour)
         _mark_collapsed([one for one in found if one.collapsed], axes)
         best = recommended(next(iter(by_start(found).values())))
-        axes.axvline(best, color=REFERENCE, zorder=0, label=f"recommended: {best}")
+        if best is not None:
+            axes.axvline(best, color=REFERENCE, zorder=0, label=f"recommended: {best}")
         axes.plot([], [], ":", color=MUTED, label="learnt from")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.set(xlabel="components", ylabel="negative log-likelihood / nats (places in m)")

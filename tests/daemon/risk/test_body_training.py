@@ -151,6 +151,7 @@ def test_components_are_recommended_that_bring_something_and_do_not_collapse() -
     collapsing = [counted(1, -8.0), counted(2, -9.0), counted(3, -9.5, useless=0.3)]
     assert recommended(collapsing) == 2
     assert [one.collapsed for one in collapsing] == [False, False, True]
+    assert recommended(collapsing[2:]) is None
 
 
 def test_a_sweep_tells_of_each_start_where_it_collapses(tmp_path: Path) -> None:
@@ -168,6 +169,8 @@ def test_a_sweep_tells_of_each_start_where_it_collapses(tmp_path: Path) -> None:
     assert "COLLAPSED (1 idle)" in plain[-1].line
     assert told(plain)["recommended"] == 2
     write_sweep([*arc, *plain], tmp_path / "both.png")
+    assert told(plain[2:])["recommended"] is None
+    write_sweep(plain[2:], tmp_path / "collapsed.png")
     write_sweep(arc, tmp_path / "arc.png")
     assert (tmp_path / "both.png").read_bytes() != (tmp_path / "arc.png").read_bytes()
 
