@@ -6,39 +6,77 @@ with nothing ready and nothing scheduled can never go on: that is an error, not 
 
 import asyncio
 import selectors
-from collections.abc import Coroutine
-from typing import Any, TypeVar
+from collections import deque
+from collections.abc import Callable, Coroutine
+from contextvars import Context
+from heapq import heappop, heappush
+from typing import Any, Final, TypeVar, TypeVarTuple
 
 T = TypeVar("T")
+Arguments = TypeVarTuple("Arguments")
+
+_RESOLUTION_S: Final = 1e-9
+"""Timers no further apart are due at once."""
 
 
 class VirtualTimeDeadlockError(RuntimeError):
     """Every task waits for something that nobody will ever do."""
 
 
-class _JumpingSelector(selectors.SelectSelector):
-    """Where an ordinary selector sleeps, this one moves the clock."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.now_s = 0.0
-
-    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
-        if timeout is None:
-            raise VirtualTimeDeadlockError("nothing is ready and nothing is scheduled")
-        self.now_s += max(timeout, 0.0)
-        return []
-
-
 class VirtualTimeLoop(asyncio.SelectorEventLoop):
-    """An asyncio event loop in virtual time, starting at 0 s."""
+    """An asyncio event loop in virtual time, starting at 0 s.
+
+    Timers are most of what such a loop does, so it keeps them itself: a heap of tuples, which are
+    compared without a call, and first come, first served where two are due at once.
+    """
+
+    # What asyncio's own loop keeps, and its stubs leave out.
+    _ready: deque[asyncio.Handle]
+    _stopping: bool
 
     def __init__(self) -> None:
-        self._jumping = _JumpingSelector()
-        super().__init__(self._jumping)
+        super().__init__(selectors.SelectSelector())  # of which nobody ever asks anything
+        self._now_s = 0.0
+        self.now_ns = 0
+        self._timers: list[tuple[float, int, asyncio.TimerHandle]] = []
+        self._number = 0
 
     def time(self) -> float:
-        return self._jumping.now_s
+        return self._now_s
+
+    def call_at(
+        self,
+        when: float,
+        callback: Callable[[*Arguments], object],
+        *args: *Arguments,
+        context: Context | None = None,
+    ) -> asyncio.TimerHandle:
+        handle = asyncio.TimerHandle(when, callback, args, self, context)
+        self._number += 1
+        heappush(self._timers, (when, self._number, handle))
+        return handle
+
+    def _run_once(self) -> None:
+        """What `run_forever` calls again and again: everything that is due, then the next jump."""
+        timers, ready = self._timers, self._ready
+        while timers and timers[0][2].cancelled():
+            heappop(timers)
+        if not (ready or self._stopping):
+            self._jump()
+        due_s = self._now_s + _RESOLUTION_S
+        while timers and timers[0][0] < due_s:
+            ready.append(heappop(timers)[2])
+        for _ in range(len(ready)):  # what these add has its turn after them
+            handle = ready.popleft()
+            if not handle.cancelled():
+                handle._run()  # noqa: SLF001  as in the method that this one replaces
+
+    def _jump(self) -> None:
+        """To the next deadline."""
+        if not self._timers:
+            raise VirtualTimeDeadlockError("nothing is ready and nothing is scheduled")
+        self._now_s = max(self._now_s, self._timers[0][0])
+        self.now_ns = round(self._now_s * 1e9)
 
 
 class VirtualClock:
@@ -48,7 +86,7 @@ class VirtualClock:
         self._loop = loop
 
     def now_ns(self) -> int:
-        return round(self._loop.time() * 1e9)
+        return self._loop.now_ns
 
     def wall_time_ns(self) -> int:
         """Virtual time has a date too, always the same: runs compare equal to the last byte."""

@@ -1,5 +1,6 @@
 """Trajectories as they are followed: a place and a velocity for every time."""
 
+from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import cos, pi, sin, tau
@@ -114,12 +115,12 @@ def _stay(place: Vector) -> Cycle:
 def _polyline(times: Vector, points: Vector) -> Cycle:
     """Straight lines, each gone along evenly. times: (n,) from 0, rising. points: (n, 3)."""
     velocities = np.diff(points, axis=0) / np.diff(times)[:, None]
+    begins_s: list[float] = times[:-1].tolist()
 
     def at(t_s: float) -> Motion:
-        leg = int(np.searchsorted(times, t_s, side="right")) - 1
-        leg = min(max(leg, 0), len(velocities) - 1)
+        leg = max(bisect_right(begins_s, t_s) - 1, 0)
         velocity = velocities[leg]
-        return points[leg] + (t_s - times[leg]) * velocity, velocity.copy()
+        return points[leg] + (t_s - begins_s[leg]) * velocity, velocity.copy()
 
     return Cycle(at, times)
 

@@ -53,6 +53,8 @@ class PoseFilter:
             settings.orientation_noise_rad, settings.angular_acceleration_rad_s2, _TURN_RAD_S
         )
         self._frames: deque[bool] = deque(maxlen=FRAMES_FOR_QUALITY)
+        self.quality = 0.0
+        """Share of the last frames that were there and believed; 0 before the first."""
         self._candidates: list[tuple[int, Pose]] = []
         self._predict_for_ns = round(settings.predict_for_s * _NS_PER_S)
         self._newest_ns: int | None = None
@@ -64,6 +66,7 @@ class PoseFilter:
     def reset(self) -> None:
         """Forget everything."""
         self._frames.clear()
+        self.quality = 0.0
         self._candidates.clear()
         self._newest_ns = None
         self._believed_ns = self._last_believed_ns = None
@@ -78,6 +81,7 @@ class PoseFilter:
         self._newest_ns = t_ns
         believed = pose is not None and _sound(pose) and self._take(t_ns, pose)
         self._frames.append(believed)
+        self.quality = sum(self._frames) / len(self._frames)
         return believed
 
     def estimate(self, t_ns: int) -> TipEstimate | None:
@@ -100,11 +104,6 @@ class PoseFilter:
         """Since the newest measurement that was believed; None before the first."""
         last_ns = self._last_believed_ns
         return None if last_ns is None else (t_ns - last_ns) / _NS_PER_S
-
-    @property
-    def quality(self) -> float:
-        """Share of the last frames that were there and believed; 0 before the first."""
-        return sum(self._frames) / len(self._frames) if self._frames else 0.0
 
     @property
     def _restart_speed(self) -> float:

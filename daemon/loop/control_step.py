@@ -85,6 +85,8 @@ class ControlLoop:
         self.reference: Reference | None = None
         self.steps = self.refusals = 0
         self.tip: TipEstimate | None = None
+        self.outside_workspace = False
+        """Whether the tip is where no reference may lead it."""
         self.aim: Aim | None = None
         self.note = ""
         """What the controller says that it is doing."""
@@ -104,7 +106,7 @@ class ControlLoop:
         self._room: Room | None = None
         self._look_round = False
         box = robot.workspace
-        self._workspace = None if box is None else (box.x_mm, box.y_mm, box.z_mm)
+        self._workspace = () if box is None else (box.x_mm, box.y_mm, box.z_mm)
         self._tendons = [tension_range_n(axis) is not None for axis in robot.axes]
         self._risk = risk
         self._last_step: PermittedStep | None = None
@@ -148,7 +150,7 @@ class ControlLoop:
         """Where an axis is told to be, in its own unit; None while it is told nothing."""
         if not self._supervisor.state.energised or channel.received_ns is None:
             return None
-        return channel.scale.position(self.target_counts(channel, now_ns))
+        return channel.scale.position(self.target_counts(now_ns)[channel.index])
 
     @property
     def error_mm(self) -> float | None:
@@ -156,18 +158,6 @@ class ControlLoop:
         if self.tip is None or self.aim is None:
             return None
         return math.dist(self.tip.position_mm.tolist(), self.aim.position_mm.tolist())
-
-    @property
-    def outside_workspace(self) -> bool:
-        """Whether the tip is where no reference may lead it."""
-        if self._workspace is None or self.tip is None:
-            return False
-        return not all(
-            low <= place <= high
-            for place, (low, high) in zip(
-                self.tip.position_mm.tolist(), self._workspace, strict=True
-            )
-        )
 
     # The parts of a step, in their order.
 
@@ -177,7 +167,7 @@ class ControlLoop:
         silent = any(channel.received_ns is None for channel in self.channels)
         if last_ns is None or silent or not self.history.known:
             self.filter.update(frame.t_ns, frame.tip)
-            self.tip = self.filter.estimate(frame.t_ns)
+            self._believe(self.filter.estimate(frame.t_ns))
             return None
         dt_s = min((frame.t_ns - last_ns) * 1e-9, _LONGEST_DT_S)
         counts: list[int | None] = [channel.position_counts for channel in self.channels]
@@ -187,21 +177,30 @@ class ControlLoop:
         ]
         now_ns = self._clock.now_ns()
         targets = [
-            channel.scale.position(self.target_counts(channel, now_ns)) for channel in self.channels
+            channel.scale.position(target)
+            for channel, target in zip(self.channels, self.target_counts(now_ns), strict=True)
         ]
         u = self.history.at(frame.t_ns)
         return Sensed(frame, dt_s, u, np.array(targets), Measured(counts, tensions))
 
-    def target_counts(self, channel: AxisChannel, now_ns: int) -> int:
-        """Where an axis is told to be; where it is, while it is told nothing."""
+    def target_counts(self, now_ns: int) -> Sequence[int]:
+        """Where each axis is told to be; where it is, while it is told nothing."""
         if self._last_step is None or not self._supervisor.state.energised:
-            return channel.position_counts
-        return self._last_step.target(channel.index, now_ns)
+            return [channel.position_counts for channel in self.channels]
+        return self._last_step.targets(now_ns)
 
     def _estimate(self, sensed: Sensed) -> bool:
         believed = self.filter.update(sensed.frame.t_ns, sensed.frame.tip)
-        self.tip = self.filter.estimate(sensed.frame.t_ns)
+        self._believe(self.filter.estimate(sensed.frame.t_ns))
         return believed
+
+    def _believe(self, tip: TipEstimate | None) -> None:
+        self.tip = tip
+        # Where the file names no workspace, there is nothing to be outside of.
+        self.outside_workspace = tip is not None and not all(
+            low <= place <= high
+            for place, (low, high) in zip(tip.position_mm.tolist(), self._workspace, strict=False)
+        )
 
     def _decide(self, sensed: Sensed, believed: bool) -> Wish | None:
         """What the controller wants; None: to stand still."""

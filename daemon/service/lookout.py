@@ -61,10 +61,9 @@ class Lookout:
         failsafe.set("loop_slow", self._missing_cycles, now_ns, "loop")
         outside = self._supervisor.energised and loop.outside_workspace
         failsafe.set("out_of_workspace", outside, now_ns, "tip")
+        targets = loop.target_counts(now_ns)
         for place, channel in enumerate(loop.channels):
-            behind = self._following_error.behind(
-                place, loop.target_counts(channel, now_ns), now_ns
-            )
+            behind = self._following_error.behind(place, targets[place], now_ns)
             told = "it does not move" if behind else ""
             failsafe.set("drive_following_error", behind, now_ns, channel.axis.name, told)
 

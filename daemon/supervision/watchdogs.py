@@ -44,6 +44,9 @@ class Watchdogs:
         self._buses = buses
         self._power = power
         self._dropped_before = 0
+        self._nodes = [
+            (node, f"{node.subject} state") for bus in buses for node in bus.nodes.values()
+        ]
 
     def check(self, watched: Watched, t_ns: int, energised: bool, moving: bool) -> None:
         """energised: drives are, or are being, powered. moving: a reference is followed."""
@@ -84,13 +87,12 @@ class Watchdogs:
         enabled = self._power.phase is Phase.ENABLED
         for bus in self._buses:
             self._set("bus_not_open", not bus.connected, t_ns, bus.name)
-            for node in bus.nodes.values():
-                ready = node.state is NodeState.OPERATIONAL
-                self._set("node_not_ready", not ready, t_ns, f"{node.subject} state")
-                for channel in node.channels:
-                    dropped = enabled and not channel.following
-                    told = channel.state.value if dropped else ""
-                    self._set("drive_not_enabled", dropped, t_ns, channel.axis.name, told)
+        for node, subject in self._nodes:
+            self._set("node_not_ready", node.state is not NodeState.OPERATIONAL, t_ns, subject)
+            for channel in node.channels:
+                dropped = enabled and not channel.following
+                told = channel.state.value if dropped else ""
+                self._set("drive_not_enabled", dropped, t_ns, channel.axis.name, told)
         arming = self._power.phase is Phase.ENABLING
         late = arming and self._power.since_s(t_ns) > self._settings.arm_within_s
         self._set("arming_failed", late, t_ns, "drives", self._not_enabled() if late else "")

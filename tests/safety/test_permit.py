@@ -47,6 +47,26 @@ def test_a_permit_cannot_be_made_elsewhere() -> None:
     assert permit_homing(3).axis == 3
 
 
+@given(
+    st.lists(st.tuples(st.integers(-1000, 1000), st.integers(-1000, 1000)), min_size=1, max_size=8),
+    st.integers(-PERIOD_NS, 2 * PERIOD_NS),
+)
+@examples(60)
+def test_the_targets_of_all_axes_are_those_of_each(ways: list[tuple[int, int]], t_ns: int) -> None:
+    free = replace(LIMITS, lowest=-5000, max_velocity=200_000, max_acceleration=10_000_000)
+    step = permit(
+        from_counts=[start for start, _ in ways],
+        to_counts=[end for _, end in ways],
+        measured_counts=[start for start, _ in ways],
+        velocities_before=[0.0] * len(ways),
+        begins_ns=0,
+        duration_ns=PERIOD_NS,
+        limits=[free] * len(ways),
+    )
+    assert isinstance(step, PermittedStep)
+    assert step.targets(t_ns) == tuple(step.target(axis, t_ns) for axis in range(len(ways)))
+
+
 def test_a_permit_cannot_be_subclassed_into_something_else() -> None:
     step = ask(500, 600)
     assert isinstance(step, PermittedStep)
