@@ -166,7 +166,8 @@ class Rod:
     def foundation(self, force: FloatArray) -> float:
         """N·mm/rad per mm: what passes for no stiffness under an internal force (N+1, 3)."""
         unit = self.section.bending_n_mm2 / self.length_mm**2
-        return NEUTRAL * (unit + float(np.abs(force[0]).max()))
+        strongest: float = max(map(abs, force[0].tolist()))
+        return NEUTRAL * (unit + strongest)
 
 
 def _nodes(length_mm: float, breaks_mm: Sequence[float], intervals: int) -> FloatArray:

@@ -22,6 +22,9 @@ _NO_FLAGS = PortStatus(0)
 _AXIS = np.array([0.0, 0.0, 1.0])
 
 
+Triple = tuple[float, float, float]
+
+
 class Measured(NamedTuple):
     """What was measured of one sensor in one frame."""
 
@@ -45,6 +48,8 @@ class Sensing:
         self._displacement = SmoothField(config.distortion_rms_mm, generator)
         self._turn = SmoothField(config.distortion_rms_rad, generator)
         self._random = np.random.default_rng(jitter)
+        self._distorted: dict[str, tuple[Pose, Triple, Triple]] = {}
+        """By serial number, the last true pose: what stands still is not worked out again."""
         self._drawn: list[tuple[list[float], list[float]]] = []
         """Of the next readings: six of a normal distribution, and two from 0 to 1."""
 
@@ -54,7 +59,7 @@ class Sensing:
         (m0, m1, m2, r0, r1, r2), (chance, fit) = self._draw()
         spread = self._spread(place, fast)
         by_mm, by_rad = self._config.jitter_mm * spread, self._config.jitter_rad * spread
-        shift, turn = self._displacement.at_point(*place), self._turn.at_point(*place)
+        shift, turn = self._distortion(tool.serial, true)
         position_mm = np.array(
             [
                 place[0] + shift[0] + by_mm * m0,
@@ -70,6 +75,15 @@ class Sensing:
         if tool.degrees_of_freedom == 5:
             return Measured(Pose(position_mm, _without_roll(quaternion)), flags)
         return Measured(Pose(position_mm, quaternion), flags, _INDICATOR * (0.5 + fit))
+
+    def _distortion(self, serial: str, true: Pose) -> tuple[Triple, Triple]:
+        """By how many mm, and by what rotation in rad, the field is wrong at a sensor."""
+        last = self._distorted.get(serial)
+        if last is None or last[0] is not true:
+            place = true.position_mm.tolist()
+            fields = self._displacement.at_point(*place), self._turn.at_point(*place)
+            last = self._distorted[serial] = (true, *fields)
+        return last[1], last[2]
 
     def _draw(self) -> tuple[list[float], list[float]]:
         if not self._drawn:

@@ -126,7 +126,7 @@ class Parameters:
     @property
     def has_new_alerts(self) -> bool:
         """Whether a client should ask."""
-        return any(int(self._all[_prefix(c) + NEW_ALERTS].value) for c in COMPONENTS)
+        return any(self._all[name].value != "0" for name in _NEW_ALERTS)
 
     def _add(self, name: str, parameter: Parameter) -> None:
         self._all[name] = parameter
@@ -134,3 +134,6 @@ class Parameters:
 
 def _prefix(component: str) -> str:
     return "" if component == CONTROL_UNIT else f"{component}."
+
+
+_NEW_ALERTS = tuple(_prefix(component) + NEW_ALERTS for component in COMPONENTS)
