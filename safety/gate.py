@@ -5,9 +5,8 @@ something in between; braking is always allowed, and leaving what already touche
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import isfinite
-from typing import Final
+from typing import Final, NamedTuple
 
 from safety import shaping
 from safety.limits import CountLimits
@@ -21,8 +20,7 @@ _SMALLER_SHARES: Final = (0.5, 0.25)
 """Of the change, tried one after the other where the risk of all of it is too high."""
 
 
-@dataclass(frozen=True, slots=True)
-class Measured:
+class Measured(NamedTuple):
     """What the drives say. One element per axis; None where an axis says nothing."""
 
     position_counts: Sequence[int | None]
@@ -30,8 +28,7 @@ class Measured:
     """Only asked for where an axis has tension limits."""
 
 
-@dataclass(frozen=True, slots=True)
-class Decision:
+class Decision(NamedTuple):
     """What the gate made of a proposal."""
 
     step: PermittedStep | None
@@ -50,8 +47,7 @@ class Decision:
     """What the risk is of; None: nobody said."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Start:
+class _Start(NamedTuple):
     """What a step begins with."""
 
     motions: list[AxisMotion]

@@ -99,7 +99,7 @@ def permit(
         raise ValueError("a step needs one start, one end and one measurement per axis")
     if len(velocities_before) != count or duration_ns <= 0:
         raise ValueError("a step needs one velocity per axis and a positive duration")
-    if not all(type(value) is int for value in (*from_counts, *to_counts, *measured_counts)):
+    if not set(map(type, (*from_counts, *to_counts, *measured_counts))) <= {int}:
         raise ValueError("a step is made of whole counts")
     violations = [
         violation

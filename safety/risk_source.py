@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
-from typing import Final, Protocol
+from typing import Final, NamedTuple, Protocol
 
 MAXIMUM_RISK: Final = 1.0
 
@@ -113,8 +113,7 @@ class NoModel:
         return None
 
 
-@dataclass(frozen=True, slots=True)
-class RiskAnswer:
+class RiskAnswer(NamedTuple):
     """A reading that can be acted on."""
 
     risk: float

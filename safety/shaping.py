@@ -3,16 +3,15 @@
 Nothing here permits anything: `safety.permit` checks the outcome once more.
 """
 
-from dataclasses import dataclass
 from math import ceil, floor, isfinite, sqrt
+from typing import NamedTuple
 
 from safety.limits import CountLimits
 
 _NS2_PER_S2 = 10**18
 
 
-@dataclass(frozen=True, slots=True)
-class AxisMotion:
+class AxisMotion(NamedTuple):
     """One axis at the beginning of a step."""
 
     start: int
@@ -60,16 +59,16 @@ def within_travel(change: int, motion: AxisMotion, limits: CountLimits) -> int:
     An axis outside its travel may only come back.
     """
     slower = braking(limits, motion.duration_ns)
-    up = _stoppable(max(0, limits.highest - motion.start), slower)
-    down = _stoppable(max(0, motion.start - limits.lowest), slower)
-    return max(-down, min(up, change))
+    if change > 0:
+        return min(change, _stoppable(max(0, limits.highest - motion.start), slower))
+    return max(change, -_stoppable(max(0, motion.start - limits.lowest), slower))
 
 
 def within_lag(change: int, motion: AxisMotion, measured: int, limits: CountLimits) -> int:
     """The nearest smaller change that leaves the target close enough to where the axis is."""
-    up = max(0, measured + limits.max_lag - motion.start)
-    down = min(0, measured - limits.max_lag - motion.start)
-    return max(down, min(up, change))
+    if change > 0:
+        return min(change, max(0, measured + limits.max_lag - motion.start))
+    return max(change, min(0, measured - limits.max_lag - motion.start))
 
 
 def within_tension(

@@ -1,8 +1,7 @@
 """The body between drives and tracker: shafts move it, it pushes back, the tracker sees it."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -32,8 +31,7 @@ class Shaft(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class BodyRecord:
+class BodyRecord(NamedTuple):
     """The truth at one moment, which no driver can see."""
 
     t_ns: int

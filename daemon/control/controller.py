@@ -4,9 +4,8 @@ A controller knows no bus, no gate and no clock. What it proposes may be shorten
 became of it shows in the next observation.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from drivers.pose import Vector
 
@@ -19,8 +18,7 @@ class ModelError(ValueError):
     """A file that cannot be loaded: not a model, or not one of this robot's."""
 
 
-@dataclass(frozen=True)
-class Observation:
+class Observation(NamedTuple):
     """What is known at one control step. Axes in mm or rad, tip in the base sensor's frame."""
 
     t_ns: int
@@ -39,8 +37,7 @@ class Observation:
     learn from."""
 
 
-@dataclass(frozen=True)
-class Proposal:
+class Proposal(NamedTuple):
     """What the controller would do in this step."""
 
     delta_u: Vector

@@ -2,8 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -41,8 +40,7 @@ _STUCK_BELOW: Final = 0.02
 """Share of a proposal under which the gate lets practically nothing through."""
 
 
-@dataclass(frozen=True, slots=True)
-class Sensed:
+class Sensed(NamedTuple):
     """What the devices say at one step."""
 
     frame: TrackerFrame
@@ -54,8 +52,7 @@ class Sensed:
     measured: Measured
 
 
-@dataclass(frozen=True, slots=True)
-class Wish:
+class Wish(NamedTuple):
     """What the controller would do."""
 
     delta_u: Vector

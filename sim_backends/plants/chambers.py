@@ -1,6 +1,6 @@
 """Chambers along a rod: gas that pushes, sliders that hold, and a solver that makes use of it."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,8 +10,7 @@ from sim_backends.plants.rod_kernels import ChamberDrive, FloatArray, March, set
 from sim_backends.plants.shooting import CLOSE, ITERATIONS, Equilibrium, Problem, Solver, stable
 
 
-@dataclass(frozen=True)
-class Chambers:
+class Chambers(NamedTuple):
     """What drives the rod in one step. A `Drive`. presence: (N, m) 1 where a chamber is, else 0."""
 
     presence: FloatArray

@@ -4,7 +4,7 @@ A spring in series with a dashpot stands parallel to the body's long-term stiffn
 body takes (1 − c) of the strain that it takes for good; the rest c comes with the creep time.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -12,8 +12,7 @@ from numba import njit
 from sim_backends.plants.plant import FloatArray
 
 
-@dataclass(frozen=True)
-class Creep:
+class Creep(NamedTuple):
     """What has crept so far.
 
     stiffness: (N, 6) for good. unloaded and crept: (N, 3, 6), the strain without load, and what

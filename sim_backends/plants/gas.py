@@ -4,7 +4,7 @@ Amounts are pressure times volume, MPa·mm³. In balance p (V_cylinder + V_tube 
 tube throttles, so the share in the chamber follows its balanced value with the pneumatic lag.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -14,8 +14,7 @@ from sim_backends.plants.plant import FloatArray
 ATMOSPHERE_MPA = 0.101325
 
 
-@dataclass(frozen=True)
-class GasLines:
+class GasLines(NamedTuple):
     """All lines over one step in time, their pistons where the step ends.
 
     amount: (m,) gas in each line. in_chamber: (m,) of it in the chamber when the step began.

@@ -1,7 +1,7 @@
 """What every plant is to the lab."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,7 @@ class TipLoad:
     force_n: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True)
-class BodyState:
+class BodyState(NamedTuple):
     """The body at rest under its actuators and its load, in the robot's base frame.
 
     centreline_mm: (n, 3) from base to tip. tip: placement of the tip's frame.

@@ -8,7 +8,6 @@ rod is still an equilibrium, and no plant may return it.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -64,8 +63,7 @@ class Drive(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class Problem:
+class Problem(NamedTuple):
     """What holds and loads the rod: internal force (N+1, 3), stiffness (N, 6), rest (N, 3, 6)."""
 
     force: FloatArray
@@ -74,8 +72,7 @@ class Problem:
     rest: FloatArray
 
 
-@dataclass(frozen=True)
-class Equilibrium:
+class Equilibrium(NamedTuple):
     """A rod in balance. unknowns (3+m,): base moment N·mm and the pulls N of the routes.
 
     response (3+m, 3+m) as in `Rod.tangent`.
@@ -186,7 +183,7 @@ class Solver:
         for side in _sideways(_SIDE_FORCE * problem.force[0], lean):
 
             def path(t: float, side: FloatArray = side) -> Problem:
-                return replace(problem, force=t * (problem.force + (1.0 - t) * side))
+                return problem._replace(force=t * (problem.force + (1.0 - t) * side))
 
             found = self.follow(path, unloaded, _STEP_OF_LOAD)
             if found is not None:
@@ -195,7 +192,7 @@ class Solver:
 
     def unloaded(self, problem: Problem, pull_n: FloatArray) -> Equilibrium | None:
         """The equilibrium without any force, from a guess of the pulls."""
-        problem = replace(problem, force=np.zeros_like(problem.force))
+        problem = problem._replace(force=np.zeros_like(problem.force))
         unknowns = np.concatenate([np.zeros(3), pull_n])
         trial = self._try(problem, unknowns, problem.rest)
         response = None if trial is None else self._tangent(trial)

@@ -6,7 +6,7 @@ a column below its buckling load, which no constant-curvature model shows.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,8 +29,7 @@ _DOWN = np.array([0.0, 0.0, -1.0])
 """It stands on its base."""
 
 
-@dataclass(frozen=True)
-class _Memory:
+class _Memory(NamedTuple):
     """All that the arm remembers, replaced as a whole by a step that succeeded.
 
     ahead: how far the last step moved the equilibrium's unknowns. in_chamber: (6,) gas, MPa·mm³.

@@ -6,7 +6,7 @@ Nothing takes time: friction of this kind asks only which way, not how fast. A s
 even motion; tendons that would slip to and fro within it are not seen to.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,8 +35,7 @@ INTERVALS_PER_SPAN = 2
 """Between two plates. Then the tip is right to 5 µm, wherever the arm can go."""
 
 
-@dataclass(frozen=True)
-class _Memory:
+class _Memory(NamedTuple):
     """All that the arm remembers, replaced as a whole by a step that succeeded.
 
     ahead: how far the last step moved the equilibrium's unknowns. wound_mm: (m,) on the spools,

@@ -1,6 +1,6 @@
 """The controller without a model: its first motions, its corrections, and its file."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -207,8 +207,8 @@ def test_a_frame_that_is_not_a_number_teaches_nothing() -> None:
     loop.explore()
     before = loop.controller.jacobian
     for bad in (np.full(3, np.nan), np.array([0.0, np.inf, 0.0])):
-        loop.controller.observe(replace(loop.seen(), tip_mm=bad))
-    loop.controller.observe(replace(loop.seen(), u=np.full(6, np.nan)))
+        loop.controller.observe(loop.seen()._replace(tip_mm=bad))
+    loop.controller.observe(loop.seen()._replace(u=np.full(6, np.nan)))
     np.testing.assert_array_equal(loop.controller.jacobian, before)
 
 
@@ -288,7 +288,7 @@ def test_a_late_frame_in_exploration_does_not_make_an_axis_leap() -> None:
     loop = LinearRobot()
     loop.controller.reset(loop.seen())
     for _ in range(60):
-        late = replace(loop.seen(), dt_s=30.0)
+        late = loop.seen()._replace(dt_s=30.0)
         step = loop.controller.propose(late).delta_u
         assert np.abs(step).max() <= 10.0 * 0.1
         loop.controller.observe(late)

@@ -1,6 +1,5 @@
 """Buckling: only stable equilibria come back, whatever the way to them."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -166,7 +165,7 @@ def test_a_bent_strip_keeps_its_side_until_it_snaps_through() -> None:
 
     def pulled(pull: float) -> Problem:
         loaded = problem(rod, [pull], [0.0, 0.0, -1.3 * CRITICAL_N])
-        return replace(loaded, stiffness=strip)
+        return loaded._replace(stiffness=strip)
 
     def between(newtons: int, t: float) -> Problem:
         return pulled(max(0.0, newtons - 1.0 + t))
