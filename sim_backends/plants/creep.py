@@ -4,6 +4,7 @@ A spring in series with a dashpot stands parallel to the body's long-term stiffn
 body takes (1 − c) of the strain that it takes for good; the rest c comes with the creep time.
 """
 
+from math import exp
 from typing import NamedTuple
 
 import numpy as np
@@ -55,7 +56,7 @@ class Creep(NamedTuple):
         return Creep(self.stiffness, self.unloaded, crept, self.share, self.time_s)
 
     def _kept(self, dt_s: float) -> tuple[float, float]:
-        kept = float(np.exp(-dt_s / (self.time_s * (1.0 - self.share))))
+        kept = exp(-dt_s / (self.time_s * (1.0 - self.share)))
         return kept, 1.0 - (1.0 - kept) * self.share
 
 

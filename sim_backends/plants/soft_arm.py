@@ -6,6 +6,7 @@ a column below its buckling load, which no constant-curvature model shows.
 """
 
 from collections.abc import Sequence
+from math import exp
 from typing import NamedTuple
 
 import numpy as np
@@ -52,7 +53,11 @@ class SoftArm:
             raise ValueError(f"the arm needs {CHAMBERS} cylinder bores, not {cylinder_bore_mm}")
         self._config = config
         self._piston_mm2 = np.pi / 4.0 * np.asarray(cylinder_bore_mm, dtype=np.float64) ** 2
-        self._end_mm = 1e3 * config.cylinder_volume_ml / self._piston_mm2
+        self._cylinder_mm3 = 1e3 * config.cylinder_volume_ml
+        """With the piston at zero."""
+        self._tube_mm3 = 1e3 * config.tube_volume_ml
+        self._end_mm = self._cylinder_mm3 / self._piston_mm2
+        self._pneumatic_lag_s = config.pneumatic_lag_s
         self._area_mm2 = config.chamber_area_mm2 * np.asarray(config.chamber_area_ratios)
         self._rod = _rod(config)
         self._solver: Solver = ChamberSolver(self._rod)
@@ -89,9 +94,9 @@ class SoftArm:
         load_n = self._tip_force(load)
         if not 0.0 <= dt_s < np.inf:
             raise PlantError(f"a step takes 0 s or longer, not {dt_s} s")
-        memory = self._memory
+        memory, gas = self._memory, self._gas(self._memory, cylinder_mm3, dt_s)
         found = self._solver.find(
-            self._path(memory, cylinder_mm3, load_n, dt_s), memory.equilibrium, memory.ahead
+            self._path(memory, gas, cylinder_mm3, load_n, dt_s), memory.equilibrium, memory.ahead
         )
         if found is None:
             raise PlantError(
@@ -99,7 +104,6 @@ class SoftArm:
                 f"{load.mass_g:g} g and {listed(load.force_n)} N at the tip"
             )
         lengths = found.march.length_mm
-        gas = self._gas(memory, cylinder_mm3, dt_s)
         in_chamber = gas.amount_in_chamber(lengths)
         self._memory = _Memory(
             equilibrium=found,
@@ -114,24 +118,43 @@ class SoftArm:
         return body_state(found.march, self._config.body_radius_mm, gauge_mpa * self._piston_mm2)
 
     def _path(
-        self, memory: _Memory, cylinder_mm3: FloatArray, load_n: FloatArray, dt_s: float
+        self,
+        memory: _Memory,
+        gas: GasLines,
+        cylinder_mm3: FloatArray,
+        load_n: FloatArray,
+        dt_s: float,
     ) -> Path:
-        """From pistons and load as they were to these, all within one step in time."""
+        """From pistons and load as they were to these, all within one step in time.
+
+        gas: with the pistons at the end of it.
+        """
         stiffness, rest = memory.creep.over(dt_s)
 
         def problem(t: float) -> Problem:
+            if t == 1.0:  # nearly always the only one
+                return self._problem(gas, memory.sliders, load_n, stiffness, rest)
             pistons = memory.cylinder_mm3 + t * (cylinder_mm3 - memory.cylinder_mm3)
-            gas = self._gas(memory, pistons, dt_s)
-            drive = Chambers(self._rod.presence, gas, memory.sliders)
-            tip = memory.load_n + t * (load_n - memory.load_n)
-            force = self._rod.internal_force(tip, self._weight_n)
-            return Problem(force, drive, stiffness, rest)
+            between = self._gas(memory, pistons, dt_s)
+            tip_n = memory.load_n + t * (load_n - memory.load_n)
+            return self._problem(between, memory.sliders, tip_n, stiffness, rest)
 
         return problem
 
+    def _problem(
+        self,
+        gas: GasLines,
+        sliders: StopOperators,
+        tip_n: FloatArray,
+        stiffness: FloatArray,
+        rest: FloatArray,
+    ) -> Problem:
+        drive = Chambers(self._rod.presence, gas, sliders)
+        return Problem(self._rod.internal_force(tip_n, self._weight_n), drive, stiffness, rest)
+
     def _gas(self, memory: _Memory, cylinder_mm3: FloatArray, dt_s: float) -> GasLines:
-        supply_mm3 = cylinder_mm3 + 1e3 * self._config.tube_volume_ml
-        kept = float(np.exp(-dt_s / self._config.pneumatic_lag_s))
+        kept = exp(-dt_s / self._pneumatic_lag_s)
+        supply_mm3 = cylinder_mm3 + self._tube_mm3
         return GasLines(self._amount, memory.in_chamber, supply_mm3, self._area_mm2, kept)
 
     def _tip_force(self, load: TipLoad) -> FloatArray:
@@ -142,7 +165,6 @@ class SoftArm:
 
     def _cylinders(self, actuators: FloatArray) -> FloatArray:
         """(6,) mm³ in front of the pistons. Raises PlantError for places where no piston can be."""
-        at_zero = 1e3 * self._config.cylinder_volume_ml
         positions = np.asarray(actuators, dtype=np.float64)
         if positions.shape != (CHAMBERS,):
             raise PlantError(f"the arm has {CHAMBERS} actuators, not {np.size(actuators)}")
@@ -154,7 +176,7 @@ class SoftArm:
                 f"actuator {index} cannot be at {positions[index]:g} mm: its piston meets the ends "
                 f"of the cylinder at {-end[index]:.1f} and {end[index]:.1f} mm"
             )
-        return np.asarray(at_zero - self._piston_mm2 * positions)
+        return np.asarray(self._cylinder_mm3 - self._piston_mm2 * positions)
 
     def _rest(self) -> tuple[_Memory, FloatArray]:
         """The arm as it stands when left alone for long, and the gas that this encloses."""
@@ -167,8 +189,8 @@ class SoftArm:
             raise PlantError("the arm cannot carry its own weight")
         lengths = found.march.length_mm
         pressure = config.pre_pressure_mpa + ATMOSPHERE_MPA
-        cylinder_mm3 = np.full(CHAMBERS, 1e3 * config.cylinder_volume_ml)
-        supply_mm3 = cylinder_mm3 + 1e3 * config.tube_volume_ml
+        cylinder_mm3 = np.full(CHAMBERS, self._cylinder_mm3)
+        supply_mm3 = cylinder_mm3 + self._tube_mm3
         creep = Creep.rested(
             rod.stiffness, rod.rest, found.march.strain, config.creep, config.creep_time_s
         )
