@@ -7,8 +7,8 @@ the rows of J are by direction: J + (d − J x) xᵀP / (xᵀP x + r). P shrinks
 and grows with the distance moved. Without noise r and with P = 1 this is Broyden's own rule.
 """
 
-import numpy as np
-
+from daemon.control import jacobian_kernels as kernels
+from daemon.control.jacobian_kernels import in_rows
 from drivers.pose import Vector
 
 _RELATIVE_NOISE = 0.1
@@ -30,23 +30,22 @@ class JacobianEstimate:
         noise_mm: of one coordinate of a motion. drift_mm: how far an element may wander while the
         axes go through their whole travel; standard deviations.
         """
-        self.jacobian = jacobian
-        self.covariance = covariance
+        self.jacobian = in_rows(jacobian)
+        self.covariance = in_rows(covariance)
         self._noise_variance = noise_mm**2
         self._drift_variance = drift_mm**2
 
     def correct(self, moved: Vector, tip_moved: Vector) -> None:
         """Take a motion: (m,) of the axes, (3,) of the tip."""
-        grown = self.covariance + self._drift_variance * float(np.linalg.norm(moved)) * np.eye(
-            len(moved)
+        jacobian, covariance = kernels.corrected(
+            self.jacobian,
+            self.covariance,
+            moved,
+            tip_moved,
+            self._drift_variance,
+            _LARGEST_STD_MM**2,
+            self._noise_variance,
+            _RELATIVE_NOISE**2,
         )
-        grown *= min(1.0, _LARGEST_STD_MM**2 / float(grown.diagonal().max()))
-        along = grown @ moved
-        noise = self._noise_variance + _RELATIVE_NOISE**2 * float(tip_moved @ tip_moved)
-        gain = along / (float(moved @ along) + noise)
-        corrected = self.jacobian + np.outer(tip_moved - self.jacobian @ moved, gain)
-        if not np.linalg.cond(corrected) < _WORST_CONDITION:
-            return
-        self.jacobian = corrected
-        shrunk = grown - np.outer(gain, along)
-        self.covariance = 0.5 * (shrunk + shrunk.T)
+        if kernels.condition(jacobian) < _WORST_CONDITION:
+            self.jacobian, self.covariance = jacobian, covariance

@@ -12,9 +12,10 @@ import numpy as np
 
 from config.controllers import TipFollowing
 from config.robot import Robot
-from daemon.control import damped_step_kernels as kernels
+from daemon.control import jacobian_kernels as kernels
 from daemon.control.axis_ranges import AxisRanges
 from daemon.control.controller import ControllerError, Observation
+from daemon.control.jacobian_kernels import in_rows
 from drivers.pose import Vector
 
 LONGEST_STEP_S = 0.1
@@ -140,11 +141,11 @@ def bounded_step(
     """
     return np.asarray(
         kernels.bounded_step(
-            _in_rows(jacobian),
-            _in_rows(wanted),
-            _in_rows(drawn),
-            _in_rows(lowest),
-            _in_rows(highest),
+            in_rows(jacobian),
+            in_rows(wanted),
+            in_rows(drawn),
+            in_rows(lowest),
+            in_rows(highest),
             damping,
         )
     )
@@ -156,21 +157,18 @@ def damped_solution(jacobian: Matrix, wanted: Vector, damping: float) -> Vector:
     Along a singular value s below `damping` the answer is multiplied by s²/(s² + λ²), where λ²
     grows from 0 at s = `damping` to damping² at s = 0; other directions are not touched.
     """
-    return np.asarray(kernels.damped_solution(_in_rows(jacobian), _in_rows(wanted), damping))
+    return np.asarray(kernels.damped_solution(in_rows(jacobian), in_rows(wanted), damping))
 
 
 def warm_up() -> None:
     """Compile the kernels, or load them from numba's cache: seconds once, then tenths of one."""
     jacobian, axes = np.eye(3), np.zeros(3)
     damped_solution(jacobian, axes, 1.0)
+    kernels.condition(jacobian)
+    kernels.corrected(jacobian, jacobian, axes, axes, 1.0, 1.0, 1.0, 1.0)
     bounded_step(jacobian, axes, axes, axes, axes, 1.0)
 
 
 def _all_finite(array: Vector) -> bool:
     """Of a few numbers: numpy's own overhead would be most of it."""
     return all(map(math.isfinite, array.ravel().tolist()))
-
-
-def _in_rows(array: Vector) -> Vector:
-    """The kernels are compiled for one layout of memory."""
-    return np.ascontiguousarray(array, dtype=np.float64)

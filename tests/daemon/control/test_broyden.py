@@ -226,6 +226,38 @@ def test_without_noise_and_memory_a_correction_is_broydens_own() -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 10**6), axes=st.integers(3, 8))
+def test_a_correction_goes_where_the_jacobian_is_uncertain(seed: int, axes: int) -> None:
+    """J + (d - J x) x'P / (x'P x + r), with a P that has grown by the distance moved."""
+    generator = np.random.default_rng(seed)
+    jacobian, spread = generator.normal(size=(3, axes)), generator.normal(size=(axes, axes))
+    before = spread @ spread.T
+    moved, tip_moved = 0.1 * generator.normal(size=axes), 0.1 * generator.normal(size=3)
+    estimate = JacobianEstimate(jacobian, before, noise_mm=0.3, drift_mm=2.0)
+    estimate.correct(moved, tip_moved)
+    grown = before + 2.0**2 * np.linalg.norm(moved) * np.eye(axes)
+    noise = 0.3**2 + 0.1**2 * tip_moved @ tip_moved
+    gain = grown @ moved / (moved @ grown @ moved + noise)
+    expected = jacobian + np.outer(tip_moved - jacobian @ moved, gain)
+    np.testing.assert_allclose(estimate.jacobian, expected, rtol=1e-9, atol=1e-9)
+    shrunk = grown - np.outer(gain, grown @ moved)
+    np.testing.assert_allclose(estimate.covariance, shrunk, rtol=1e-9, atol=1e-9)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_a_change_after_which_the_tip_could_hardly_move_one_way_is_dropped(seed: int) -> None:
+    jacobian = np.random.default_rng(seed).normal(size=(3, 6))
+    hardest = np.linalg.svd(jacobian)[2][2]
+    estimate = JacobianEstimate(jacobian, 1e8 * np.eye(6), noise_mm=1e-3, drift_mm=1e-9)
+    estimate.correct(0.1 * hardest, np.zeros(3))
+    np.testing.assert_array_equal(estimate.jacobian, jacobian)
+    np.testing.assert_array_equal(estimate.covariance, 1e8 * np.eye(6))
+    estimate.correct(0.1 * hardest, 0.05 * jacobian @ hardest)
+    assert not np.array_equal(estimate.jacobian, jacobian)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10**6), axes=st.integers(3, 8))
 def test_the_estimate_stays_finite_and_its_covariance_one(seed: int, axes: int) -> None:
     generator = np.random.default_rng(seed)
     estimate = JacobianEstimate(

@@ -1,5 +1,5 @@
-"""Damped least squares with three equations, compiled: of numpy's time for a step on matrices this
-small, nine tenths are its own overhead.
+"""Jacobians with three rows, compiled: damped least squares, and what a motion tells about them. Of
+numpy's time for a step on matrices this small, nine tenths are its own overhead.
 
 Every function that is cached on disk stands in this one file: numba notices a change only in the
 file of the cached function itself.
@@ -16,6 +16,12 @@ FloatArray = NDArray[np.float64]
 _TINY: Final = 1e-12
 _SWEEPS: Final = 20
 """At most; each one about squares what is left beside the diagonal, and five or six do."""
+
+
+def in_rows(array: NDArray[np.generic]) -> FloatArray:
+    """The kernels are compiled for one type of number and one layout of memory."""
+    return np.ascontiguousarray(array, dtype=np.float64)
+
 
 _kernel = njit(cache=True, error_model="numpy")
 """error_model: a division by zero gives inf or no number, and no exception."""
@@ -118,3 +124,57 @@ def bounded_step(
         for i in range(3):
             free[i, worst] = 0.0
     return step
+
+
+@_kernel
+def condition(jacobian: FloatArray) -> float:
+    """Largest singular value by smallest; infinite, or no number, where that is zero."""
+    a, v = np.zeros((3, 3)), np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            for k in range(jacobian.shape[1]):
+                a[i, j] += jacobian[i, k] * jacobian[j, k]
+    _eigen(a, v)
+    return float(np.sqrt(max(a[0, 0], a[1, 1], a[2, 2]) / min(a[0, 0], a[1, 1], a[2, 2])))
+
+
+@_kernel
+def corrected(
+    jacobian: FloatArray,
+    covariance: FloatArray,
+    moved: FloatArray,
+    tip_moved: FloatArray,
+    drift_variance: float,
+    largest_variance: float,
+    noise_variance: float,
+    relative_noise_variance: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Jacobian (3, m) and covariance (m, m) after a motion, as `jacobian_estimate` says."""
+    count = moved.shape[0]
+    travelled = 0.0
+    for k in range(count):
+        travelled += moved[k] * moved[k]
+    grown, most = covariance.copy(), 0.0
+    for k in range(count):
+        grown[k, k] += drift_variance * np.sqrt(travelled)
+        most = max(most, grown[k, k])
+    share = min(1.0, largest_variance / most)
+    along, explained = np.zeros(count), 0.0
+    for i in range(count):
+        for j in range(count):
+            grown[i, j] *= share
+            along[i] += grown[i, j] * moved[j]
+        explained += moved[i] * along[i]
+    squared = tip_moved[0] ** 2 + tip_moved[1] ** 2 + tip_moved[2] ** 2
+    noise = noise_variance + relative_noise_variance * squared
+    better = jacobian.copy()
+    for i in range(3):
+        missing = tip_moved[i]
+        for k in range(count):
+            missing -= jacobian[i, k] * moved[k]
+        for k in range(count):
+            better[i, k] += missing * along[k] / (explained + noise)
+    for i in range(count):
+        for j in range(count):
+            grown[i, j] -= along[i] * along[j] / (explained + noise)
+    return better, grown
