@@ -6,6 +6,8 @@ import numpy as np
 
 from config.axis import Axis, TubeRotation
 from config.robot import Robot
+from daemon.control import jacobian_kernels as kernels
+from daemon.control.jacobian_kernels import in_rows
 from drivers.pose import Vector
 
 
@@ -20,9 +22,8 @@ class AxisRanges:
 
     @classmethod
     def of(cls, robot: Robot) -> "AxisRanges":
-        limits = np.array([_limits(axis) for axis in robot.axes], dtype=np.float64)
-        names = tuple(axis.name for axis in robot.axes)
-        return cls(names, limits[:, 0], limits[:, 1], limits[:, 2])
+        lowest, highest, max_velocity = map(in_rows, zip(*map(_limits, robot.axes), strict=True))
+        return cls(tuple(axis.name for axis in robot.axes), lowest, highest, max_velocity)
 
     @property
     def count(self) -> int:
@@ -39,8 +40,7 @@ class AxisRanges:
 
     def slowed(self, step: Vector, dt_s: float) -> Vector:
         """The step, as a whole shortened until no axis is faster than it may be."""
-        fastest = float(np.max(np.abs(step) / self.max_velocity))
-        return np.asarray(step if fastest <= dt_s else step * (dt_s / fastest))
+        return np.asarray(kernels.slowed(in_rows(step), self.max_velocity, dt_s))
 
 
 def _limits(axis: Axis) -> tuple[float, float, float]:

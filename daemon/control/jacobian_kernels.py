@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.float64]
 
@@ -18,7 +18,7 @@ _SWEEPS: Final = 20
 """At most; each one about squares what is left beside the diagonal, and five or six do."""
 
 
-def in_rows(array: NDArray[np.generic]) -> FloatArray:
+def in_rows(array: ArrayLike) -> FloatArray:
     """The kernels are compiled for one type of number and one layout of memory."""
     return np.ascontiguousarray(array, dtype=np.float64)
 
@@ -124,6 +124,46 @@ def bounded_step(
         for i in range(3):
             free[i, worst] = 0.0
     return step
+
+
+@_kernel
+def slowed(step: FloatArray, max_velocity: FloatArray, dt_s: float) -> FloatArray:
+    """(m,) as `AxisRanges.slowed` says."""
+    fastest = 0.0
+    for k in range(step.shape[0]):
+        fastest = max(fastest, abs(step[k]) / max_velocity[k])
+    share = 1.0 if fastest <= dt_s else dt_s / fastest
+    out = np.empty(step.shape[0])
+    for k in range(step.shape[0]):
+        out[k] = share * step[k]
+    return out
+
+
+@_kernel
+def axis_step(
+    jacobian: FloatArray,
+    wanted: FloatArray,
+    drawn: FloatArray,
+    lowest: FloatArray,
+    highest: FloatArray,
+    unit: FloatArray,
+    max_velocity: FloatArray,
+    dt_s: float,
+    damping: float,
+) -> FloatArray:
+    """(m,) the bounded step of axes that are measured in `unit`, (m,), then slowed down."""
+    count = unit.shape[0]
+    scaled, toward = np.empty((3, count)), np.empty(count)
+    low, high = np.empty(count), np.empty(count)
+    for k in range(count):
+        for i in range(3):
+            scaled[i, k] = jacobian[i, k] * unit[k]
+        toward[k] = drawn[k] / unit[k]
+        low[k], high[k] = lowest[k] / unit[k], highest[k] / unit[k]
+    step = bounded_step(scaled, wanted, toward, low, high, damping)
+    for k in range(count):
+        step[k] *= unit[k]
+    return slowed(step, max_velocity, dt_s)
 
 
 @_kernel

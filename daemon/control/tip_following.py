@@ -84,16 +84,19 @@ class TipFollower:
             raise ControllerError("the controller's model is not a number here: learn it anew")
         drawn = self.drawn(observation) if near is None else near
         lowest, highest = self.axes.room(observation.targets)
-        unit = self.unit
-        step = unit * bounded_step(
-            jacobian * unit,
-            tip_step,
-            drawn / unit,
-            lowest / unit,
-            highest / unit,
-            self._options.damping_mm,
+        return np.asarray(
+            kernels.axis_step(
+                in_rows(jacobian),
+                in_rows(tip_step),
+                in_rows(drawn),
+                lowest,
+                highest,
+                self.unit,
+                self.axes.max_velocity,
+                step_time(observation),
+                self._options.damping_mm,
+            )
         )
-        return self.axes.slowed(step, step_time(observation))
 
     def within_limits(self, step: Vector, observation: Observation) -> Vector:
         """(m,) a step as far as travel and speed of each axis let it be."""
@@ -162,8 +165,9 @@ def damped_solution(jacobian: Matrix, wanted: Vector, damping: float) -> Vector:
 
 def warm_up() -> None:
     """Compile the kernels, or load them from numba's cache: seconds once, then tenths of one."""
-    jacobian, axes = np.eye(3), np.zeros(3)
+    jacobian, axes, ones = np.eye(3), np.zeros(3), np.ones(3)
     damped_solution(jacobian, axes, 1.0)
+    kernels.axis_step(jacobian, axes, axes, axes, axes, ones, ones, 1.0, 1.0)
     kernels.condition(jacobian)
     kernels.corrected(jacobian, jacobian, axes, axes, 1.0, 1.0, 1.0, 1.0)
     bounded_step(jacobian, axes, axes, axes, axes, 1.0)
