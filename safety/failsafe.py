@@ -152,6 +152,12 @@ class Failsafe:
             watch = self._watches[name, subject] = _Watch(cause, subject, t_ns)
         watch.set(present, t_ns, detail)
 
+    @property
+    def watching(self) -> bool:
+        """Whether any condition is present, or remembered. Until then, to `set` one that is absent
+        changes nothing, and who has many of them need not."""
+        return bool(self._watches)
+
     def evaluate(self, t_ns: int, energised: bool) -> Verdict:
         """What is wrong now; the same object for as long as nothing changes.
 

@@ -64,8 +64,9 @@ class Lookout:
         targets = loop.target_counts(now_ns)
         for place, channel in enumerate(loop.channels):
             behind = self._following_error.behind(place, targets[place], now_ns)
-            told = "it does not move" if behind else ""
-            failsafe.set("drive_following_error", behind, now_ns, channel.axis.name, told)
+            if behind or failsafe.watching:
+                told = "it does not move" if behind else ""
+                failsafe.set("drive_following_error", behind, now_ns, channel.axis.name, told)
 
     def look_at_recorder(self) -> None:
         """How the recording does, and how much room there is for it."""

@@ -39,6 +39,7 @@ class Watchdogs:
     def __init__(
         self, failsafe: Failsafe, settings: Supervision, buses: Sequence[DriveBus], power: Power
     ) -> None:
+        self._failsafe = failsafe
         self._set = failsafe.set
         self._settings = settings
         self._buses = buses
@@ -87,12 +88,16 @@ class Watchdogs:
         enabled = self._power.phase is Phase.ENABLED
         for bus in self._buses:
             self._set("bus_not_open", not bus.connected, t_ns, bus.name)
+        watching = self._failsafe.watching
         for node, subject in self._nodes:
-            self._set("node_not_ready", node.state is not NodeState.OPERATIONAL, t_ns, subject)
+            not_ready = node.state is not NodeState.OPERATIONAL
+            if not_ready or watching:
+                self._set("node_not_ready", not_ready, t_ns, subject)
             for channel in node.channels:
                 dropped = enabled and not channel.following
-                told = channel.state.value if dropped else ""
-                self._set("drive_not_enabled", dropped, t_ns, channel.axis.name, told)
+                if dropped or watching:
+                    told = channel.state.value if dropped else ""
+                    self._set("drive_not_enabled", dropped, t_ns, channel.axis.name, told)
         arming = self._power.phase is Phase.ENABLING
         late = arming and self._power.since_s(t_ns) > self._settings.arm_within_s
         self._set("arming_failed", late, t_ns, "drives", self._not_enabled() if late else "")

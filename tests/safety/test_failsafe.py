@@ -53,6 +53,21 @@ def test_it_may_be_absent_beside_one_that_is_there_too(failsafe: Failsafe) -> No
     assert names(failsafe.evaluate(0, True)) == ["fault"]
 
 
+def test_it_watches_from_the_first_condition_until_the_last_is_forgotten(
+    failsafe: Failsafe,
+) -> None:
+    assert not failsafe.watching
+    failsafe.set("held", False, 0)
+    assert not failsafe.watching
+    failsafe.set("held", True, 0)
+    assert failsafe.watching
+    failsafe.set("held", False, 1)
+    assert failsafe.watching, "what was not told yet must still be told"
+    failsafe.evaluate(1, False)
+    failsafe.evaluate(2, False)
+    assert not failsafe.watching
+
+
 @pytest.mark.parametrize("present", [True, False])
 def test_a_name_that_is_not_in_the_table_is_an_error(failsafe: Failsafe, present: bool) -> None:
     with pytest.raises(KeyError, match="falut"):
