@@ -14,6 +14,7 @@ LIMITS = CountLimits(
     lowest=0, highest=100_000, max_velocity=20_000, max_acceleration=200_000, max_lag=2_000
 )
 PERIOD_NS = 25_000_000
+BEGINS_NS = 7_000_000_000
 
 
 def ask(
@@ -47,24 +48,20 @@ def test_a_permit_cannot_be_made_elsewhere() -> None:
     assert permit_homing(3).axis == 3
 
 
-@given(
-    st.lists(st.tuples(st.integers(-1000, 1000), st.integers(-1000, 1000)), min_size=1, max_size=8),
-    st.integers(-PERIOD_NS, 2 * PERIOD_NS),
-)
-@examples(60)
-def test_the_targets_of_all_axes_are_those_of_each(ways: list[tuple[int, int]], t_ns: int) -> None:
-    free = replace(LIMITS, lowest=-5000, max_velocity=200_000, max_acceleration=10_000_000)
+@pytest.mark.parametrize("share", [-1.0, 0.0, 0.3, 0.5, 1.0, 1.5])
+def test_the_targets_of_all_axes_are_those_of_each(share: float) -> None:
     step = permit(
-        from_counts=[start for start, _ in ways],
-        to_counts=[end for _, end in ways],
-        measured_counts=[start for start, _ in ways],
-        velocities_before=[0.0] * len(ways),
-        begins_ns=0,
+        from_counts=[50_000, 20_000],
+        to_counts=[50_100, 19_933],
+        measured_counts=[50_000, 20_000],
+        velocities_before=[0.0, 0.0],
+        begins_ns=BEGINS_NS,
         duration_ns=PERIOD_NS,
-        limits=[free] * len(ways),
+        limits=[LIMITS, LIMITS],
     )
     assert isinstance(step, PermittedStep)
-    assert step.targets(t_ns) == tuple(step.target(axis, t_ns) for axis in range(len(ways)))
+    t_ns = BEGINS_NS + round(share * PERIOD_NS)
+    assert step.targets(t_ns) == (step.target(0, t_ns), step.target(1, t_ns))
 
 
 def test_a_permit_cannot_be_subclassed_into_something_else() -> None:
