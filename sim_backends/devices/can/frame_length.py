@@ -76,13 +76,13 @@ def frame_bits(can_id: int, data: bytes) -> int:
     `can_id` carries the kernel's flag bits. The data of a remote frame are not sent: only their
     number is.
     """
-    bits: int = _frame_bits(can_id, len(data), int.from_bytes(data, "big", signed=True))
+    bits: int = wire_bits(can_id, len(data), int.from_bytes(data, "big", signed=True))
     return bits
 
 
 @_kernel
-def _frame_bits(can_id: int, length: int, payload: int) -> int:
-    """The same for up to 8 bytes of data as one number."""
+def wire_bits(can_id: int, length: int, payload: int) -> int:
+    """The same for up to 8 bytes of data as one number, big-endian and signed."""
     remote = 1 if can_id & REMOTE_FLAG else 0
     if can_id & EXTENDED_FLAG:
         # Start, 11 bits, substitute remote and extension bit, 18 bits, remote, two reserved.
