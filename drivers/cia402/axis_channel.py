@@ -42,7 +42,7 @@ class AxisChannel:
         self.received_ns: int | None = None
         """When the axis last told its state; None while it has not."""
         self.following = False
-        """Enabled, and moving when its target moves."""
+        """Enabled, as it is told to be, and moving when its target moves."""
         self.target_counts: int | None = None
         """What was last sent: a position, or a velocity in the velocity modes."""
         self.had_voltage = False

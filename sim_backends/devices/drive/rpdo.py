@@ -47,8 +47,13 @@ class Rpdo:
         self._layout = PdoLayout(mapped.field for mapped in mapping)
         self._size = self._layout.size
         self._entries = [mapped.entry for mapped in mapping]
-        plain = [(place, e) for place, e in enumerate(self._entries) if e and _is_plain(e)]
-        self._plain = plain if len(plain) == len(self._entries) else []
+        self._plain = [
+            (place, entry)
+            for place, entry in enumerate(self._entries)
+            if entry is not None and _is_plain(entry)
+        ]
+        if len(self._plain) < len(self._entries):
+            self._plain.clear()
         hooks = [e.on_write for e in self._entries if e is not None and e.on_write is not None]
         self._hooks = list(dict.fromkeys(hooks))
         self._synchronous = self.parameters.synchronous
