@@ -8,9 +8,9 @@ from typing import Final
 from daemon.recording.channels import CAN_RECORD, RAW_CAN
 
 _LONGEST_NS: Final = 50_000_000
-_RECORDS_AT_MOST: Final = 512
 _FIELDS: Final = 4
 """Of a record: time, identifier, length and data."""
+_FIELDS_AT_MOST: Final = 512 * _FIELDS
 
 
 class CanBatches:
@@ -28,10 +28,10 @@ class CanBatches:
             batch = self._batches[bus] = _Batch(RAW_CAN + bus)
         fields = batch.fields
         if not fields:
-            batch.first_ns = t_ns
-        elif t_ns - batch.first_ns >= _LONGEST_NS or len(fields) >= _RECORDS_AT_MOST * _FIELDS:
+            batch.begin(t_ns)
+        elif t_ns >= batch.ends_ns or len(fields) >= _FIELDS_AT_MOST:
             self._end(batch)
-            batch.first_ns = t_ns
+            batch.begin(t_ns)
         fields += (t_ns, can_id, len(data), data)
 
     def flush(self) -> None:
@@ -50,12 +50,16 @@ class CanBatches:
 class _Batch:
     """fields: of all records, one after the other. Packed together they cost half."""
 
-    __slots__ = ("fields", "first_ns", "topic")
+    __slots__ = ("ends_ns", "fields", "first_ns", "topic")
 
     def __init__(self, topic: str) -> None:
         self.topic = topic
         self.fields: list[int | bytes] = []
-        self.first_ns = 0
+        self.first_ns = self.ends_ns = 0
+
+    def begin(self, t_ns: int) -> None:
+        """The first frame comes."""
+        self.first_ns, self.ends_ns = t_ns, t_ns + _LONGEST_NS
 
 
 @cache

@@ -42,7 +42,7 @@ class AxisChannel:
         self.received_ns: int | None = None
         """When the axis last told its state; None while it has not."""
         self.following = False
-        """Enabled, and moving when its target moves."""
+        """Enabled, as it is told to be, and moving when its target moves."""
         self.target_counts: int | None = None
         """What was last sent: a position, or a velocity in the velocity modes."""
         self.had_voltage = False
@@ -80,18 +80,22 @@ class AxisChannel:
 
     def output(self, t_ns: int, step: PermittedStep | None) -> bytes | None:
         """The next RPDO; None while the drive's power is to be left alone, or is not known."""
-        if self.goal is None or self.received_ns is None:
+        goal, position = self.goal, self.position_counts
+        if goal is None or self.received_ns is None:
             return None
+        following = self.following
         if self._fault_reset.running:
             controlword = self._fault_reset.controlword()
+        elif following:
+            controlword = Control.ENABLE_OPERATION
         else:
-            controlword = controlword_towards(self.goal, self.state)
+            controlword = controlword_towards(goal, self.state)
             if self.waits_for_others and self.state is PowerState.SWITCHED_ON:
                 controlword = min(controlword, Control.SWITCH_ON)
-        if not self.following:
-            self._target.hold(self.position_counts)
+        if not following:
+            self._target.hold(position)
             step = None
-        mode_bits, target = self._target.output(t_ns, step, self.position_counts, self.statusword)
+        mode_bits, target = self._target.output(t_ns, step, position, self.statusword)
         if controlword == Control.ENABLE_OPERATION:
             if not self.homing:
                 controlword |= mode_bits
@@ -107,7 +111,8 @@ class AxisChannel:
 
     def is_unwilling(self, t_ns: int) -> bool:
         """Whether the drive has had time enough to do what it is told, and has not."""
-        return not self.goal_reached and t_ns - self._goal_since_ns > _DONE_WITHIN_NS
+        goal, late = self.goal, t_ns - self._goal_since_ns > _DONE_WITHIN_NS
+        return late and goal is not None and not reached(goal, self.state)
 
     def begin_fault_reset(self, t_ns: int) -> None:
         """Send the edge that resets a fault, with the next cycles, and leave the drive off."""

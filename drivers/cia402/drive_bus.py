@@ -83,6 +83,8 @@ class DriveBus:
         self._link: CanLink | None = None
         self._lost = asyncio.Event()
         self._step: PermittedStep | None = None
+        self._alone = False
+        """Whether an axis is to be enabled that cannot be yet."""
         self._reads_in_cycle = False
         self._heartbeat = (
             cob_ids.heartbeat(bus.master_node),
@@ -271,7 +273,8 @@ class DriveBus:
 
     def _outputs(self, step: PermittedStep | None) -> list[tuple[int, bytes]]:
         """What all axes are sent for the next SYNC."""
-        frames, next_sync_ns = [], self._next_sync_ns
+        frames: list[tuple[int, bytes]] = []
+        next_sync_ns = self._next_sync_ns
         for channel in self.channels:
             output = channel.output(next_sync_ns, step)
             if output is not None:
@@ -284,18 +287,21 @@ class DriveBus:
         if taken < len(frames):
             traffic.refused += len(frames) - taken
             frames = frames[:taken]
-        for _, data in frames:
-            traffic.bits += _BITS[len(data)]
-        if tap is not None:
-            t_ns = self._clock.now_ns()
-            for can_id, data in frames:
+        t_ns = self._clock.now_ns()
+        bits = 0
+        for can_id, data in frames:
+            bits += _BITS[len(data)]
+            if tap is not None:
                 tap(can_id, data, t_ns)
+        traffic.bits += bits
 
     def _watch(self, link: CanLink, t_ns: int) -> None:
         """Look after the nodes; once all are well, their frames need not wake us one by one."""
+        in_cycle = True
         for node in self.nodes.values():
             node.watch(t_ns)
-        in_cycle = self.operational
+            if node.state is not NodeState.OPERATIONAL:
+                in_cycle = False
         if in_cycle is not self._reads_in_cycle:
             self._reads_in_cycle = in_cycle
             link.read_in_cycle(in_cycle)
@@ -310,10 +316,12 @@ class DriveBus:
         for channel in self.channels:
             if not channel.following:
                 self._step = None
-            if channel.goal is PowerGoal.ENABLED and channel.state not in _WAITS_FOR_OTHERS:
-                alone = True
-        for channel in self.channels:
-            channel.waits_for_others = alone
+                if channel.goal is PowerGoal.ENABLED and channel.state not in _WAITS_FOR_OTHERS:
+                    alone = True
+        if alone is not self._alone:
+            self._alone = alone
+            for channel in self.channels:
+                channel.waits_for_others = alone
         return self._step
 
     async def _open(self) -> bool:

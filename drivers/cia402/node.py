@@ -75,6 +75,8 @@ class Node:
         self._pdo_timeout_ns = round(silence_s * 1e9)
         self._boot_ups_when_well: int | None = None
         """None: it has not been operational since it was last set up."""
+        self._unwilling: set[str] = set()
+        """Axes that do not do what they are told."""
         self._limited_ns: dict[str, int] = {}
         """When each axis that is held back by a limit last said so."""
         self._heard = asyncio.Event()
@@ -143,14 +145,18 @@ class Node:
                 self._conditions.set(c.PDO_SILENT, self.subject, t_ns, channel.axis.name)
                 self._in_trouble()
                 return
-            if channel.is_unwilling(t_ns):
+            name = channel.axis.name
+            if not channel.following and channel.is_unwilling(t_ns):
                 told = (
                     f"told {channel.goal.value if channel.goal else ''}, is {channel.state.value}"
                 )
-                self._conditions.set(c.UNWILLING, channel.axis.name, t_ns, told)
-            else:
-                self._conditions.clear(c.UNWILLING, channel.axis.name, t_ns)
-            self._watch_limit(channel, t_ns)
+                self._unwilling.add(name)
+                self._conditions.set(c.UNWILLING, name, t_ns, told)
+            elif name in self._unwilling:
+                self._unwilling.remove(name)
+                self._conditions.clear(c.UNWILLING, name, t_ns)
+            if channel.statusword & Status.INTERNAL_LIMIT or name in self._limited_ns:
+                self._watch_limit(channel, t_ns)
 
     def _watch_limit(self, channel: AxisChannel, t_ns: int) -> None:
         """A limit that comes and goes with every step, as at the end of travel, is told once."""

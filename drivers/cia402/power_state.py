@@ -180,18 +180,17 @@ class FaultReset:
 
     def __init__(self) -> None:
         self._next = len(self._LEVELS)
+        self.running = False
+        """Whether the edge still has levels to send."""
 
     def begin(self) -> None:
         """Start the edge with the next controlword."""
         self._next = 0
-
-    @property
-    def running(self) -> bool:
-        """Whether the edge still has levels to send."""
-        return self._next < len(self._LEVELS)
+        self.running = True
 
     def controlword(self) -> int:
         """The next level of the edge."""
         level = self._LEVELS[self._next]
         self._next += 1
+        self.running = self._next < len(self._LEVELS)
         return level

@@ -12,12 +12,15 @@ import numpy as np
 from drivers.can.frame import EXTENDED_FLAG, REMOTE_FLAG, STANDARD_ID_MASK
 from sim_backends.devices.can.adapter import Adapter
 from sim_backends.devices.can.events import NEVER_NS, EventQueue
-from sim_backends.devices.can.frame_length import frame_bits
+from sim_backends.devices.can.frame_length import frame_bits, wire_bits
 from sim_backends.devices.can.port import ControllerState, FrameHandler, Port
 from sim_backends.devices.can.statistics import BusStatistics
 
 # Error flag of the one who noticed, the echo of the others, delimiter, interframe space.
 _ERROR_FRAME_BITS = 6 + 6 + 8 + 3
+
+_Entry = tuple[int, int, Port, int, bytes]
+"""A frame that competes for the bus: the lowest goes first. Priority, number, then the frame."""
 
 
 class CanBus:
@@ -46,8 +49,8 @@ class CanBus:
         self._ports: list[Port] = []
         self._receivers: dict[int, tuple[tuple[Port, FrameHandler], ...]] = {}
         self._listeners: tuple[tuple[Port, FrameHandler], ...] = ()
-        self._competing: list[tuple[int, int, Port, int, bytes]] = []
-        self._sending: tuple[int, int, Port, int, bytes] | None = None
+        self._competing: list[_Entry] = []
+        self._sending: _Entry | None = None
         self._bus_ns = NEVER_NS  # end of the frame on the bus, or start of the next
         self._stalled_since_ns: int | None = None
         self._acknowledged = False
@@ -148,7 +151,7 @@ class CanBus:
         return None if due_ns >= NEVER_NS else due_ns + self.slack_ns
 
     def _run(self, until_ns: int) -> None:
-        heap = self.queue.heap
+        heap, competing = self.queue.heap, self._competing
         while True:
             bus_ns = self._bus_ns
             # What becomes ready at the very end of a frame still competes for the next slot.
@@ -159,7 +162,7 @@ class CanBus:
                 if t_ns > self.now_ns:
                     self.now_ns = t_ns
                 if entry[2] is None:
-                    self._offer(entry[3], entry[4], entry[5])
+                    self.offer(entry[3], entry[4], entry[5])
                 else:
                     entry[2].fire(t_ns)
             elif bus_ns > until_ns:
@@ -167,24 +170,36 @@ class CanBus:
             else:
                 self.now_ns = bus_ns
                 if self._sending is not None:
-                    self._end_frame(self._sending)
-                if self._competing and self._stalled_since_ns is None:
-                    self._start_frame()
-                else:
+                    self._end_frame(self._sending, bus_ns)
+                if not competing or self._stalled_since_ns is not None:
                     self._bus_ns = NEVER_NS
+                    continue
+                self._sending = _, _, port, can_id, data = heappop(competing)
+                payload = int.from_bytes(data, "big", signed=True)
+                duration_ns = wire_bits(can_id, len(data), payload) * self.bit_ns
+                if self._troubled:
+                    duration_ns = self._troubled_duration_ns(port, duration_ns)
+                self._busy_ns += duration_ns
+                self._bus_ns = bus_ns + duration_ns
         if until_ns > self.now_ns:
             self.now_ns = until_ns
 
     # Frames
 
-    def queue_frame(self, port: Port, can_id: int, data: bytes, t_ns: int) -> None:
-        """For `Port.send`: this frame is ready at `t_ns`."""
-        if t_ns <= self.now_ns:
-            self._offer(port, can_id, data)
+    def offer(self, port: Port, can_id: int, data: bytes) -> None:
+        """The frame is ready: let it compete, unless an earlier one of a fifo still does."""
+        if port.competing and port.fifo is not None:
+            port.fifo.append((can_id, data))
             return
-        queue = self.queue
-        queue.number += 1
-        heappush(queue.heap, (t_ns, queue.number, None, port, can_id, data))
+        self._compete(port, can_id, data)
+        port.competing = True
+        if self._bus_ns == NEVER_NS and self._stalled_since_ns is None:
+            self._bus_ns = self.now_ns
+
+    def _compete(self, port: Port, can_id: int, data: bytes) -> None:
+        priority = can_id << 21 if can_id <= STANDARD_ID_MASK else _arbitration_field(can_id)
+        self.queue.number = number = self.queue.number + 1
+        heappush(self._competing, (priority, number, port, can_id, data))
 
     def flush(self, port: Port) -> None:
         """Forget all frames of `port` that are not on the bus yet; one that is, is cut off."""
@@ -206,30 +221,8 @@ class CanBus:
             self._resume()
         self._tell_space(port)
 
-    def _offer(self, port: Port, can_id: int, data: bytes) -> None:
-        """The frame is ready: let it compete, unless an earlier one of a fifo still does."""
-        if port.competing and port.fifo is not None:
-            port.fifo.append((can_id, data))
-        else:
-            self._compete(port, can_id, data)
-
-    def _compete(self, port: Port, can_id: int, data: bytes) -> None:
-        priority = can_id << 21 if can_id <= STANDARD_ID_MASK else _arbitration_field(can_id)
-        self.queue.number += 1
-        heappush(self._competing, (priority, self.queue.number, port, can_id, data))
-        port.competing = True
-        if self._bus_ns == NEVER_NS and self._stalled_since_ns is None:
-            self._bus_ns = self.now_ns
-
-    def _start_frame(self) -> None:
-        self._sending = entry = heappop(self._competing)
-        duration_ns = frame_bits(entry[3], entry[4]) * self.bit_ns
-        if self._troubled:
-            duration_ns = self._troubled_duration_ns(entry[2], duration_ns)
-        self._busy_ns += duration_ns
-        self._bus_ns = self.now_ns + duration_ns
-
-    def _end_frame(self, sent: tuple[int, int, Port, int, bytes]) -> None:
+    def _end_frame(self, sent: _Entry, now_ns: int) -> None:
+        """The frame was on the bus: everybody else hears it."""
         self._sending = None
         if self._failed:
             self._failed = False
@@ -239,13 +232,14 @@ class CanBus:
         self._frames += 1
         port.sent += 1
         port.pending -= 1
-        if port.fifo:
-            self._compete(port, *port.fifo.popleft())
+        fifo = port.fifo
+        if fifo:
+            next_id, next_data = fifo.popleft()
+            self._compete(port, next_id, next_data)
         else:
             port.competing = False
         if self._errors_counted:
             self._count_success(port)
-        now_ns = self.now_ns
         receivers = self._receivers.get(can_id, self._listeners)
         if self.drop_probability:
             receivers = self._those_that_hear(receivers)
@@ -282,7 +276,7 @@ class CanBus:
             receivers[index][0].received_lost += 1
         return tuple(receiver for receiver, hears in zip(receivers, hear, strict=True) if hears)
 
-    def _transmission_failed(self, entry: tuple[int, int, Port, int, bytes]) -> None:
+    def _transmission_failed(self, entry: _Entry) -> None:
         """Error frame: everyone counts it, and the sender tries again."""
         port = entry[2]
         self._error_frames += 1

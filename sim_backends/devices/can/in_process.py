@@ -81,9 +81,7 @@ class InProcessLink:
         if not self._open or not self._bus.up:
             return 0
         if port.state is not ControllerState.OFF:
-            t_ns = self._clock.now_ns()
-            for can_id, data in frames:
-                port.send(can_id, data, t_ns)
+            port.send_all(frames, self._clock.now_ns())
         return len(frames)
 
     def read_in_cycle(self, on: bool) -> None:

@@ -1,13 +1,16 @@
 """A node's CAN controller: its transmit queue, its error counters, and what it listens to."""
 
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from enum import IntEnum
 from heapq import heappush
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from sim_backends.devices.can.bus import CanBus
+
+Frame = tuple[int, bytes]
+"""`(can_id, data)`: what a node sends."""
 
 FrameHandler = Callable[[int, bytes, int], None]
 """`(can_id, data, t_ns)`: a frame has come in; its last bit was on the bus at `t_ns`."""
@@ -39,7 +42,7 @@ class Port:
         self._bus = bus
         self.name = name
         self.capacity = capacity
-        self.fifo: deque[tuple[int, bytes]] | None = None if mailboxes else deque()
+        self.fifo: deque[Frame] | None = None if mailboxes else deque()
         """Frames behind the one that competes for the bus; None where all of them compete."""
         self.pending = 0
         self.competing = False
@@ -79,8 +82,28 @@ class Port:
             self.blocked = True
             return False
         self.pending += 1
-        self._bus.queue_frame(self, can_id, data, t_ns)
+        bus = self._bus
+        if t_ns <= bus.now_ns:
+            bus.offer(self, can_id, data)
+        else:
+            queue = bus.queue
+            queue.number = number = queue.number + 1
+            heappush(queue.heap, (t_ns, number, None, self, can_id, data))
         return True
+
+    def send_all(self, frames: Sequence[Frame], t_ns: int) -> None:
+        """The same for several at once, in order."""
+        bus, fifo = self._bus, self.fifo
+        room = self.capacity - self.pending if self.on_bus else 0
+        if fifo is None or t_ns > bus.now_ns or not 0 < len(frames) <= room:
+            for can_id, data in frames:
+                self.send(can_id, data, t_ns)
+            return
+        self.pending += len(frames)
+        fifo.extend(frames)
+        if not self.competing:
+            can_id, data = fifo.popleft()
+            bus.offer(self, can_id, data)
 
     def listen(
         self, handlers: Mapping[int, FrameHandler], everything: FrameHandler | None = None

@@ -106,7 +106,8 @@ class Axis:
         self._parts = parts
         self._motor_torque_nmm = options.motor_torque_nmm
         self._events = events
-        self._t_ns = 0
+        self.t_ns = 0
+        """How far it was advanced."""
         self.power = PowerControl(parts, self, options.brake_release_s)
         self.period = InterpolationPeriod(parts)
         self._cyclic_position = CyclicPosition(parts, self.period)
@@ -134,7 +135,7 @@ class Axis:
         self._bind_settings()
         trouble = self.power.trouble
         self._readings = Readings(
-            parts, self.advance, lambda: trouble.torque_off, no_encoder=options.no_encoder
+            parts, self, lambda: trouble.torque_off, no_encoder=options.no_encoder
         )
 
     # For the lab. The bus must have been advanced to the present.
@@ -180,11 +181,14 @@ class Axis:
 
     def advance(self, t_ns: int) -> None:
         """Let time pass until `t_ns`."""
-        if t_ns <= self._t_ns:
+        if t_ns <= self.t_ns:
             return
-        self._t_ns = t_ns
-        self.shaft.advance(t_ns)
-        watch = self._following_error
+        self.t_ns = t_ns
+        shaft, watch = self.shaft, self._following_error
+        shaft.advance(t_ns)
+        follows = -watch.window <= shaft.demand - shaft.position <= watch.window
+        if follows and watch.since_ns is None:
+            return
         if watch.too_long(t_ns):
             self._followed_too_badly(t_ns)
         elif watch.since_ns == t_ns:
@@ -194,7 +198,7 @@ class Axis:
         """0x6041 now."""
         if self.frozen_statusword is not None:
             return self.frozen_statusword
-        if t_ns > self._t_ns:
+        if t_ns > self.t_ns:
             self.advance(t_ns)
         mode = self.mode
         if self.power.following:
@@ -298,9 +302,10 @@ class Axis:
 
     def _commanded(self, t_ns: int) -> None:
         """Controlword or targets have been written, by PDO or SDO."""
-        self.advance(t_ns)
+        if t_ns > self.t_ns:
+            self.advance(t_ns)
         power = self.power
-        control, previous = int(self._control.value), power.control
+        control, previous = self._control.number, power.control
         if control != previous or not power.settled:
             power.obey(control, t_ns)
             if power.following and control != previous:

@@ -18,15 +18,16 @@ class FollowingErrorWatch:
         self._no_encoder = no_encoder
         self.entry = parts.own(0x6065, 0, DataType.UNSIGNED32, 2000)
         self._time_ms = parts.own(0x6066, 0, DataType.UNSIGNED16, 10)
-        self._window = inf
+        self.window = inf
+        """How large the error may be, in increments."""
         self.since_ns: int | None = None
         """Since when the error has been too large."""
 
     def configure(self) -> None:
         """Take over the window as it is now."""
-        self._window = inf
+        self.window = inf
         if self.entry.number != _WINDOW_OFF and not self._no_encoder:
-            self._window = self._parts.units.length(self.entry.number)
+            self.window = self._parts.units.length(self.entry.number)
 
     def forget(self) -> None:
         """As if nothing had been."""
@@ -35,7 +36,7 @@ class FollowingErrorWatch:
     def too_long(self, t_ns: int) -> bool:
         """Whether the error has been too large for too long."""
         shaft = self._shaft
-        if -self._window <= shaft.demand - shaft.position <= self._window:
+        if -self.window <= shaft.demand - shaft.position <= self.window:
             self.since_ns = None
             return False
         if self.since_ns is None:

@@ -1,6 +1,7 @@
 """The objects of an axis that a master reads to see what it does."""
 
 from collections.abc import Callable
+from typing import Protocol
 
 from drivers.canopen.codec.data_types import DataType
 from sim_backends.devices.drive.mode import AxisParts
@@ -11,16 +12,27 @@ _HIGH_SWITCH = 1 << 1
 _TORQUE_OFF = 1 << 31
 
 
+class Advancing(Protocol):
+    """What goes on as time does."""
+
+    t_ns: int
+    """How far it has got."""
+
+    def advance(self, t_ns: int) -> None:
+        """Let time pass until `t_ns`."""
+        ...
+
+
 class Readings:
     """Hooks the measured values of an axis into its object dictionary.
 
-    advance(t_ns): bring the axis up to date. no_encoder: the drive takes its demand for true.
+    no_encoder: the drive takes its demand for true.
     """
 
     def __init__(
         self,
         parts: AxisParts,
-        advance: Callable[[int], None],
+        axis: Advancing,
         torque_off: Callable[[], bool],
         *,
         no_encoder: bool,
@@ -28,7 +40,8 @@ class Readings:
         self._parts = parts
         self._shaft = parts.shaft
         self._units = parts.units
-        self._advance = advance
+        self._axis = axis
+        self._advance = axis.advance
         self._torque_off = torque_off
         self._rated = parts.own(0x6076, 0, DataType.UNSIGNED32, 400)
         self._no_encoder = no_encoder
@@ -54,8 +67,10 @@ class Readings:
         return to_int32(self._measured() - self._units.zero)
 
     def position(self, t_ns: int) -> int:
-        self._advance(t_ns)
-        return self._units.position(self._measured())
+        if t_ns > self._axis.t_ns:
+            self._advance(t_ns)
+        shaft = self._shaft
+        return self._units.position(shaft.demand if self._no_encoder else shaft.position)
 
     def velocity_demand(self, t_ns: int) -> int:
         self._advance(t_ns)
@@ -68,7 +83,8 @@ class Readings:
 
     def torque(self, t_ns: int) -> int:
         """Per mille of the rated torque."""
-        self._advance(t_ns)
+        if t_ns > self._axis.t_ns:
+            self._advance(t_ns)
         torque_nmm = self._shaft.torque_nmm
         if not torque_nmm:
             return 0

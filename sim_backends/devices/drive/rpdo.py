@@ -33,7 +33,8 @@ class Rpdo:
         self._layout = _NOTHING
         self._size = 0
         self._entries: list[Entry | None] = []
-        self._plain = True
+        self._plain: list[tuple[int, Entry]] = []
+        """All entries with their places, where any value may be written to any of them."""
         self._hooks: list[Callable[[int], None]] = []
         self._synchronous = False
         self._deadline_ns = 0
@@ -46,7 +47,13 @@ class Rpdo:
         self._layout = PdoLayout(mapped.field for mapped in mapping)
         self._size = self._layout.size
         self._entries = [mapped.entry for mapped in mapping]
-        self._plain = all(entry is not None and _is_plain(entry) for entry in self._entries)
+        self._plain = [
+            (place, entry)
+            for place, entry in enumerate(self._entries)
+            if entry is not None and _is_plain(entry)
+        ]
+        if len(self._plain) < len(self._entries):
+            self._plain.clear()
         hooks = [e.on_write for e in self._entries if e is not None and e.on_write is not None]
         self._hooks = list(dict.fromkeys(hooks))
         self._synchronous = self.parameters.synchronous
@@ -83,8 +90,8 @@ class Rpdo:
         except CodecError:
             values = self._layout.unpack(data[: self._layout.size])
         if self._plain:
-            for entry, value in zip(self._entries, values, strict=True):
-                entry.value = value  # type: ignore[union-attr]
+            for place, entry in self._plain:
+                entry.value = values[place]
         else:
             self._write_checked(values)
         for hook in self._hooks:

@@ -161,11 +161,9 @@ class Shaft:
         if self.at_rest:
             self.t_ns = t_ns
             return
-        while self._piece_end_ns <= t_ns:
-            self._step((self._piece_end_ns - self.t_ns) * 1e-9)
-            self.t_ns = self._piece_end_ns
-            if self._piece_end is not None:
-                self._land(self._piece_end)
+        while (end_ns := self._piece_end_ns) <= t_ns:
+            self._step((end_ns - self.t_ns) * 1e-9)
+            self.t_ns = end_ns
             self._next_piece()
         if self.t_ns < t_ns:
             self._step((t_ns - self.t_ns) * 1e-9)
@@ -175,23 +173,18 @@ class Shaft:
         """Exact solution of the lag, d position/dt = error / lag, for a demand at²/2 + vt + d."""
         lag_s, velocity, acceleration = self._lag_s, self.demand_velocity, self._acceleration
         steady = (velocity - acceleration * lag_s) * lag_s
-        error = self.demand - self.position
+        demand = self.demand
+        error = demand - self.position
         error = steady + acceleration * lag_s * dt_s + (error - steady) * exp(-dt_s / lag_s)
-        self.demand += (velocity + acceleration * dt_s / 2) * dt_s
+        self.demand = demand = demand + (velocity + acceleration * dt_s / 2) * dt_s
         self.demand_velocity = velocity = velocity + acceleration * dt_s
-        self.position = self.demand - error
-        if not self._low <= self.position <= self._high:
-            self._meet(self._high if self.position > self._high else self._low)
+        self.position = position = demand - error
+        if not self._low <= position <= self._high:
+            self._meet(self._high if position > self._high else self._low)
         elif self.pushing:
             self.pushing = 0
         if velocity == 0.0 and -_AT_REST < error < _AT_REST and self._piece_end_ns == NEVER_NS:
             self.at_rest = True
-
-    def _land(self, end: float) -> None:
-        """The profile is over: take away what rounding has left."""
-        if not self.pushing:
-            self.position += end - self.demand
-        self.demand = end
 
     def _meet(self, obstacle: float) -> None:
         self.position = obstacle
@@ -208,13 +201,19 @@ class Shaft:
         self.at_rest = False
 
     def _next_piece(self) -> None:
+        end = self._piece_end
+        if end is not None:  # the profile is over: take away what rounding has left
+            if not self.pushing:
+                self.position += end - self.demand
+            self.demand = end
         if self._pieces:
             self._piece_end_ns, self.demand_velocity, self._acceleration, self._piece_end = (
                 self._pieces.popleft()
             )
         else:
-            self._clear()
-            self.demand_velocity = 0.0
+            self._piece_end_ns = NEVER_NS
+            self._piece_end = None
+            self._acceleration = self.demand_velocity = 0.0
 
     def _clear(self) -> None:
         self._pieces.clear()

@@ -79,7 +79,9 @@ class Tpdo:
     def sync(self, counter: int | None, t_ns: int) -> None:
         """A SYNC came: sample, and send if it is this PDO's turn."""
         if self._every_sync:
-            self._send(self.sample(t_ns), t_ns + self._delay_ns)
+            data = self.sample(t_ns)
+            if not self.silent:
+                self._port.send(self._can_id, data, t_ns + self._delay_ns)
         elif self._type <= HIGHEST_SYNCHRONOUS_TYPE:
             if self._its_turn(counter):
                 self._event_due = False

@@ -60,7 +60,8 @@ class Units:
 
     def position(self, increments: float) -> int:
         """A position as the master reads it."""
-        return to_int32((increments - self.zero) * self.per_increment)
+        units = round((increments - self.zero) * self.per_increment)
+        return units if -0x80000000 <= units <= 0x7FFFFFFF else to_int32(units)
 
     def increments(self, position: float) -> float:
         """A position that the master gives."""

@@ -141,6 +141,33 @@ def test_each_identifier_goes_to_those_who_asked_for_it() -> None:
     assert got == ["one sync", "other sync", "one"]
 
 
+@given(
+    st.lists(st.tuples(st.integers(0, 0x7FF), st.binary(max_size=8)), max_size=8),
+    st.sampled_from([0, 50_000, 200_000]),
+    st.integers(1, 12),
+    st.booleans(),
+)
+def test_frames_queued_together_leave_as_if_queued_one_by_one(
+    frames: list[tuple[int, bytes]], t_ns: int, capacity: int, mailboxes: bool
+) -> None:
+    def play(*, together: bool) -> tuple[list[tuple[int, bytes, int]], int, int]:
+        bus = CanBus(1_000_000)
+        sender = Node.on(bus, capacity, mailboxes=mailboxes)
+        other, hearer = Node.on(bus), Node.on(bus)
+        bus.advance(50_000)
+        other.port.send(0x3FF, bytes(8), 50_000)
+        for _ in range(2):
+            if together:
+                sender.port.send_all(frames, t_ns)
+            else:
+                for can_id, data in frames:
+                    sender.port.send(can_id, data, t_ns)
+        bus.advance(10 * MS)
+        return hearer.heard, sender.port.refused, sender.port.pending
+
+    assert play(together=True) == play(together=False)
+
+
 def test_the_same_happens_however_often_the_bus_is_called() -> None:
     def play(step_ns: int) -> list[tuple[int, bytes, int]]:
         bus = CanBus(1_000_000)
