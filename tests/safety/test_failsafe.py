@@ -56,16 +56,15 @@ def test_it_may_be_absent_beside_one_that_is_there_too(failsafe: Failsafe) -> No
 def test_it_watches_from_the_first_condition_until_the_last_is_forgotten(
     failsafe: Failsafe,
 ) -> None:
-    assert not failsafe.watching
-    failsafe.set("held", False, 0)
-    assert not failsafe.watching
-    failsafe.set("held", True, 0)
-    assert failsafe.watching
-    failsafe.set("held", False, 1)
-    assert failsafe.watching, "what was not told yet must still be told"
-    failsafe.evaluate(1, False)
-    failsafe.evaluate(2, False)
-    assert not failsafe.watching
+    watching = [failsafe.watching]
+    for present in (False, True, False):
+        failsafe.set("held", present, 0)
+        watching.append(failsafe.watching)
+    for t_ns in (1, 2):
+        failsafe.evaluate(t_ns, False)
+        watching.append(failsafe.watching)
+    # What has come and gone is watched until a verdict has had it, and another one has not.
+    assert watching == [False, False, True, True, True, False]
 
 
 @pytest.mark.parametrize("present", [True, False])
