@@ -1,7 +1,7 @@
 """A recording as arrays, for figures and tables."""
 
 import gc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,7 +16,7 @@ from daemon.recording.error_table import CycleError, ErrorTable
 from daemon.recording.result import Result, read_result
 from daemon.recording.run_files import PROVENANCE_FILE, ROBOT_FILE, RUN_FILE, unfinished
 from daemon.recording.run_folder import Provenance
-from daemon.recording.run_reader import RunReader, UnreadableRunError
+from daemon.recording.run_reader import RunMessage, RunReader, UnreadableRunError
 from daemon.recording.run_writer import ENDING, HEADER
 from daemon.remote.messages import Axes, AxisStatus, Event, Loop, Message, Risk, Status, Tip
 from safety.states import OperatingState
@@ -98,21 +98,42 @@ def run_file(path: Path) -> Path:
 
 def read_run(path: Path) -> RunData:
     """Read a run. path: as for `run_file`. Raises UnreadableRunError, OSError."""
-    file = run_file(path)
-    reader = RunReader(file)
-    gathered = _Gathered()
-    with _collector_paused():
-        for message in reader.messages():
-            gathered.take(message.topic, message.wall_ns, message.data)
-        if not gathered.counts:
+    return GrowingRun(path).data()
+
+
+class GrowingRun:
+    """A run that may still be going on, read as far as it has been recorded."""
+
+    def __init__(self, path: Path, also: Callable[[RunMessage], None] | None = None) -> None:
+        """path: as for `run_file`; there may not be anything yet. also: gets each message too."""
+        self._path = path
+        self._reader = RunReader(path)
+        self._gathered = _Gathered()
+        self._also = also
+
+    def catch_up(self) -> None:
+        """Read what has been added. Raises UnreadableRunError, OSError."""
+        self._reader.path = run_file(self._path)
+        with _collector_paused():
+            for message in self._reader.messages():
+                self._gathered.take(message.topic, message.wall_ns, message.data)
+                if self._also is not None:
+                    self._also(message)
+
+    def data(self) -> RunData:
+        """All there is. Raises UnreadableRunError, OSError."""
+        self.catch_up()
+        reader, file = self._reader, self._reader.path
+        if not self._gathered.counts:
             raise UnreadableRunError(f"{file}: there is no message in it")
-        data = gathered.run_data(file, reader)
-    dropped = reader.metadata.get(ENDING, {}).get("dropped", "0")
-    data.dropped = int(dropped)
-    data.result = read_result(file.parent)
-    data.provenance = _read_provenance(file.parent / PROVENANCE_FILE)
-    data.robot_yaml = _text_of(file.parent / ROBOT_FILE)
-    return data
+        with _collector_paused():
+            data = self._gathered.run_data(file, reader)
+        dropped = reader.metadata.get(ENDING, {}).get("dropped", "0")
+        data.dropped = int(dropped)
+        data.result = read_result(file.parent)
+        data.provenance = _read_provenance(file.parent / PROVENANCE_FILE)
+        data.robot_yaml = _text_of(file.parent / ROBOT_FILE)
+        return data
 
 
 @contextmanager
