@@ -1,12 +1,13 @@
 """`tentacled`: finds the command and runs it. A command is imported only when it is used."""
 
 import argparse
-import gc
 import sys
 from collections.abc import Sequence
 from importlib import import_module
 from importlib.metadata import version
 from typing import Final, Protocol, cast
+
+from daemon.collector_pause import collector_paused
 
 EXIT_OK: Final = 0
 EXIT_FAILED: Final = 1
@@ -86,13 +87,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(name: str) -> Command:
-    """Imports leave nothing behind: looking for it would take a tenth of their time."""
     module = "order" if name in _ONE_WORD else name
-    gc.disable()
-    try:
+    with collector_paused():
         return cast(Command, import_module(f"daemon.commands.{module}"))
-    finally:
-        gc.enable()
 
 
 if __name__ == "__main__":

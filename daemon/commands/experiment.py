@@ -6,10 +6,10 @@ from pathlib import Path
 
 from config.problems import ConfigError
 from daemon.cli import EXIT_FAILED, EXIT_OK
+from daemon.collector_pause import collector_paused
 from daemon.experiment.experiment_file import ExperimentFile, load_experiment
 from daemon.experiment.pretrained import with_model
 from daemon.experiment.trial import TrialError
-from daemon.learning.pretraining import PretrainingError
 from daemon.recording.error_table import table_text
 from daemon.recording.report_beside import ReportBeside
 from daemon.recording.result import Result
@@ -41,14 +41,14 @@ def run(arguments: argparse.Namespace) -> int:
     except FileExistsError:
         print(f"{arguments.out} is there already: name a new folder", file=sys.stderr)
         return EXIT_FAILED
-    except (TrialError, PretrainingError, UnreadableRunError, OSError) as error:
+    except (TrialError, UnreadableRunError, OSError) as error:
         print(error, file=sys.stderr)
         return EXIT_FAILED
     return EXIT_OK
 
 
 def _experiment(file: ExperimentFile, seed: int, arguments: argparse.Namespace) -> None:
-    """Raises TrialError, PretrainingError, UnreadableRunError, OSError."""
+    """Raises TrialError, UnreadableRunError, OSError."""
     report = ReportBeside(arguments.out)
     try:
         if not (arguments.no_report or arguments.real_time):  # which has a use for every core
@@ -77,7 +77,8 @@ def _in_real_time(file: ExperimentFile, seed: int, folder: Path) -> Result:
 
 
 def _in_virtual_time(file: ExperimentFile, seed: int, folder: Path, report: ReportBeside) -> Result:
-    from daemon.experiment.in_virtual_time import carry_out_in_virtual_time
+    with collector_paused():
+        from daemon.experiment.in_virtual_time import carry_out_in_virtual_time
 
     return carry_out_in_virtual_time(file, seed, folder, _tell, report.control_hash)
 

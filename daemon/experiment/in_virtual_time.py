@@ -35,7 +35,6 @@ def carry_out_in_virtual_time(
     folder: an empty one, for the run. What was recorded before an error is there too.
     hash_of_recording: from somebody who has read it already.
     """
-    gc.collect()
     gc.freeze()  # what is there by now stays: to look through it again and again costs a tenth
     try:
         run_in_virtual_time(_carry_out(file, seed, folder, tell))

@@ -1,8 +1,6 @@
 """A recording as arrays, for figures and tables."""
 
-import gc
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, TypeVar
@@ -11,6 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.collector_pause import collector_paused
 from daemon.recording.channels import MESSAGES
 from daemon.recording.error_table import CycleError, ErrorTable
 from daemon.recording.result import Result, read_result
@@ -114,7 +113,7 @@ class GrowingRun:
     def catch_up(self) -> None:
         """Read what has been added. Raises UnreadableRunError, OSError."""
         self._reader.path = run_file(self._path)
-        with _collector_paused():
+        with collector_paused():
             for message in self._reader.messages():
                 self._gathered.take(message.topic, message.wall_ns, message.data)
                 if self._also is not None:
@@ -126,7 +125,7 @@ class GrowingRun:
         reader, file = self._reader, self._reader.path
         if not self._gathered.counts:
             raise UnreadableRunError(f"{file}: there is no message in it")
-        with _collector_paused():
+        with collector_paused():
             data = self._gathered.run_data(file, reader)
         dropped = reader.metadata.get(ENDING, {}).get("dropped", "0")
         data.dropped = int(dropped)
@@ -134,19 +133,6 @@ class GrowingRun:
         data.provenance = _read_provenance(file.parent / PROVENANCE_FILE)
         data.robot_yaml = _text_of(file.parent / ROBOT_FILE)
         return data
-
-
-@contextmanager
-def _collector_paused() -> Iterator[None]:
-    """A hundred thousand messages, and all of them stay: to look through them again and again for
-    something to collect takes longer than to read them."""
-    was_on = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_on:
-            gc.enable()
 
 
 @dataclass

@@ -7,6 +7,7 @@ import pytest
 from config.loader import RobotFile
 from daemon.experiment import pretrained
 from daemon.experiment.experiment_file import load_experiment
+from daemon.exploration import model_cache
 
 EXPERIMENT = """
 experiment: learner
@@ -33,7 +34,7 @@ class Made:
 @pytest.fixture
 def made(monkeypatch: pytest.MonkeyPatch) -> Made:
     one = Made()
-    monkeypatch.setattr(pretrained, "pretrained", one)
+    monkeypatch.setattr(model_cache, "pretrained", one)
     return one
 
 

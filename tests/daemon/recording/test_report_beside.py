@@ -21,6 +21,9 @@ from tests.daemon.recording.synthetic_run import make_run
 
 ENDS_WITHIN_S = 60.0
 
+# Of later versions of Python, where there are threads; here it is only copies that do nothing.
+pytestmark = pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
