@@ -1,6 +1,8 @@
 """`tentacled`: finds the command and runs it. A command is imported only when it is used."""
 
 import argparse
+import atexit
+import gc
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -65,6 +67,8 @@ class Command(Protocol):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point of the console command. Returns the exit code."""
+    # To look through all there is for garbage as the process ends would take tenths of a second.
+    atexit.register(gc.freeze)
     words = list(sys.argv[1:] if argv is None else argv)
     wanted = next((word for word in words if not word.startswith("-")), None)
     parser = argparse.ArgumentParser(
