@@ -9,7 +9,7 @@ from importlib import import_module
 from importlib.metadata import version
 from typing import Final, Protocol, cast
 
-from daemon.collector_pause import collector_paused
+from daemon.collector_pause import imported_for_good
 
 EXIT_OK: Final = 0
 EXIT_FAILED: Final = 1
@@ -92,7 +92,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _command(name: str) -> Command:
     module = "order" if name in _ONE_WORD else name
-    with collector_paused():
+    with imported_for_good():
         return cast(Command, import_module(f"daemon.commands.{module}"))
 
 

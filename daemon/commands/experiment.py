@@ -6,7 +6,7 @@ from pathlib import Path
 
 from config.problems import ConfigError
 from daemon.cli import EXIT_FAILED, EXIT_OK
-from daemon.collector_pause import collector_paused
+from daemon.collector_pause import imported_for_good
 from daemon.experiment.experiment_file import ExperimentFile, load_experiment
 from daemon.experiment.pretrained import with_model
 from daemon.experiment.trial import TrialError
@@ -77,7 +77,7 @@ def _in_real_time(file: ExperimentFile, seed: int, folder: Path) -> Result:
 
 
 def _in_virtual_time(file: ExperimentFile, seed: int, folder: Path, report: ReportBeside) -> Result:
-    with collector_paused():
+    with imported_for_good():
         from daemon.experiment.in_virtual_time import carry_out_in_virtual_time
 
     return carry_out_in_virtual_time(file, seed, folder, _tell, report.control_hash)

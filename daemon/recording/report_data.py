@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Final, TypeVar
 
@@ -281,10 +282,13 @@ def _flat(places: list[list[float]] | None) -> list[float]:
 def _rows(values: list[list[float] | None], width: int) -> Array:
     """One row for each value, nan where it has nothing."""
     nothing = [np.nan] * width
-    return np.array(
-        [nothing if value is None else (value + nothing[len(value) :])[:width] for value in values],
-        dtype=np.float64,
-    )
+
+    def row(value: list[float] | None) -> list[float]:
+        return nothing if value is None else (value + nothing[len(value) :])[:width]
+
+    rows = (value if value is not None and len(value) == width else row(value) for value in values)
+    numbers = np.fromiter(chain.from_iterable(rows), np.float64, len(values) * width)
+    return numbers.reshape(len(values), width)
 
 
 def _read_provenance(path: Path) -> Provenance | None:
