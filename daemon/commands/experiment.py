@@ -41,6 +41,8 @@ def run(arguments: argparse.Namespace) -> int:
     except FileExistsError:
         print(f"{arguments.out} is there already: name a new folder", file=sys.stderr)
         return EXIT_FAILED
+    except BrokenPipeError:  # of our output: no matter of the experiment's
+        raise
     except (TrialError, UnreadableRunError, OSError) as error:
         print(error, file=sys.stderr)
         return EXIT_FAILED
