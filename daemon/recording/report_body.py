@@ -6,8 +6,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from daemon.recording.report_data import Array, Series
+from daemon.recording.report_data import Series
 from daemon.recording.report_style import ACCENT, ALARM, MUTED, REFERENCE, figure, panels
+from daemon.recording.report_table import Array
 
 _NAMES: Final = "xyz"
 _PROJECTIONS: Final = ((0, 2), (1, 2), (0, 1))

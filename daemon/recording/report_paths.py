@@ -8,7 +8,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from daemon.recording.report_data import Array, Series
+from daemon.recording.report_data import Series
 from daemon.recording.report_style import (
     ALARM,
     INK,
@@ -19,6 +19,7 @@ from daemon.recording.report_style import (
     panel_grid,
     panels,
 )
+from daemon.recording.report_table import Array
 
 _NAMES: Final = "xyz"
 _PROJECTIONS: Final = ((0, 1), (0, 2), (1, 2))

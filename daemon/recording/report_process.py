@@ -60,7 +60,7 @@ class ReportProcess:
 
 def main() -> int:
     end_with_parent()
-    gc.disable()  # nothing of what is read is given up before the end
+    gc.disable()  # what is read does not refer to itself
     try:
         ReportProcess(Path(sys.argv[1]), sys.stdin.fileno(), sys.stdout.fileno()).run()
     except (UnreadableRunError, OSError):

@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 
 from daemon.recording.error_table import CycleError
 from daemon.recording.report_course import course
-from daemon.recording.report_data import Array, RunData, Series
+from daemon.recording.report_data import RunData, Series
 from daemon.recording.report_style import (
     ACCENT,
     ALARM,
@@ -27,6 +27,7 @@ from daemon.recording.report_style import (
     series_colour,
     shade_states,
 )
+from daemon.recording.report_table import Array
 from daemon.remote.messages import AxisStatus
 
 _MS: Final = 1e3

@@ -16,7 +16,7 @@ from matplotlib.gridspec import GridSpec
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from daemon.recording.report_data import Array
+from daemon.recording.report_table import Array
 
 INK: Final = "#1f2933"
 MUTED: Final = "#7b8794"
