@@ -35,6 +35,8 @@ _COLUMNS: Final = 2
 _LEGEND_COLUMNS: Final = 6
 _DOTS_AT_MOST: Final = 120
 """More of them run into a line."""
+_NUMBERS_AT_MOST: Final = 5
+"""Along an axis of a small panel: each is drawn glyph by glyph."""
 _TIME: Final = "time / s"
 
 
@@ -83,6 +85,7 @@ def actuator_figure(run: RunData) -> Figure | None:
         _draw(panel, t_s, actual[:, place], _COLUMNS, color=series_colour(place), lw=0.9)
         panel.set_title(name)
         panel.set_ylabel(unit)
+        panel.locator_params(nbins=_NUMBERS_AT_MOST)
         shade_states(panel, run.states, run.duration_s)
     _time_axis(
         [
