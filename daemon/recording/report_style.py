@@ -50,7 +50,7 @@ _STYLE: Final[Any] = {
     "axes.titlesize": 10.0,
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
-    "axes.titley": 1.0,  # to look for a place free of ticks would cost a sixth of the drawing
+    "axes.titley": 1.0,  # to look for a place free of ticks would cost an eighth of the drawing
     "axes.labelsize": 9.0,
     "axes.labelcolor": INK,
     "axes.edgecolor": MUTED,

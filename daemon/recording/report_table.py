@@ -1,4 +1,4 @@
-"""Messages of one kind as columns of numbers: what a report needs of them, at a tenth of the size.
+"""Messages of one kind as columns of numbers: what a report needs of them, at a sixth of the size.
 
 Times come as they were written, and columns come out in the order of time.
 """
