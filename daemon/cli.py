@@ -1,12 +1,15 @@
 """`tentacled`: finds the command and runs it. A command is imported only when it is used."""
 
 import argparse
+import atexit
 import gc
 import sys
 from collections.abc import Sequence
 from importlib import import_module
 from importlib.metadata import version
 from typing import Final, Protocol, cast
+
+from daemon.collector_pause import imported_for_good
 
 EXIT_OK: Final = 0
 EXIT_FAILED: Final = 1
@@ -64,6 +67,8 @@ class Command(Protocol):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point of the console command. Returns the exit code."""
+    # To look through all there is for garbage as the process ends would take tenths of a second.
+    atexit.register(gc.freeze)
     words = list(sys.argv[1:] if argv is None else argv)
     wanted = next((word for word in words if not word.startswith("-")), None)
     parser = argparse.ArgumentParser(
@@ -86,13 +91,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(name: str) -> Command:
-    """Imports leave nothing behind: looking for it would take a tenth of their time."""
     module = "order" if name in _ONE_WORD else name
-    gc.disable()
-    try:
+    with imported_for_good():
         return cast(Command, import_module(f"daemon.commands.{module}"))
-    finally:
-        gc.enable()
 
 
 if __name__ == "__main__":

@@ -6,12 +6,14 @@ from pathlib import Path
 
 from config.problems import ConfigError
 from daemon.cli import EXIT_FAILED, EXIT_OK
+from daemon.collector_pause import imported_for_good
 from daemon.experiment.experiment_file import ExperimentFile, load_experiment
 from daemon.experiment.pretrained import with_model
 from daemon.experiment.trial import TrialError
-from daemon.learning.pretraining import PretrainingError
 from daemon.recording.error_table import table_text
+from daemon.recording.report_beside import ReportBeside
 from daemon.recording.result import Result
+from daemon.recording.run_reader import UnreadableRunError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,33 +37,52 @@ def run(arguments: argparse.Namespace) -> int:
     seed = file.experiment.seed if arguments.seed is None else arguments.seed
     try:
         arguments.out.mkdir(parents=True)
-        file = with_model(file, seed, _tell)
-        result = _carry_out(file, seed, arguments.out, arguments.real_time)
+        _experiment(file, seed, arguments)
     except FileExistsError:
         print(f"{arguments.out} is there already: name a new folder", file=sys.stderr)
         return EXIT_FAILED
-    except (TrialError, PretrainingError, OSError) as error:
+    except BrokenPipeError:  # of our output: no matter of the experiment's
+        raise
+    except (TrialError, UnreadableRunError, OSError) as error:
         print(error, file=sys.stderr)
         return EXIT_FAILED
-    print(table_text(result.cycles))
-    if result.true_cycles:
-        print(f"the same of the true tip:\n{table_text(result.true_cycles)}")
-    if not arguments.no_report:
-        from daemon.recording.report import write_report  # slow to come
-
-        print(write_report(arguments.out))
     return EXIT_OK
 
 
-def _carry_out(file: ExperimentFile, seed: int, folder: Path, real_time: bool) -> Result:
-    """Raises TrialError, OSError. Neither kind of time waits for what only the other needs."""
-    if real_time:
-        from daemon.experiment.in_real_time import carry_out_in_real_time
+def _experiment(file: ExperimentFile, seed: int, arguments: argparse.Namespace) -> None:
+    """Raises TrialError, UnreadableRunError, OSError."""
+    report = ReportBeside(arguments.out)
+    try:
+        if not (arguments.no_report or arguments.real_time):  # which has a use for every core
+            report.begin()
+        file = with_model(file, seed, _tell)
+        if arguments.real_time:
+            result = _in_real_time(file, seed, arguments.out)
+        else:
+            result = _in_virtual_time(file, seed, arguments.out, report)
+        print(table_text(result.cycles))
+        if result.true_cycles:
+            print(f"the same of the true tip:\n{table_text(result.true_cycles)}")
+        if not arguments.no_report:
+            print(report.write())
+    finally:
+        report.end()
 
-        return carry_out_in_real_time(file, seed, folder, _tell)
-    from daemon.experiment.in_virtual_time import carry_out_in_virtual_time
 
-    return carry_out_in_virtual_time(file, seed, folder, _tell)
+# Neither kind of time waits for what only the other needs.
+
+
+def _in_real_time(file: ExperimentFile, seed: int, folder: Path) -> Result:
+    from daemon.experiment.in_real_time import carry_out_in_real_time
+
+    return carry_out_in_real_time(file, seed, folder, _tell)
+
+
+def _in_virtual_time(file: ExperimentFile, seed: int, folder: Path, report: ReportBeside) -> Result:
+    with imported_for_good():
+        from daemon.experiment.in_virtual_time import carry_out_in_virtual_time
+
+    return carry_out_in_virtual_time(file, seed, folder, _tell, report.control_hash)
 
 
 def _tell(line: str) -> None:

@@ -61,12 +61,11 @@ def _pretrained(path: Path) -> dict[str, str] | str:
     from daemon.experiment.experiment_file import load_experiment
     from daemon.experiment.pretrained import with_model
     from daemon.experiment.trial import TrialError
-    from daemon.learning.pretraining import PretrainingError
 
     try:
         file = load_experiment(path)
         file = with_model(file, file.experiment.seed, lambda text: print(text, file=sys.stderr))
-    except (ConfigError, TrialError, PretrainingError, OSError) as error:
+    except (ConfigError, TrialError, OSError) as error:
         return str(error)
     model = getattr(file.experiment.controller, "model", None)
     return {} if model is None else {"model": str(model)}

@@ -1,6 +1,11 @@
-"""From options to a controller."""
+"""From options to a controller.
 
-from typing import assert_never
+What a controller is made of is imported when one is asked for: some come with half of scipy. A
+daemon whose robot moves meanwhile has them all from the beginning.
+"""
+
+from importlib import import_module
+from typing import Final, assert_never
 
 from config.controllers import (
     Broyden,
@@ -11,12 +16,21 @@ from config.controllers import (
 )
 from config.exploration import WaypointExploration
 from config.robot import Robot
-from daemon.control.broyden import BroydenController
-from daemon.control.constant_curvature import ConstantCurvatureController
 from daemon.control.controller import Controller
-from daemon.control.forward_jacobian import ForwardJacobianController
-from daemon.control.reward_weighted import RewardWeightedController
-from daemon.control.waypoint_exploration import WaypointExplorationController
+
+_MODULES: Final = (
+    "broyden",
+    "constant_curvature",
+    "forward_jacobian",
+    "reward_weighted",
+    "waypoint_exploration",
+)
+
+
+def import_all() -> None:
+    """After this, no controller has to be waited for."""
+    for name in _MODULES:
+        import_module(f"daemon.control.{name}")
 
 
 def make_controller(options: ControllerOptions, robot: Robot, seed: int) -> Controller:
@@ -27,14 +41,24 @@ def make_controller(options: ControllerOptions, robot: Robot, seed: int) -> Cont
     """
     match options:
         case Broyden():
+            from daemon.control.broyden import BroydenController
+
             return BroydenController(options, robot)
         case ConstantCurvature():
+            from daemon.control.constant_curvature import ConstantCurvatureController
+
             return ConstantCurvatureController(options, robot)
         case ForwardJacobian():
+            from daemon.control.forward_jacobian import ForwardJacobianController
+
             return ForwardJacobianController(options, robot, seed)
         case RewardWeighted():
+            from daemon.control.reward_weighted import RewardWeightedController
+
             return RewardWeightedController(options, robot, seed)
         case WaypointExploration():
+            from daemon.control.waypoint_exploration import WaypointExplorationController
+
             return WaypointExplorationController(options, robot, seed)
         case _:
             assert_never(options)

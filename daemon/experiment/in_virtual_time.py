@@ -1,11 +1,12 @@
 """An experiment with devices in the same process, on a clock that jumps: fast, and repeatable."""
 
-import gc
+from collections.abc import Callable
 from pathlib import Path
 from random import Random
 
 import msgspec
 
+from daemon.collector_pause import collector_rarely
 from daemon.experiment.carry_out import carry_out
 from daemon.experiment.experiment_file import ExperimentFile
 from daemon.experiment.risk import risk_source_of
@@ -22,21 +23,25 @@ from sim_backends.lab import Lab
 from sim_backends.virtual_time import run_in_virtual_time, virtual_clock
 
 
-def carry_out_in_virtual_time(file: ExperimentFile, seed: int, folder: Path, tell: Tell) -> Result:
+def carry_out_in_virtual_time(
+    file: ExperimentFile,
+    seed: int,
+    folder: Path,
+    tell: Tell,
+    hash_of_recording: Callable[[], str] | None = None,
+) -> Result:
     """The same file and seed give the same recording, to the last bit. Raises TrialError, OSError.
 
     folder: an empty one, for the run. What was recorded before an error is there too.
+    hash_of_recording: from somebody who has read it already.
     """
-    gc.collect()
-    gc.freeze()  # what is there by now stays: to look through it again and again costs a tenth
-    try:
+    with collector_rarely():
         run_in_virtual_time(_carry_out(file, seed, folder, tell))
-    finally:
-        gc.unfreeze()
     result = read_result(folder)
     if result is None:
         raise TrialError(f"{folder}: the run left no result")
-    hashed = msgspec.structs.replace(result, control_sha256=control_hash(folder / RUN_FILE))
+    told = control_hash(folder / RUN_FILE) if hash_of_recording is None else hash_of_recording()
+    hashed = msgspec.structs.replace(result, control_sha256=told)
     write_result(folder, hashed)
     return hashed
 

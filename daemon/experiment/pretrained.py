@@ -5,15 +5,14 @@ from pathlib import Path
 
 from config.experiment import Pretraining
 from daemon.experiment.experiment_file import ExperimentFile
-from daemon.experiment.trial import Tell
-from daemon.exploration.model_cache import pretrained
+from daemon.experiment.trial import Tell, TrialError
 
 
 def with_model(file: ExperimentFile, seed: int, tell: Tell) -> ExperimentFile:
     """The experiment whose controller has its model; the same one where there is nothing to do.
 
     seed: the experiment's. Takes a while where the model has to be made. Not to be called from an
-    event loop. Raises TrialError, PretrainingError, OSError.
+    event loop. Raises TrialError, OSError.
     """
     pretraining = file.experiment.pretraining
     if pretraining is None or not needs_model(file):
@@ -31,8 +30,15 @@ def needs_model(file: ExperimentFile) -> bool:
 
 def _model(file: ExperimentFile, pretraining: Pretraining, seed: int, tell: Tell) -> Path:
     """Of this experiment's body, with nothing at its tip."""
+    # Most experiments have their model, or want none, and what learns is slow to come.
+    from daemon.exploration.model_cache import pretrained
+    from daemon.learning.pretraining import PretrainingError
+
     emulation = file.robot.emulation
     assert emulation is not None
     unloaded = emulation.model_copy(update={"tip_load_g": 0.0})
     robot_file = replace(file.file, robot=file.robot.model_copy(update={"emulation": unloaded}))
-    return pretrained(robot_file, pretraining.waypoints, seed, tell)
+    try:
+        return pretrained(robot_file, pretraining.waypoints, seed, tell)
+    except PretrainingError as error:
+        raise TrialError(str(error)) from error

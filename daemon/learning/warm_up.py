@@ -1,12 +1,14 @@
 """Everything that controllers compile, compiled before the robot moves.
 
 Kernels are compiled when they are first called, which takes seconds, or fetched from a cache on
-disk, which takes tenths of one. A control step can wait for neither.
+disk, which takes tenths of one. A control step can wait for neither, and a bus cycle not for the
+import of a controller that is asked for.
 """
 
 import numpy as np
 
 from daemon.control import tip_following
+from daemon.control.make_controller import import_all
 from daemon.learning import engines
 from daemon.learning.forward_model import forward_settings, slopes_by_step
 from daemon.learning.lwpr import Lwpr
@@ -19,7 +21,11 @@ _MEMORY = 100.0
 
 
 def warm_up() -> None:
-    """Run every kernel once that a controller uses. Takes seconds where nothing is compiled yet."""
+    """Import every controller, and run every kernel once that one uses.
+
+    Takes seconds where nothing is compiled yet.
+    """
+    import_all()
     tip_following.warm_up()
     engines.warm_up()
     _warm_up_forward_model()

@@ -21,6 +21,7 @@ from daemon.recording.report_series import (
 from daemon.recording.report_style import as_data_uri, styled
 from daemon.recording.run_files import REPORT_FILE
 from daemon.recording.run_folder import utc_text
+from daemon.recording.two_processes import one_after_the_other
 from daemon.remote.messages import Event
 
 _EVENTS_AT_MOST: Final = 1000
@@ -78,20 +79,22 @@ def write_report(path: Path, out: Path | None = None) -> Path:
     return target
 
 
-def report_html(run: RunData) -> str:
-    """The whole page."""
+def report_html(
+    run: RunData,
+    draw: Callable[[Callable[[int], str], int], list[str]] = one_after_the_other,
+) -> str:
+    """The whole page. draw: carries out the drawing of so many figures, each by its place."""
     title = escape(_title(run))
-    body = "\n".join(
-        [
-            _header(run),
-            *(f'<div class="notice">{escape(text)}</div>' for text in _notices(run)),
-            _tiles(run),
-            _error_table(run),
-            *_figures(run),
-            _events(run),
-            _provenance(run),
-        ]
-    )
+    parts = [
+        _header(run),
+        *(f'<div class="notice">{escape(text)}</div>' for text in _notices(run)),
+        _tiles(run),
+        _error_table(run),
+        *draw(lambda place: _figure(run, place), len(_FIGURES)),
+        _events(run),
+        _provenance(run),
+    ]
+    body = "\n".join(filter(None, parts))
     return (
         f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         f'<meta name="viewport" content="width=device-width, initial-scale=1">'
@@ -214,22 +217,19 @@ def _error_table(run: RunData) -> str:
     )
 
 
-def _figures(run: RunData) -> list[str]:
-    sections = []
-    for title, caption, make in _FIGURES:
-        with styled():
-            made = make(run)
-            if made is None:
-                continue
-            picture = as_data_uri(made)
-        sections.append(
-            _section(
-                title,
-                f'<figure><img alt="{escape(title)}" src="{picture}">'
-                f"<figcaption>{escape(caption)}</figcaption></figure>",
-            )
-        )
-    return sections
+def _figure(run: RunData, place: int) -> str:
+    """One of _FIGURES; empty where the run has nothing to be drawn in it."""
+    title, caption, make = _FIGURES[place]
+    with styled():
+        made = make(run)
+        if made is None:
+            return ""
+        picture = as_data_uri(made)
+    return _section(
+        title,
+        f'<figure><img alt="{escape(title)}" src="{picture}">'
+        f"<figcaption>{escape(caption)}</figcaption></figure>",
+    )
 
 
 def _events(run: RunData) -> str:

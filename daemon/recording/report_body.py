@@ -6,8 +6,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from daemon.recording.report_data import Array, Series
-from daemon.recording.report_style import ACCENT, ALARM, MUTED, REFERENCE, figure
+from daemon.recording.report_data import Series
+from daemon.recording.report_style import ACCENT, ALARM, MUTED, REFERENCE, figure, panels
+from daemon.recording.report_table import Array
 
 _NAMES: Final = "xyz"
 _PROJECTIONS: Final = ((0, 2), (1, 2), (0, 1))
@@ -25,8 +26,8 @@ def body_figure(risk: Series) -> Figure | None:
     )
     worst = int(np.argmin(risk["clearance_mm"][told]))
     made = figure(4.0)
-    panels = made.subplots(1, 3)
-    for panel, (across, up) in zip(panels, _PROJECTIONS, strict=True):
+    abreast = panels(made, 1, 3)[0]
+    for panel, (across, up) in zip(abreast, _PROJECTIONS, strict=True):
         _draw_bodies(panel, means, (across, up))
         panel.plot(obstacles[:, across], obstacles[:, up], ".", ms=2.0, color=REFERENCE)
         _draw_worst(panel, means[worst], places[worst], obstacles[worst], (across, up))
@@ -34,7 +35,7 @@ def body_figure(risk: Series) -> Figure | None:
         panel.set_xlabel(f"{_NAMES[across]} / mm")
         panel.set_ylabel(f"{_NAMES[up]} / mm")
     least = float(risk["clearance_mm"][told][worst])
-    panels[0].set_title(f"Least room: {least:.1f} mm, {risk.t_s[told][worst]:.1f} s")
+    abreast[0].set_title(f"Least room: {least:.1f} mm, {risk.t_s[told][worst]:.1f} s")
     return made
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from daemon.recording.report_data import Array
+from daemon.recording.report_table import Array
 
 COLUMNS_PER_IN = 100
 """Of a figure's width: finer than a line is wide."""

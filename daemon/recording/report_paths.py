@@ -4,15 +4,27 @@ from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from daemon.recording.report_data import Array, Series
-from daemon.recording.report_style import ALARM, INK, MUTED, cycle_colours, figure
+from daemon.recording.report_data import Series
+from daemon.recording.report_style import (
+    ALARM,
+    INK,
+    MUTED,
+    cycle_colours,
+    figure,
+    legend_height_in,
+    panel_grid,
+    panels,
+)
+from daemon.recording.report_table import Array
 
 _NAMES: Final = "xyz"
 _PROJECTIONS: Final = ((0, 1), (0, 2), (1, 2))
 _LEGEND_CYCLES: Final = 8
+_LEGEND_COLUMNS: Final = 5
 _CLOSE_UP_SAMPLES: Final = 40
 
 
@@ -22,7 +34,9 @@ def path_figure(tip: Series) -> Figure | None:
     if not cycles:
         return None
     made = figure(8.6)
-    grid = made.add_gridspec(2, 2)
+    handles = _cycle_handles(cycles)
+    under_in = 0.25 + legend_height_in(len(handles), _LEGEND_COLUMNS)
+    grid = panel_grid(made, 2, 2, under_in=under_in, apart_in=0.8)
     space = made.add_subplot(grid[0, 0], projection="3d")
     everything = np.concatenate([points for _, points, _ in cycles])
     _draw_in_space(space, cycles)
@@ -34,7 +48,7 @@ def path_figure(tip: Series) -> Figure | None:
         axes.set_ylabel(f"{_NAMES[up]} / mm")
         axes.set_title(f"{_NAMES[across]}{_NAMES[up]} plane")
     _equal_box(space, everything)
-    _cycle_legend(made, cycles)
+    made.legend(handles=handles, loc="lower center", ncols=min(len(handles), _LEGEND_COLUMNS))
     return made
 
 
@@ -50,7 +64,7 @@ def close_up_figure(tip: Series) -> Figure | None:
         return (points - centre) @ plane.T
 
     made = figure(4.6)
-    whole, worst = made.subplots(1, 2)
+    whole, worst = panels(made, 1, 2)[0]
     shown = [cycles[0], cycles[-1]] if len(cycles) > 1 else [cycles[-1]]
     _draw(whole, shown, flat)
     whole.set_title("In the plane of the reference")
@@ -117,8 +131,8 @@ def _equal_box(axes: Any, points: Array) -> None:
 def _draw_worst(axes: Axes, tip: Array, reference: Array, at: int, error_mm: float) -> None:
     """The surroundings of one sample, with the error as lines from the reference to the tip."""
     near = slice(max(0, at - _CLOSE_UP_SAMPLES), at + _CLOSE_UP_SAMPLES + 1)
-    for one, other in zip(reference[near], tip[near], strict=True):
-        axes.plot([one[0], other[0]], [one[1], other[1]], color=MUTED, lw=0.4)
+    joints = np.stack([reference[near], tip[near]], axis=1)
+    axes.add_collection(LineCollection(list(joints), colors=MUTED, linewidths=0.4))
     axes.plot(*reference[near].T, color=INK, lw=1.0, ls=(0, (4, 3)), label="reference")
     axes.plot(*tip[near].T, color=cycle_colours(1)[0], lw=1.4, label="tip")
     axes.plot(
@@ -150,8 +164,3 @@ def _cycle_handles(cycles: list[Cycle]) -> list[Line2D]:
         label = f"tip, cycle {cycles[place][0] + 1}"
         handles.append(Line2D([], [], color=colours[place], lw=1.6, label=label))
     return handles
-
-
-def _cycle_legend(made: Figure, cycles: list[Cycle]) -> None:
-    handles = _cycle_handles(cycles)
-    made.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 5))

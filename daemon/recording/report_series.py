@@ -7,11 +7,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import NullFormatter
 
 from daemon.recording.error_table import CycleError
 from daemon.recording.report_course import course
-from daemon.recording.report_data import Array, RunData, Series
+from daemon.recording.report_data import RunData, Series
 from daemon.recording.report_style import (
     ACCENT,
     ALARM,
@@ -22,16 +21,22 @@ from daemon.recording.report_style import (
     WARNING,
     WIDTH_IN,
     figure,
+    legend_height_in,
     limits_of,
+    panels,
     series_colour,
     shade_states,
 )
+from daemon.recording.report_table import Array
 from daemon.remote.messages import AxisStatus
 
 _MS: Final = 1e3
 _COLUMNS: Final = 2
+_LEGEND_COLUMNS: Final = 6
 _DOTS_AT_MOST: Final = 120
 """More of them run into a line."""
+_NUMBERS_AT_MOST: Final = 5
+"""Along an axis of a small panel: each is drawn glyph by glyph."""
 _TIME: Final = "time / s"
 
 
@@ -41,7 +46,7 @@ def error_figure(run: RunData) -> Figure | None:
     if tip is None or not np.isfinite(tip["error_mm"]).any():
         return None
     made = figure(3.4)
-    axes = made.subplots()
+    axes = panels(made, 1, 1)[0, 0]
     leading = np.where((tip["running"] > 0) & (tip["cycle"] >= 0), np.nan, tip["error_mm"])
     counted = np.where((tip["running"] > 0) & (tip["cycle"] >= 0), tip["error_mm"], np.nan)
     _draw(axes, tip.t_s, leading, color=REFERENCE, lw=0.9)
@@ -69,8 +74,8 @@ def actuator_figure(run: RunData) -> Figure | None:
     count = axes_series["actual"].shape[1]
     rows = -(-count // _COLUMNS)
     made = figure(1.0 + 1.65 * rows)
-    panels = made.subplots(rows, _COLUMNS, sharex=True, squeeze=False)
-    for place, panel in enumerate(panels.flat):
+    grid = panels(made, rows, _COLUMNS, sharex=True, over_in=0.25, apart_in=0.4)
+    for place, panel in enumerate(grid.flat):
         if place >= count:
             panel.remove()
             continue
@@ -80,10 +85,11 @@ def actuator_figure(run: RunData) -> Figure | None:
         _draw(panel, t_s, actual[:, place], _COLUMNS, color=series_colour(place), lw=0.9)
         panel.set_title(name)
         panel.set_ylabel(unit)
+        panel.locator_params(nbins=_NUMBERS_AT_MOST)
         shade_states(panel, run.states, run.duration_s)
     _time_axis(
         [
-            panels[(count - 1 - c) // _COLUMNS][(count - 1 - c) % _COLUMNS]
+            grid[(count - 1 - c) // _COLUMNS][(count - 1 - c) % _COLUMNS]
             for c in range(min(count, _COLUMNS))
         ],
         run,
@@ -93,7 +99,7 @@ def actuator_figure(run: RunData) -> Figure | None:
             Line2D([], [], color=REFERENCE, lw=1.8, label="target"),
             Line2D([], [], color=INK, lw=0.9, label="actual"),
         ],
-        loc="outside upper right",
+        loc="upper right",
         ncols=2,
     )
     return made
@@ -107,9 +113,11 @@ def force_figure(run: RunData) -> Figure | None:
     count = axes_series["force"].shape[1]
     units = [_force_unit(run.axis_status, place) for place in range(count)]
     groups = sorted(set(units), key=units.index)
-    made = figure(0.8 + 2.4 * len(groups))
-    panels = made.subplots(len(groups), 1, sharex=True, squeeze=False)[:, 0]
-    for panel, unit in zip(panels, groups, strict=True):
+    over_in = legend_height_in(max(units.count(unit) for unit in groups), _LEGEND_COLUMNS)
+    made = figure(0.8 + (2.4 + over_in) * len(groups))
+    apart_in = 0.45 + over_in
+    column = panels(made, len(groups), 1, sharex=True, over_in=over_in, apart_in=apart_in)[:, 0]
+    for panel, unit in zip(column, groups, strict=True):
         for place in range(count):
             if units[place] == unit:
                 label = _axis_name(run.axis_status, place)[0]
@@ -118,9 +126,9 @@ def force_figure(run: RunData) -> Figure | None:
                     panel, axes_series.t_s, values, color=series_colour(place), lw=0.9, label=label
                 )
         panel.set_ylabel(f"force / {unit}" if unit else "force")
-        panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=6)
+        panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=_LEGEND_COLUMNS)
         shade_states(panel, run.states, run.duration_s)
-    _time_axis([panels[-1]], run)
+    _time_axis([column[-1]], run)
     return made
 
 
@@ -130,7 +138,7 @@ def risk_figure(run: RunData) -> Figure | None:
     if risk is None:
         return None
     made = figure(4.2)
-    above, below = made.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    above, below = panels(made, 2, 1, sharex=True, apart_in=0.2, heights=(3, 2))[:, 0]
     told = False
     for name, label, colour in (
         ("contact", "any part of the body in contact", ACCENT),
@@ -165,7 +173,7 @@ def timing_figure(run: RunData) -> Figure | None:
     if run.loop is None and intervals_ms is None:
         return None
     made = figure(3.1)
-    late, length, between = made.subplots(1, 3)
+    late, length, between = panels(made, 1, 3)[0]
     _draw_quantiles(late, run.loop, "lateness", ("p50", "p99", "max"))
     late.set_title("Lateness of bus cycles")
     _draw_quantiles(length, run.loop, "step", ("p50", "p99"))
@@ -174,10 +182,11 @@ def timing_figure(run: RunData) -> Figure | None:
         _nothing(between)
     else:
         high = float(np.percentile(intervals_ms, 99.5)) * 1.5
-        between.hist(np.minimum(intervals_ms, high), bins=60, color=ACCENT, alpha=0.85)
+        shown = np.minimum(intervals_ms, high)
+        between.hist(shown, bins=60, histtype="stepfilled", color=ACCENT, alpha=0.85)
         between.set_yscale("log")
         between.yaxis.set_major_formatter("{x:g}")  # powers of ten would be set as formulas
-        between.yaxis.set_minor_formatter(NullFormatter())
+        between.minorticks_off()
         between.set_ylim(top=4.0 * between.get_ylim()[1])
         median = float(np.median(intervals_ms))
         between.axvline(median, color=INK, lw=1.0, ls="--", label=f"median {median:.1f} ms")

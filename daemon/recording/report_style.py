@@ -2,6 +2,7 @@
 
 import base64
 import io
+from collections.abc import Sequence
 from typing import Any, Final
 
 import matplotlib as mpl
@@ -11,10 +12,11 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.collections import Collection
 from matplotlib.figure import Figure
+from matplotlib.gridspec import GridSpec
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from daemon.recording.report_data import Array
+from daemon.recording.report_table import Array
 
 INK: Final = "#1f2933"
 MUTED: Final = "#7b8794"
@@ -32,6 +34,14 @@ STATE_COLOURS: Final = {"hold": WARNING, "fault": ALARM, "estop": ALARM}
 
 WIDTH_IN: Final = 10.0
 _DPI: Final = 180
+_LEFT_IN: Final = 0.7
+_RIGHT_IN: Final = 0.15
+_BETWEEN_IN: Final = 0.8
+"""Beside the panels: a label and the widest numbers of an axis."""
+_TOP_IN: Final = 0.3
+"""Over the panels: a title or one line of a legend."""
+_BOTTOM_IN: Final = 0.48
+_LEGEND_LINE_IN: Final = 0.2
 _VECTOR_POINTS_AT_MOST: Final = 6000
 
 _STYLE: Final[Any] = {
@@ -40,6 +50,7 @@ _STYLE: Final[Any] = {
     "axes.titlesize": 10.0,
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
+    "axes.titley": 1.0,  # to look for a place free of ticks would cost an eighth of the drawing
     "axes.labelsize": 9.0,
     "axes.labelcolor": INK,
     "axes.edgecolor": MUTED,
@@ -70,9 +81,51 @@ def styled() -> Any:
 
 def figure(height_in: float) -> Figure:
     """An empty figure of a page's width."""
-    made = Figure(figsize=(WIDTH_IN, height_in), layout="constrained", facecolor="white")
+    made = Figure(figsize=(WIDTH_IN, height_in), facecolor="white")
     FigureCanvasSVG(made)
     return made
+
+
+def panel_grid(
+    made: Figure,
+    rows: int,
+    columns: int,
+    *,
+    over_in: float = 0.0,
+    under_in: float = 0.0,
+    apart_in: float = 0.0,
+    heights: Sequence[float] | None = None,
+) -> GridSpec:
+    """Where panels stand, with room for titles, labels and numbers around each.
+
+    over_in, under_in: more room above and below them all. apart_in: between one row and the next.
+    To find out by drawing how much room is needed would take longer than the drawing.
+    """
+    width_in, height_in = WIDTH_IN, float(made.get_figheight())
+    top_in, bottom_in = _TOP_IN + over_in, _BOTTOM_IN + under_in
+    panel_width_in = (width_in - _LEFT_IN - _RIGHT_IN - (columns - 1) * _BETWEEN_IN) / columns
+    panel_height_in = (height_in - top_in - bottom_in - (rows - 1) * apart_in) / rows
+    return made.add_gridspec(
+        rows,
+        columns,
+        left=_LEFT_IN / width_in,
+        right=1.0 - _RIGHT_IN / width_in,
+        bottom=bottom_in / height_in,
+        top=1.0 - top_in / height_in,
+        wspace=_BETWEEN_IN / panel_width_in,
+        hspace=apart_in / panel_height_in,
+        height_ratios=heights,
+    )
+
+
+def panels(made: Figure, rows: int, columns: int, *, sharex: bool = False, **room: Any) -> Any:
+    """Panels on a `panel_grid`: an array of Axes of shape (rows, columns)."""
+    return panel_grid(made, rows, columns, **room).subplots(sharex=sharex, squeeze=False)
+
+
+def legend_height_in(entries: int, columns: int) -> float:
+    """What a legend needs beyond its first line, for which there is room."""
+    return _LEGEND_LINE_IN * max(0, -(-entries // columns) - 1)
 
 
 def as_data_uri(made: Figure) -> str:
@@ -85,11 +138,6 @@ def as_data_uri(made: Figure) -> str:
         if sum(_points(one) for one in drawn) > _VECTOR_POINTS_AT_MOST:
             for one in drawn:
                 one.set_rasterized(True)
-    # Laid out once, and for good: saving would draw it all to nowhere first, to lay it out.
-    layout = made.get_layout_engine()
-    if layout is not None:
-        layout.execute(made)
-        made.set_layout_engine("none")
     buffer = io.BytesIO()
     made.savefig(buffer, format="svg", dpi=_DPI, metadata={"Date": None, "Creator": None})
     return "data:image/svg+xml;base64," + base64.b64encode(buffer.getvalue()).decode()

@@ -44,7 +44,10 @@ class RunMessage(NamedTuple):
 
 @dataclass
 class RunReader:
-    """One pass over a recording. What is cut off or damaged is left out and told."""
+    """One pass over a recording. What is cut off or damaged is left out and told.
+
+    Where the file has grown since, or been given its name, another pass goes on from there.
+    """
 
     path: Path
     schemas: dict[int, Schema] = field(default_factory=dict)
@@ -57,19 +60,21 @@ class RunReader:
     """Whether the file has come to its proper end."""
     read_bytes: int = 0
     """Up to here the file is made of whole records."""
+    _in_data: bool = True
+    """Or among the index and the repetitions that follow."""
 
     def records(self) -> Iterator[McapRecord]:
         """Schemas, channels, messages and metadata. Raises UnreadableRunError, OSError."""
         with self.path.open("rb") as file:
-            in_data = True
             for opcode, body in self._framed(file):
-                if opcode == Opcode.DATA_END:  # an index and repetitions follow
-                    in_data = False
+                if opcode == Opcode.DATA_END:
+                    self._in_data = False
                 elif opcode == Opcode.FOOTER:
                     self.whole = file.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC
-                    self.read_bytes = file.tell()
+                    if self.whole:  # if not, the next pass may find it so
+                        self.read_bytes = file.tell()
                     return
-                elif in_data and opcode in _PARSERS:
+                elif self._in_data and opcode in _PARSERS:
                     yield from self._content(opcode, body)
 
     def messages(self, topics: Iterable[str] | None = None) -> Iterator[RunMessage]:
@@ -87,13 +92,15 @@ class RunReader:
         magic = file.read(len(MCAP0_MAGIC))
         if magic != MCAP0_MAGIC[: len(magic)]:
             raise UnreadableRunError(f"{self.path} is not a recording: no MCAP file")
+        if len(magic) < len(MCAP0_MAGIC):
+            return
+        self.read_bytes = file.seek(max(self.read_bytes, len(magic)))
         while len(head := file.read(_RECORD_HEAD.size)) == _RECORD_HEAD.size:
             opcode, length = _RECORD_HEAD.unpack(head)
             if length > size - file.tell():
                 return
-            body = file.read(length)
+            yield opcode, file.read(length)
             self.read_bytes = file.tell()
-            yield opcode, body
 
     def _content(self, opcode: int, body: bytes) -> list[McapRecord]:
         try:
@@ -145,17 +152,37 @@ def _broken_up(chunk: Chunk) -> list[McapRecord]:
     return records
 
 
+class Fingerprint:
+    """Of the messages of some topics, in the order of writing."""
+
+    def __init__(self, topics: Iterable[str] = CONTROL_TOPICS) -> None:
+        self._hashes = {topic: hashlib.sha256() for topic in sorted(topics)}
+
+    @property
+    def topics(self) -> Iterable[str]:
+        return self._hashes.keys()
+
+    def take(self, message: RunMessage) -> None:
+        """Messages of other topics do not count."""
+        one = self._hashes.get(message.topic)
+        if one is not None:
+            one.update(_HASHED.pack(message.wall_ns, len(message.data)))
+            one.update(message.data)
+
+    def hexdigest(self) -> str:
+        whole = hashlib.sha256()
+        for topic, one in self._hashes.items():
+            whole.update(topic.encode() + b"\0" + one.digest())
+        return whole.hexdigest()
+
+
 def control_hash(path: Path, topics: Iterable[str] = CONTROL_TOPICS) -> str:
     """A fingerprint of what happened: topic, time and content of the control channels' messages.
 
     How messages were cut into chunks, and how channels are mixed, does not matter.
     Raises UnreadableRunError, OSError.
     """
-    hashes = {topic: hashlib.sha256() for topic in sorted(topics)}
-    for message in RunReader(path).messages(hashes):
-        hashes[message.topic].update(_HASHED.pack(message.wall_ns, len(message.data)))
-        hashes[message.topic].update(message.data)
-    whole = hashlib.sha256()
-    for topic, one in hashes.items():
-        whole.update(topic.encode() + b"\0" + one.digest())
-    return whole.hexdigest()
+    fingerprint = Fingerprint(topics)
+    for message in RunReader(path).messages(fingerprint.topics):
+        fingerprint.take(message)
+    return fingerprint.hexdigest()

@@ -7,6 +7,9 @@ import pytest
 from config.loader import RobotFile
 from daemon.experiment import pretrained
 from daemon.experiment.experiment_file import load_experiment
+from daemon.experiment.trial import TrialError
+from daemon.exploration import model_cache
+from daemon.learning.pretraining import PretrainingError
 
 EXPERIMENT = """
 experiment: learner
@@ -33,7 +36,7 @@ class Made:
 @pytest.fixture
 def made(monkeypatch: pytest.MonkeyPatch) -> Made:
     one = Made()
-    monkeypatch.setattr(pretrained, "pretrained", one)
+    monkeypatch.setattr(model_cache, "pretrained", one)
     return one
 
 
@@ -74,3 +77,14 @@ def test_no_model_is_made_where_none_is_wanted(
     controller = controller_of(tmp_path, EXPERIMENT.replace(*change))
     assert getattr(controller, "model", None) == model
     assert made.asked == []
+
+
+def test_what_cannot_be_learnt_is_a_failure_of_the_trial(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def cannot(*_: object) -> Path:
+        raise PretrainingError("3 lines are too few")
+
+    monkeypatch.setattr(model_cache, "pretrained", cannot)
+    with pytest.raises(TrialError, match="3 lines are too few"):
+        controller_of(tmp_path, EXPERIMENT)

@@ -124,7 +124,7 @@ def test_an_experiment_s_controller_is_loaded_with_its_model(
         asked.append((file.robot.robot, waypoints, seed))
         return tmp_path / "model.npz"
 
-    monkeypatch.setattr("daemon.experiment.pretrained.pretrained", made)
+    monkeypatch.setattr("daemon.exploration.model_cache.pretrained", made)
     shipped = Path(str(files("config") / "experiments" / "ho2018_table1_online.yaml"))
     with Daemon(root / ROBOT) as robot:
         hold_lease(root / ROBOT, robot)
