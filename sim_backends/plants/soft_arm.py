@@ -25,6 +25,8 @@ from sim_backends.plants.shooting import ConstantPull, Equilibrium, Path, Proble
 CHAMBERS = 6
 INTERVALS = 20
 SLIDERS = 6
+TOLERANCE = 4e-8
+"""Of equilibria, as `shooting.Solver` has it: they are known to some nanometres."""
 
 _DOWN = np.array([0.0, 0.0, -1.0])
 """It stands on its base."""
@@ -60,7 +62,7 @@ class SoftArm:
         self._pneumatic_lag_s = config.pneumatic_lag_s
         self._area_mm2 = config.chamber_area_mm2 * np.asarray(config.chamber_area_ratios)
         self._rod = _rod(config)
-        self._solver: Solver = ChamberSolver(self._rod)
+        self._solver: Solver = ChamberSolver(self._rod, TOLERANCE)
         self._weight_n = GRAVITY_N_G * config.mass_g * _DOWN
         self._hanging = (TipLoad(), np.zeros(3))
         self._rested, self._amount = self._rest()

@@ -10,7 +10,7 @@ from sim_backends.plants.chambers import ChamberSolver
 from sim_backends.plants.plant import FloatArray, PlantError, TipLoad
 from sim_backends.plants.rod_kernels import Settled, settle_chambers
 from sim_backends.plants.shooting import Solver
-from sim_backends.plants.soft_arm import SoftArm
+from sim_backends.plants.soft_arm import TOLERANCE, SoftArm
 from sim_backends.plants.variation import variation
 
 PAPER = SoftArmPlant(kind="soft_arm")
@@ -21,7 +21,7 @@ def arms(plant: SoftArmPlant) -> tuple[SoftArm, SoftArm]:
     """Twice the same arm; the second one has the general solver."""
     quick, general = SoftArm(plant, [25.0] * 6), SoftArm(plant, [25.0] * 6)
     assert isinstance(quick._solver, ChamberSolver)
-    general._solver = Solver(general._rod)
+    general._solver = Solver(general._rod, TOLERANCE)
     return quick, general
 
 
