@@ -75,6 +75,7 @@ class ChamberSolver(Solver):
         )
         if not settled.converged:  # it takes more than good steps
             return super()._guess(problem, start, ahead)
-        if not stable(drive, settled.march, settled.response, settled.unstable):
+        unstable = settled.unstable
+        if unstable and not stable(drive, settled.march, settled.response, unstable):
             return None
         return Equilibrium(settled.march, settled.unknowns, settled.response)

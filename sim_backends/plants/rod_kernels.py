@@ -82,7 +82,7 @@ class ChamberDrive(NamedTuple):
 
 
 class Settled(NamedTuple):
-    """What `settle_chambers` has arrived at.
+    """What `settle_chambers` has arrived at, all of it finite.
 
     march, unknowns (3+m,) and response (3+m, 3+m) as in `shooting.Equilibrium`, unstable as
     `unstable_directions` counts; of no meaning where it has not `converged`.
@@ -832,6 +832,12 @@ def settle_chambers(
         if error <= tolerance:
             answer, transfer = np.empty((size, size)), np.empty((rod.step.shape[0], 6, 6))
             if not tangent(rod, drive.presence, here, answer, transfer):
+                break
+            total = 0.0
+            for a in range(size):
+                for b in range(size):
+                    total += abs(answer[a, b])
+            if not total < np.inf:
                 break
             unstable = unstable_directions(rod.step, transfer, foundation)
             return Settled(True, here, unknowns, answer, unstable)

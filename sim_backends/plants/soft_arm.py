@@ -58,13 +58,15 @@ class SoftArm:
         self._cylinder_mm3 = 1e3 * config.cylinder_volume_ml
         """With the piston at zero."""
         self._tube_mm3 = 1e3 * config.tube_volume_ml
-        self._end_mm = self._cylinder_mm3 / self._piston_mm2
+        self._end_mm: list[float] = (self._cylinder_mm3 / self._piston_mm2).tolist()
         self._pneumatic_lag_s = config.pneumatic_lag_s
         self._area_mm2 = config.chamber_area_mm2 * np.asarray(config.chamber_area_ratios)
         self._rod = _rod(config)
         self._solver: Solver = ChamberSolver(self._rod, TOLERANCE)
         self._weight_n = GRAVITY_N_G * config.mass_g * _DOWN
         self._hanging = (TipLoad(), np.zeros(3))
+        self._pulled_by = (np.zeros(3), np.zeros((0, 3)))
+        """A force at the tip, and what it makes inside."""
         self._rested, self._amount = self._rest()
         self._memory = self._rested
 
@@ -151,8 +153,10 @@ class SoftArm:
         stiffness: FloatArray,
         rest: FloatArray,
     ) -> Problem:
+        if tip_n is not self._pulled_by[0]:  # the same hangs there for most steps
+            self._pulled_by = (tip_n, self._rod.internal_force(tip_n, self._weight_n))
         drive = Chambers(self._rod.presence, gas, sliders)
-        return Problem(self._rod.internal_force(tip_n, self._weight_n), drive, stiffness, rest)
+        return Problem(self._pulled_by[1], drive, stiffness, rest)
 
     def _gas(self, memory: _Memory, cylinder_mm3: FloatArray, dt_s: float) -> GasLines:
         kept = exp(-dt_s / self._pneumatic_lag_s)
@@ -170,14 +174,12 @@ class SoftArm:
         positions = np.asarray(actuators, dtype=np.float64)
         if positions.shape != (CHAMBERS,):
             raise PlantError(f"the arm has {CHAMBERS} actuators, not {np.size(actuators)}")
-        end = self._end_mm
-        possible = np.abs(positions) < end
-        if not possible.all():
-            index = int(np.argmin(possible))
-            raise PlantError(
-                f"actuator {index} cannot be at {positions[index]:g} mm: its piston meets the ends "
-                f"of the cylinder at {-end[index]:.1f} and {end[index]:.1f} mm"
-            )
+        for index, (place, end) in enumerate(zip(positions.tolist(), self._end_mm, strict=True)):
+            if not -end < place < end:
+                raise PlantError(
+                    f"actuator {index} cannot be at {place:g} mm: its piston meets the ends of the "
+                    f"cylinder at {-end:.1f} and {end:.1f} mm"
+                )
         return np.asarray(self._cylinder_mm3 - self._piston_mm2 * positions)
 
     def _rest(self) -> tuple[_Memory, FloatArray]:
