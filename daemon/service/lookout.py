@@ -61,12 +61,13 @@ class Lookout:
         failsafe.set("loop_slow", self._missing_cycles, now_ns, "loop")
         outside = self._supervisor.energised and loop.outside_workspace
         failsafe.set("out_of_workspace", outside, now_ns, "tip")
-        targets = loop.target_counts(now_ns)
-        for place, channel in enumerate(loop.channels):
-            behind = self._following_error.behind(place, targets[place], now_ns)
-            if behind or failsafe.watching:
-                told = "it does not move" if behind else ""
-                failsafe.set("drive_following_error", behind, now_ns, channel.axis.name, told)
+        behind = self._following_error.behind(loop.target_counts(now_ns), now_ns)
+        if behind or failsafe.watching:
+            for place, channel in enumerate(loop.channels):
+                told = "it does not move" if place in behind else ""
+                failsafe.set(
+                    "drive_following_error", place in behind, now_ns, channel.axis.name, told
+                )
 
     def look_at_recorder(self) -> None:
         """How the recording does, and how much room there is for it."""

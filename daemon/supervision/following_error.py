@@ -22,14 +22,17 @@ class FollowingError:
         self._allowed_ns = [round(c.axis.following_error_time_s * 1e9) for c in channels]
         self._since_ns: list[int | None] = [None] * len(channels)
 
-    def behind(self, place: int, target_counts: int, t_ns: int) -> bool:
-        """Whether the axis at `place` has been too far from its targets for too long."""
-        channel = self._channels[place]
-        far = abs(target_counts - channel.position_counts) > self._allowed[place]
-        if not (far and channel.following):
-            self._since_ns[place] = None
-            return False
-        since_ns = self._since_ns[place]
-        if since_ns is None:
-            since_ns = self._since_ns[place] = t_ns
-        return t_ns - since_ns > self._allowed_ns[place]
+    def behind(self, targets: Sequence[int], t_ns: int) -> set[int]:
+        """The places of axes that have been too far from their targets, in counts, for too long."""
+        behind, since_ns = set(), self._since_ns
+        for place, channel in enumerate(self._channels):
+            far = abs(targets[place] - channel.position_counts) > self._allowed[place]
+            if far and channel.following:
+                began_ns = since_ns[place]
+                if began_ns is None:
+                    began_ns = since_ns[place] = t_ns
+                if t_ns - began_ns > self._allowed_ns[place]:
+                    behind.add(place)
+            else:
+                since_ns[place] = None
+        return behind
