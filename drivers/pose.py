@@ -30,12 +30,16 @@ class Pose(NamedTuple):
             np.array(product(orientation, other.quaternion.tolist())),
         )
 
-    def inverse(self) -> Self:
-        """The placement of the parent in this frame."""
-        w, x, y, z = self.quaternion.tolist()
+    def seen_from(self, other: Self) -> Self:
+        """The placement of this frame in that of `other`, which has the same parent."""
+        w, x, y, z = other.quaternion.tolist()
         back = (w, -x, -y, -z)
+        a, b, c = turned(back, other.position_mm.tolist())
         u, v, t = turned(back, self.position_mm.tolist())
-        return type(self)(np.array([-u, -v, -t]), np.array(back))
+        return type(self)(
+            np.array([-a + u, -b + v, -c + t]),
+            np.array(product(back, self.quaternion.tolist())),
+        )
 
 
 # Written out in scalars: on vectors of three, numpy's own products take twenty times as long.

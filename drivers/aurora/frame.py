@@ -7,13 +7,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drivers.aurora.status_bits import HandleState, PortStatus, SystemStatus
+from drivers.aurora.status_bits import (
+    HandleState,
+    PortStatus,
+    SystemStatus,
+    port_status,
+    system_status,
+)
 from drivers.aurora.tracking_data import ToolReading, TrackingData
 from drivers.pose import Pose
 
 _OUTSIDE = PortStatus.OUT_OF_VOLUME | PortStatus.PARTIALLY_OUT_OF_VOLUME
 _UNIT_LENGTH_TOLERANCE = 0.02
 _FARTHEST_MM = 10_000.0
+_VALID = HandleState.VALID
 
 
 class Absence(Enum):
@@ -23,6 +30,14 @@ class Absence(Enum):
     DISABLED = "disabled"
     IMPLAUSIBLE = "implausible"
     """Numbers came, but they are not a pose."""
+
+
+_ABSENCES: Mapping[HandleState, Absence] = {
+    HandleState.VALID: Absence.IMPLAUSIBLE,
+    HandleState.MISSING: Absence.MISSING,
+    HandleState.DISABLED: Absence.DISABLED,
+}
+"""Why there is no pose, by what the reply says."""
 
 
 class ToolSample(NamedTuple):
@@ -88,7 +103,7 @@ class FrameAssembler:
     ) -> TrackerFrame:
         """The frame in a reply."""
         tools = self.samples(data)
-        status = SystemStatus(data.system_status)
+        status = system_status(data.system_status)
         return TrackerFrame(frame_number, t_ns, received_ns, tools, status, self._tip(tools))
 
     def _tip(self, tools: Mapping[str, ToolSample]) -> Pose | None:
@@ -98,26 +113,14 @@ class FrameAssembler:
         base = tools.get("base")
         if base is None or base.pose is None:
             return None
-        return base.pose.inverse() @ tip.pose
+        return tip.pose.seen_from(base.pose)
 
 
 def _sample(reading: ToolReading) -> ToolSample:
-    pose = absence = None
-    if reading.state is HandleState.VALID:
-        pose = _pose(reading)
-        absence = Absence.IMPLAUSIBLE if pose is None else None
-    elif reading.state is HandleState.MISSING:
-        absence = Absence.MISSING
-    else:
-        absence = Absence.DISABLED
-    return ToolSample(
-        reading.handle,
-        reading.state,
-        pose,
-        absence,
-        PortStatus(reading.port_status),
-        reading.indicator,
-    )
+    handle, state, _, _, indicator, status, _ = reading
+    pose = _pose(reading) if state is _VALID else None
+    absence = None if pose is not None else _ABSENCES[state]
+    return ToolSample(handle, state, pose, absence, port_status(status), indicator)
 
 
 def _pose(reading: ToolReading) -> Pose | None:
@@ -131,4 +134,6 @@ def _pose(reading: ToolReading) -> Pose | None:
         return None
     if not math.hypot(*position_mm) <= _FARTHEST_MM:
         return None
-    return Pose(np.array(position_mm), np.array(quaternion) / length)
+    q0, qx, qy, qz = quaternion
+    unit = (q0 / length, qx / length, qy / length, qz / length)
+    return Pose(np.array(position_mm), np.array(unit))
