@@ -13,13 +13,17 @@ from sim_backends.devices.aurora.agenda import Agenda
 from sim_backends.devices.aurora.faults import Pending
 from sim_backends.devices.aurora.frames import FrameGrid
 from sim_backends.devices.aurora.measurement import Measured, Sensing
-from sim_backends.devices.aurora.rack import Handle, Rack, Socket
+from sim_backends.devices.aurora.rack import Handle, Rack
 
 BodyPoses = Callable[[int], Mapping[str, Pose]]
 """Poses of `tip` and `base` in the robot's base frame at a host time in ns."""
 
 _BESIDE_THE_GENERATOR = Pose(np.array([400.0, 0.0, 50.0]), np.array([1.0, 0.0, 0.0, 0.0]))
-_OUTSIDE = int(PortStatus.OUT_OF_VOLUME | PortStatus.PARTIALLY_OUT_OF_VOLUME)
+_SENSOR_BROKEN = PortStatus.SENSOR_BROKEN.value
+_OUT_OF_VOLUME = PortStatus.OUT_OF_VOLUME.value
+_PARTIALLY_OUT_OF_VOLUME = PortStatus.PARTIALLY_OUT_OF_VOLUME.value
+_OUTSIDE = _OUT_OF_VOLUME | _PARTIALLY_OUT_OF_VOLUME
+_VALID, _MISSING, _DISABLED = HandleState.VALID, HandleState.MISSING, HandleState.DISABLED
 
 
 class Frame(NamedTuple):
@@ -98,65 +102,60 @@ class Tracking:
         self._index += 1
         t_ns = self._agenda.now_ns
         if self.latest is None or not self._pending.holds("frozen", t_ns):
-            poses = self._body_poses(t_ns)
-            measured = {
-                number: self._measured(handle.socket, poses, t_ns)
-                for number, handle in self._rack.handles.items()
-                if handle.enabled
-            }
-            self.latest = Frame(self._grid.number(self._index), t_ns, measured)
+            self.latest = Frame(self._grid.number(self._index), t_ns, self._measured(t_ns))
         self._schedule(run)
 
-    def _measured(self, socket: Socket, poses: Mapping[str, Pose], t_ns: int) -> Measured:
-        pose = poses.get(socket.tool.attached_to)
-        true = self._seen(socket.name, pose) if pose is not None else _BESIDE_THE_GENERATOR
-        period_s = self._grid.period_ns * 1e-9
-        measured = self._sensing.measure(socket.tool, true, period_s, self._grid.is_fast)
-        if not self._outliers and not self._pending.any_lasts:
-            return measured
-        return self._with_faults(measured, socket.name, t_ns)
+    def _measured(self, t_ns: int) -> Mapping[int, Measured]:
+        """All enabled tools, by handle."""
+        poses = self._body_poses(t_ns)
+        period_s, fast = self._grid.period_ns * 1e-9, self._grid.is_fast
+        disturbed = self._outliers or self._pending.any_lasts
+        found = {}
+        for number, handle in self._rack.handles.items():
+            if handle.enabled:
+                tool = handle.socket.tool
+                true = self._seen(tool.attached_to, poses)
+                measured = self._sensing.measure(tool, true, period_s, fast)
+                if disturbed:
+                    measured = self._with_faults(measured, handle.socket.name, t_ns)
+                found[number] = measured
+        return found
 
-    def _seen(self, who: str, pose: Pose) -> Pose:
+    def _seen(self, attached_to: str, poses: Mapping[str, Pose]) -> Pose:
         """In the field generator's frame; what does not move is not worked out again."""
-        last = self._true_poses.get(who)
+        pose = poses.get(attached_to)
+        if pose is None:
+            return _BESIDE_THE_GENERATOR
+        last = self._true_poses.get(attached_to)
         if last is None or last[0] is not pose:
-            last = self._true_poses[who] = (pose, self._base @ pose)
+            last = self._true_poses[attached_to] = (pose, self._base @ pose)
         return last[1]
 
     def _with_faults(self, measured: Measured, who: str, t_ns: int) -> Measured:
         holds = self._pending.holds
         offset_mm = self._outliers.pop(who, None)
         if holds("missing", t_ns, who) or holds("unplug_field_generator", t_ns):
-            return Measured(None)
+            return Measured(None, None)
         if holds("broken_sensor", t_ns, who):
-            return Measured(None, PortStatus.SENSOR_BROKEN)
-        pose = measured.pose
-        if pose is not None and offset_mm is not None:
-            measured = measured._replace(pose=Pose(pose.position_mm + offset_mm, pose.quaternion))
-        if pose is not None and holds("implausible_pose", t_ns, who):
-            measured = measured._replace(pose=Pose(pose.position_mm, np.zeros(4)))
+            return Measured(None, None, _SENSOR_BROKEN)
+        if measured.position_mm is not None and offset_mm is not None:
+            (x, y, z), (u, v, w) = measured.position_mm, offset_mm.tolist()
+            measured = measured._replace(position_mm=(x + u, y + v, z + w))
+        if measured.quaternion is not None and holds("implausible_pose", t_ns, who):
+            measured = measured._replace(quaternion=(0.0, 0.0, 0.0, 0.0))
         if holds("out_of_volume", t_ns, who):
-            return measured._replace(flags=PortStatus.OUT_OF_VOLUME)
+            return measured._replace(flags=_OUT_OF_VOLUME)
         if holds("partially_out_of_volume", t_ns, who):
-            return measured._replace(flags=PortStatus.PARTIALLY_OUT_OF_VOLUME)
+            return measured._replace(flags=_PARTIALLY_OUT_OF_VOLUME)
         return measured
 
 
 def _reading(number: int, handle: Handle, frame: Frame, out_of_volume_too: bool) -> ToolReading:
     measured = frame.measured.get(number)
     if not handle.enabled or measured is None:
-        return ToolReading(number, HandleState.DISABLED)
-    status = handle.bits | measured.flags.value
-    if measured.pose is None or (measured.flags.value & _OUTSIDE and not out_of_volume_too):
-        return ToolReading(number, HandleState.MISSING, None, None, 0.0, status, frame.number)
-    q0, qx, qy, qz = measured.pose.quaternion.tolist()
-    x, y, z = measured.pose.position_mm.tolist()
-    return ToolReading(
-        number,
-        HandleState.VALID,
-        (q0, qx, qy, qz),
-        (x, y, z),
-        measured.indicator,
-        status,
-        frame.number,
-    )
+        return ToolReading(number, _DISABLED)
+    position_mm, quaternion, flags, indicator = measured
+    status = handle.bits | flags
+    if position_mm is None or (flags & _OUTSIDE and not out_of_volume_too):
+        return ToolReading(number, _MISSING, None, None, 0.0, status, frame.number)
+    return ToolReading(number, _VALID, quaternion, position_mm, indicator, status, frame.number)
