@@ -5,8 +5,6 @@ from collections.abc import Mapping
 from enum import Enum
 from typing import NamedTuple
 
-import numpy as np
-
 from drivers.aurora.status_bits import (
     HandleState,
     PortStatus,
@@ -15,7 +13,7 @@ from drivers.aurora.status_bits import (
     system_status,
 )
 from drivers.aurora.tracking_data import ToolReading, TrackingData
-from drivers.pose import Pose
+from drivers.pose import PlainPose, Pose
 
 _OUTSIDE = PortStatus.OUT_OF_VOLUME | PortStatus.PARTIALLY_OUT_OF_VOLUME
 _UNIT_LENGTH_TOLERANCE = 0.02
@@ -45,7 +43,7 @@ class ToolSample(NamedTuple):
 
     handle: int
     state: HandleState
-    pose: Pose | None
+    plain_pose: PlainPose | None
     """In the field generator's frame. Roll about the sensor's axis (z) means nothing at 5 degrees
     of freedom."""
     absence: Absence | None
@@ -53,6 +51,11 @@ class ToolSample(NamedTuple):
     port_status: PortStatus
     indicator: float
     """0 to 9.9, larger is a worse fit; always 0 for a sensor with 5 degrees of freedom."""
+
+    @property
+    def pose(self) -> Pose | None:
+        """In the field generator's frame."""
+        return None if self.plain_pose is None else self.plain_pose.vectors()
 
     @property
     def in_volume(self) -> bool:
@@ -108,12 +111,14 @@ class FrameAssembler:
 
     def _tip(self, tools: Mapping[str, ToolSample]) -> Pose | None:
         tip = tools.get("tip")
-        if tip is None or tip.pose is None or not self._has_base:
-            return None if tip is None else tip.pose
-        base = tools.get("base")
-        if base is None or base.pose is None:
+        if tip is None or tip.plain_pose is None:
             return None
-        return tip.pose.seen_from(base.pose)
+        if not self._has_base:
+            return tip.pose
+        base = tools.get("base")
+        if base is None or base.plain_pose is None:
+            return None
+        return tip.plain_pose.seen_from(base.plain_pose).vectors()
 
 
 def _sample(reading: ToolReading) -> ToolSample:
@@ -123,7 +128,7 @@ def _sample(reading: ToolReading) -> ToolSample:
     return ToolSample(handle, state, pose, absence, port_status(status), indicator)
 
 
-def _pose(reading: ToolReading) -> Pose | None:
+def _pose(reading: ToolReading) -> PlainPose | None:
     """The pose of a valid reading, its quaternion brought to unit length."""
     quaternion, position_mm = reading.quaternion, reading.position_mm
     if quaternion is None or position_mm is None:
@@ -135,5 +140,4 @@ def _pose(reading: ToolReading) -> Pose | None:
     if not math.hypot(*position_mm) <= _FARTHEST_MM:
         return None
     q0, qx, qy, qz = quaternion
-    unit = (q0 / length, qx / length, qy / length, qz / length)
-    return Pose(np.array(position_mm), np.array(unit))
+    return PlainPose(position_mm, (q0 / length, qx / length, qy / length, qz / length))

@@ -57,8 +57,8 @@ def decode_bx(body: bytes) -> TrackingData:
         for _ in range(body[0]):
             state = body[at + 1]
             if state == _VALID:
-                handle, _, q0, qx, qy, qz, x, y, z, fit, status, frame = (
-                    _VALID_READING.unpack_from(body, at)
+                handle, _, q0, qx, qy, qz, x, y, z, fit, status, frame = _VALID_READING.unpack_from(
+                    body, at
                 )
                 at += _VALID_READING.size
                 q, p = (q0, qx, qy, qz), (x, y, z)

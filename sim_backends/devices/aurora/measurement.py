@@ -1,6 +1,5 @@
 """From a sensor's true pose to what the tracker says: distortion, jitter, outliers, the volume."""
 
-from collections.abc import Sequence
 from math import hypot
 from typing import NamedTuple
 
@@ -8,7 +7,7 @@ import numpy as np
 
 from config.emulated_tracker import EmulatedTool, EmulatedTracker
 from drivers.aurora.status_bits import PortStatus
-from drivers.pose import Pose, Quaternion, product, turned
+from drivers.pose import PlainPose, Position, Quaternion, product, turned
 from sim_backends.devices.aurora.distortion import SmoothField, in_volume
 
 _COIL_MM = (0.0, 0.0, 4.5)
@@ -30,29 +29,18 @@ Triple = tuple[float, float, float]
 class Measured(NamedTuple):
     """What was measured of one sensor in one frame."""
 
-    position_mm: Triple | None
+    pose: PlainPose | None
     """In the field generator's frame; None where nothing can be told."""
-    quaternion: Quaternion | None
-    """Scalar first; None where nothing can be told."""
     flags: int = _IN_VOLUME
     """Bits of a port's status: out of volume, and faults of the sensor."""
     indicator: float = 0.0
-
-    @property
-    def pose(self) -> Pose | None:
-        """Position and quaternion."""
-        if self.position_mm is None or self.quaternion is None:
-            return None
-        return Pose(np.array(self.position_mm), np.array(self.quaternion))
 
 
 class _Sight(NamedTuple):
     """A sensor at a true pose, and what is fixed by it."""
 
     tool: EmulatedTool
-    true: Pose
-    position_mm: list[float]
-    quaternion: list[float]
+    true: PlainPose
     shift_mm: Triple
     turn_rad: Triple
     """By what the field is wrong there."""
@@ -79,12 +67,12 @@ class Sensing:
         self._drawn: list[tuple[list[float], list[float]]] = []
         """Of the next readings: six of a normal distribution, and two from 0 to 1."""
 
-    def measure(self, tool: EmulatedTool, true: Pose, period_s: float, fast: bool) -> Measured:
+    def measure(self, tool: EmulatedTool, true: PlainPose, period_s: float, fast: bool) -> Measured:
         """One reading of a sensor whose true pose is given in the field generator's frame."""
         sight = self._sights.get(tool.serial)
         if sight is None or sight.true is not true or sight.tool is not tool:
             sight = self._sights[tool.serial] = self._sight(tool, true)
-        _, _, (x, y, z), orientation, (u, v, w), (a, b, c), spread, flags = sight
+        _, ((x, y, z), orientation), (u, v, w), (a, b, c), spread, flags = sight
         (m0, m1, m2, r0, r1, r2), (chance, fit) = self._draw()
         config = self._config
         if fast:
@@ -96,20 +84,18 @@ class Sensing:
         if chance < config.outliers_per_s * period_s:
             position_mm = self._displaced(position_mm)
         if tool.degrees_of_freedom == 5:
-            return Measured(position_mm, _without_roll(quaternion), flags)
-        return Measured(position_mm, quaternion, flags, _INDICATOR * (0.5 + fit))
+            return Measured(PlainPose(position_mm, _without_roll(quaternion)), flags)
+        return Measured(PlainPose(position_mm, quaternion), flags, _INDICATOR * (0.5 + fit))
 
-    def _sight(self, tool: EmulatedTool, true: Pose) -> _Sight:
-        place, orientation = true.position_mm.tolist(), true.quaternion.tolist()
+    def _sight(self, tool: EmulatedTool, true: PlainPose) -> _Sight:
+        place = true.position_mm
         return _Sight(
             tool,
             true,
-            place,
-            orientation,
             self._displacement.at_point(*place),
             self._turn.at_point(*place),
             0.5 + 0.5 * (hypot(*place) / _NEAR_MM) ** 2,
-            _outside(tool, place, orientation),
+            _outside(tool, true),
         )
 
     def _draw(self) -> tuple[list[float], list[float]]:
@@ -119,7 +105,7 @@ class Sensing:
             self._drawn = list(zip(normal, even, strict=True))
         return self._drawn.pop()
 
-    def _displaced(self, position_mm: Triple) -> Triple:
+    def _displaced(self, position_mm: Position) -> Position:
         """An outlier."""
         low_mm, high_mm = self._config.outlier_mm
         direction = self._random.normal(size=3)
@@ -129,11 +115,11 @@ class Sensing:
         return x + u, y + v, z + w
 
 
-def _outside(tool: EmulatedTool, place_mm: Sequence[float], orientation: Sequence[float]) -> int:
-    x, y, z = place_mm
+def _outside(tool: EmulatedTool, true: PlainPose) -> int:
+    x, y, z = true.position_mm
     if tool.degrees_of_freedom == 5:
         return _IN_VOLUME if in_volume(x, y, z) else _OUT_OF_VOLUME
-    u, v, w = turned(orientation, _COIL_MM)
+    u, v, w = turned(true.quaternion, _COIL_MM)
     one, other = in_volume(x + u, y + v, z + w), in_volume(x - u, y - v, z - w)
     if one and other:
         return _IN_VOLUME

@@ -8,7 +8,7 @@ import numpy as np
 from config.emulated_tracker import EmulatedTracker
 from drivers.aurora.status_bits import HandleState, PortStatus
 from drivers.aurora.tracking_data import ToolReading
-from drivers.pose import Pose, Vector
+from drivers.pose import PlainPose, Pose, Vector
 from sim_backends.devices.aurora.agenda import Agenda
 from sim_backends.devices.aurora.faults import Pending
 from sim_backends.devices.aurora.frames import FrameGrid
@@ -18,7 +18,8 @@ from sim_backends.devices.aurora.rack import Handle, Rack
 BodyPoses = Callable[[int], Mapping[str, Pose]]
 """Poses of `tip` and `base` in the robot's base frame at a host time in ns."""
 
-_BESIDE_THE_GENERATOR = Pose(np.array([400.0, 0.0, 50.0]), np.array([1.0, 0.0, 0.0, 0.0]))
+_BESIDE_THE_GENERATOR = PlainPose((400.0, 0.0, 50.0), (1.0, 0.0, 0.0, 0.0))
+_NO_ROTATION = (0.0, 0.0, 0.0, 0.0)
 _SENSOR_BROKEN = PortStatus.SENSOR_BROKEN.value
 _OUT_OF_VOLUME = PortStatus.OUT_OF_VOLUME.value
 _PARTIALLY_OUT_OF_VOLUME = PortStatus.PARTIALLY_OUT_OF_VOLUME.value
@@ -54,8 +55,8 @@ class Tracking:
         self._pending = pending
         self._sensing = Sensing(config, seed)
         turn = np.array(config.base_quaternion)
-        self._base = Pose(np.array(config.base_position_mm), turn / np.linalg.norm(turn))
-        self._true_poses: dict[str, tuple[Pose, Pose]] = {}
+        self._base = Pose(np.array(config.base_position_mm), turn / np.linalg.norm(turn)).plain()
+        self._true_poses: dict[str, tuple[Pose, PlainPose]] = {}
         """The last one of each sensor, in the robot's frame and in the field generator's."""
         self._outliers: dict[str, Vector] = {}
         self._run = 0
@@ -121,28 +122,27 @@ class Tracking:
                 found[number] = measured
         return found
 
-    def _seen(self, attached_to: str, poses: Mapping[str, Pose]) -> Pose:
+    def _seen(self, attached_to: str, poses: Mapping[str, Pose]) -> PlainPose:
         """In the field generator's frame; what does not move is not worked out again."""
         pose = poses.get(attached_to)
         if pose is None:
             return _BESIDE_THE_GENERATOR
         last = self._true_poses.get(attached_to)
         if last is None or last[0] is not pose:
-            last = self._true_poses[attached_to] = (pose, self._base @ pose)
+            last = self._true_poses[attached_to] = (pose, self._base @ pose.plain())
         return last[1]
 
     def _with_faults(self, measured: Measured, who: str, t_ns: int) -> Measured:
         holds = self._pending.holds
         offset_mm = self._outliers.pop(who, None)
         if holds("missing", t_ns, who) or holds("unplug_field_generator", t_ns):
-            return Measured(None, None)
+            return Measured(None)
         if holds("broken_sensor", t_ns, who):
-            return Measured(None, None, _SENSOR_BROKEN)
-        if measured.position_mm is not None and offset_mm is not None:
-            (x, y, z), (u, v, w) = measured.position_mm, offset_mm.tolist()
-            measured = measured._replace(position_mm=(x + u, y + v, z + w))
-        if measured.quaternion is not None and holds("implausible_pose", t_ns, who):
-            measured = measured._replace(quaternion=(0.0, 0.0, 0.0, 0.0))
+            return Measured(None, _SENSOR_BROKEN)
+        if measured.pose is not None and offset_mm is not None:
+            measured = measured._replace(pose=_displaced(measured.pose, offset_mm))
+        if measured.pose is not None and holds("implausible_pose", t_ns, who):
+            measured = measured._replace(pose=measured.pose._replace(quaternion=_NO_ROTATION))
         if holds("out_of_volume", t_ns, who):
             return measured._replace(flags=_OUT_OF_VOLUME)
         if holds("partially_out_of_volume", t_ns, who):
@@ -150,12 +150,18 @@ class Tracking:
         return measured
 
 
+def _displaced(pose: PlainPose, offset_mm: Vector) -> PlainPose:
+    (x, y, z), (u, v, w) = pose.position_mm, offset_mm.tolist()
+    return PlainPose((x + u, y + v, z + w), pose.quaternion)
+
+
 def _reading(number: int, handle: Handle, frame: Frame, out_of_volume_too: bool) -> ToolReading:
     measured = frame.measured.get(number)
     if not handle.enabled or measured is None:
         return ToolReading(number, _DISABLED)
-    position_mm, quaternion, flags, indicator = measured
+    pose, flags, indicator = measured
     status = handle.bits | flags
-    if position_mm is None or (flags & _OUTSIDE and not out_of_volume_too):
+    if pose is None or (flags & _OUTSIDE and not out_of_volume_too):
         return ToolReading(number, _MISSING, None, None, 0.0, status, frame.number)
+    position_mm, quaternion = pose
     return ToolReading(number, _VALID, quaternion, position_mm, indicator, status, frame.number)
