@@ -39,4 +39,8 @@ class Agenda:
             action()
         if t_ns > self.now_ns:
             self.now_ns = t_ns
-        return min([seen_ns for _, _, _, seen_ns in due]) if due else None
+        next_ns = None
+        for _, _, _, seen_ns in due:
+            if next_ns is None or seen_ns < next_ns:
+                next_ns = seen_ns
+        return next_ns
