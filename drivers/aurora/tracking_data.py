@@ -85,13 +85,12 @@ def encode_bx(data: TrackingData) -> bytes:
     parts = [bytes([_count(data.readings)])]
     try:
         for reading in data.readings:
-            handle, state, _, _, indicator, status, _ = reading
+            handle, state, _, _, indicator, status, frame = reading
             if state is _VALID:
                 q, p = _pose(reading)
-                frame = _frame(reading)
                 parts.append(_VALID_READING.pack(handle, state, *q, *p, indicator, status, frame))
             elif state is _MISSING:
-                parts.append(_MISSING_READING.pack(handle, state, status, _frame(reading)))
+                parts.append(_MISSING_READING.pack(handle, state, status, frame))
             else:
                 parts.append(_DISABLED_READING.pack(handle, state))
         parts.append(_SYSTEM_STATUS.pack(data.system_status))

@@ -1,6 +1,7 @@
 """The measuring side of the emulated tracker: a frame at a time, from the body's true poses."""
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -60,6 +61,7 @@ class Tracking:
         """The last one of each sensor, in the robot's frame and in the field generator's."""
         self._outliers: dict[str, Vector] = {}
         self._run = 0
+        self._measure_next: Callable[[], None] = partial(self._measure, self._run)
         self._index = 0
         self._reported = -1
         self.latest: Frame | None = None
@@ -69,7 +71,8 @@ class Tracking:
         self.stop()
         self._index = 0
         self._reported = -1
-        self._schedule(self._run)
+        self._measure_next = partial(self._measure, self._run)
+        self._schedule()
 
     def stop(self) -> None:
         """Measure no longer."""
@@ -94,8 +97,8 @@ class Tracking:
         """The next reading of this tool is off by so much. offset_mm: (3,)."""
         self._outliers[who] = offset_mm
 
-    def _schedule(self, run: int) -> None:
-        self._agenda.at(self._grid.host_ns(self._index + 1), lambda: self._measure(run))
+    def _schedule(self) -> None:
+        self._agenda.at(self._grid.host_ns(self._index + 1), self._measure_next)
 
     def _measure(self, run: int) -> None:
         if run != self._run:
@@ -104,7 +107,7 @@ class Tracking:
         t_ns = self._agenda.now_ns
         if self.latest is None or not self._pending.holds("frozen", t_ns):
             self.latest = Frame(self._grid.number(self._index), t_ns, self._measured(t_ns))
-        self._schedule(run)
+        self._schedule()
 
     def _measured(self, t_ns: int) -> Mapping[int, Measured]:
         """All enabled tools, by handle."""
