@@ -1,12 +1,13 @@
 """Poses as the tracker gives them."""
 
 from collections.abc import Sequence
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 Vector = NDArray[np.float64]
+Position = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 """Scalar first."""
 
@@ -20,22 +21,37 @@ class Pose(NamedTuple):
     position_mm: Vector
     quaternion: Vector
 
-    def __matmul__(self, other: Self) -> Self:
-        """The placement of `other`'s frame, given in this one's frame, in this one's parent."""
+    def plain(self) -> "PlainPose":
+        """The same in plain numbers."""
         x, y, z = self.position_mm.tolist()
-        orientation = self.quaternion.tolist()
-        u, v, w = turned(orientation, other.position_mm.tolist())
-        return type(self)(
-            np.array([x + u, y + v, z + w]),
-            np.array(product(orientation, other.quaternion.tolist())),
-        )
+        q0, q1, q2, q3 = self.quaternion.tolist()
+        return PlainPose((x, y, z), (q0, q1, q2, q3))
 
-    def inverse(self) -> Self:
-        """The placement of the parent in this frame."""
-        w, x, y, z = self.quaternion.tolist()
+
+class PlainPose(NamedTuple):
+    """The same in plain numbers, for arithmetic with one pose at a time: to make an array takes as
+    long as to turn a vector."""
+
+    position_mm: Position
+    quaternion: Quaternion
+
+    def vectors(self) -> Pose:
+        """The same in vectors."""
+        return Pose(np.array(self.position_mm), np.array(self.quaternion))
+
+    def __matmul__(self, other: "PlainPose") -> "PlainPose":
+        """The placement of `other`'s frame, given in this one's frame, in this one's parent."""
+        x, y, z = self.position_mm
+        u, v, w = turned(self.quaternion, other.position_mm)
+        return PlainPose((x + u, y + v, z + w), product(self.quaternion, other.quaternion))
+
+    def seen_from(self, other: "PlainPose") -> "PlainPose":
+        """The placement of this frame in that of `other`, which has the same parent."""
+        w, x, y, z = other.quaternion
         back = (w, -x, -y, -z)
-        u, v, t = turned(back, self.position_mm.tolist())
-        return type(self)(np.array([-u, -v, -t]), np.array(back))
+        a, b, c = turned(back, other.position_mm)
+        u, v, t = turned(back, self.position_mm)
+        return PlainPose((-a + u, -b + v, -c + t), product(back, self.quaternion))
 
 
 # Written out in scalars: on vectors of three, numpy's own products take twenty times as long.

@@ -53,9 +53,11 @@ class Pump:
     def touch(self) -> None:
         """Let the device catch up with the clock: after an input, and when its own time comes."""
         due_ns = self._device.advance(self._clock.now_ns())
-        if due_ns == self._due_ns and self._timer is not None and not self._timer.cancelled():
-            return
-        self.stop()
+        if (timer := self._timer) is not None:
+            if due_ns == self._due_ns and not timer.cancelled():
+                return
+            timer.cancel()
+        self._timer = self._due_ns = None
         if due_ns is not None and self.awaited:
             wait_s = max(0, due_ns - self._clock.now_ns()) * 1e-9
             self._due_ns = due_ns

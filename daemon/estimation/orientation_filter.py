@@ -34,17 +34,16 @@ class OrientationFilter:
         self._quaternion = (w, x, y, z) if same else (-w, -x, -y, -z)
         self._began = True
 
-    def surprise(self, quaternion: Sequence[float], ahead_s: float) -> float:
+    def surprise(self, innovation: Triple, ahead_s: float) -> float:
         """Squared Mahalanobis distance of a measurement, this long after the state."""
-        innovation = _turn_between(self.quaternion(ahead_s), quaternion)
         return self._filter.surprise(innovation, ahead_s)
 
-    def update(self, quaternion: Sequence[float], ahead_s: float) -> None:
-        """Move the state ahead and correct it."""
-        predicted, error = self.quaternion(ahead_s), self._filter
+    def update(self, predicted: Quaternion, innovation: Triple, ahead_s: float) -> None:
+        """Move the state ahead, to where it was predicted, and correct it."""
+        error = self._filter
         error.advance(ahead_s)
         error.values = _NO_ERROR  # the prediction has taken the turn into the quaternion
-        error.correct(_turn_between(predicted, quaternion))
+        error.correct(innovation)
         self._quaternion = _unit(product(predicted, from_rotation_vector(error.values)))
         error.values = _NO_ERROR
 
@@ -55,8 +54,9 @@ class OrientationFilter:
         return product(self._quaternion, turn)
 
 
-def _turn_between(one: Quaternion, other: Sequence[float]) -> Triple:
-    """The rotation vector that leads from one orientation to the other."""
+def turn_between(one: Quaternion, other: Sequence[float]) -> Triple:
+    """The rotation vector that leads from one orientation to the other: the innovation, if one was
+    predicted and the other measured."""
     w, x, y, z = one
     return rotation_vector(product((w, -x, -y, -z), other))
 

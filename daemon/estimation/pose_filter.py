@@ -12,9 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from config.control import PoseFilterSettings
-from daemon.estimation.orientation_filter import OrientationFilter
+from daemon.estimation.constant_velocity import Triple
+from daemon.estimation.orientation_filter import OrientationFilter, turn_between
 from daemon.estimation.position_filter import PositionFilter
-from drivers.pose import Pose, Vector, conjugate, multiply
+from drivers.pose import Pose, Quaternion, Vector, conjugate, multiply
 
 FRAMES_FOR_QUALITY = 40
 _NS_PER_S = 1e9
@@ -39,6 +40,17 @@ class TipEstimate(NamedTuple):
     """Since the newest measurement that was believed."""
     quality: float
     """Share of the last frames that were there and believed, 0 to 1."""
+
+
+class _Innovation(NamedTuple):
+    """By how much a measurement differs from what was predicted."""
+
+    ahead_s: float
+    """From the state to the measurement."""
+    position_mm: Triple
+    predicted: Quaternion
+    turn_rad: Triple
+    """From the predicted orientation to the measured one."""
 
 
 class PoseFilter:
@@ -114,21 +126,28 @@ class PoseFilter:
         if self._believed_ns is None or t_ns - self._believed_ns > self._predict_for_ns:
             self._believed_ns = None
             return self._begin(t_ns, pose)
-        ahead_s = (t_ns - self._state_ns) / _NS_PER_S
+        innovation = self._compare(t_ns, pose)
         gate = self._settings.outlier_sigma**2
         if not (
-            self._position.surprise(pose.position_mm.tolist(), ahead_s) <= gate
-            and self._orientation.surprise(pose.quaternion.tolist(), ahead_s) <= gate
+            self._position.surprise(innovation.position_mm, innovation.ahead_s) <= gate
+            and self._orientation.surprise(innovation.turn_rad, innovation.ahead_s) <= gate
         ):
             return self._begin(t_ns, pose)
-        self._correct(t_ns, pose)
+        self._correct(t_ns, innovation)
         self._candidates.clear()
         return True
 
-    def _correct(self, t_ns: int, pose: Pose) -> None:
+    def _compare(self, t_ns: int, pose: Pose) -> _Innovation:
         ahead_s = (t_ns - self._state_ns) / _NS_PER_S
-        self._position.update(pose.position_mm.tolist(), ahead_s)
-        self._orientation.update(pose.quaternion.tolist(), ahead_s)
+        moved_mm = self._position.innovation(pose.position_mm.tolist(), ahead_s)
+        predicted = self._orientation.quaternion(ahead_s)
+        turn_rad = turn_between(predicted, pose.quaternion.tolist())
+        return _Innovation(ahead_s, moved_mm, predicted, turn_rad)
+
+    def _correct(self, t_ns: int, innovation: _Innovation) -> None:
+        ahead_s, moved_mm, predicted, turn_rad = innovation
+        self._position.update(moved_mm, ahead_s)
+        self._orientation.update(predicted, turn_rad, ahead_s)
         self._state_ns = self._believed_ns = self._last_believed_ns = t_ns
 
     def _begin(self, t_ns: int, pose: Pose) -> bool:
@@ -142,7 +161,7 @@ class PoseFilter:
         self._position.begin(first.position_mm.tolist())
         self._orientation.begin(first.quaternion.tolist())
         for then_ns, candidate in self._candidates[1:]:
-            self._correct(then_ns, candidate)
+            self._correct(then_ns, self._compare(then_ns, candidate))
         self._candidates.clear()
         return True
 
@@ -162,10 +181,13 @@ class PoseFilter:
 
 def _sound(pose: Pose) -> bool:
     """A place in this room, and a rotation. NaN is neither."""
-    if not all(abs(value) <= _FARTHEST_MM for value in pose.position_mm.tolist()):
+    x, y, z = pose.position_mm.tolist()
+    if not (abs(x) <= _FARTHEST_MM and abs(y) <= _FARTHEST_MM and abs(z) <= _FARTHEST_MM):
         return False
-    q = pose.quaternion.tolist()
-    return all(abs(c) <= 2.0 for c in q) and abs(hypot(*q) - 1.0) <= _UNIT_WITHIN
+    q0, q1, q2, q3 = pose.quaternion.tolist()
+    if not (abs(q0) <= 2.0 and abs(q1) <= 2.0 and abs(q2) <= 2.0 and abs(q3) <= 2.0):
+        return False
+    return abs(hypot(q0, q1, q2, q3) - 1.0) <= _UNIT_WITHIN
 
 
 def _angle(one: Vector, other: Vector) -> float:

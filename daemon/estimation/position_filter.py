@@ -18,13 +18,17 @@ class PositionFilter:
         """At this measured position, with a velocity that is not known."""
         self._filter.begin(position_mm, self._speed_variance)
 
-    def surprise(self, position_mm: Sequence[float], ahead_s: float) -> float:
-        """Squared Mahalanobis distance of a measurement, this long after the state."""
-        return self._filter.surprise(self._innovation(position_mm, ahead_s), ahead_s)
+    def innovation(self, position_mm: Sequence[float], ahead_s: float) -> Triple:
+        """By how much a measurement differs from what is extrapolated."""
+        (x, y, z), (a, b, c) = position_mm, self._filter.ahead(ahead_s)
+        return x - a, y - b, z - c
 
-    def update(self, position_mm: Sequence[float], ahead_s: float) -> None:
+    def surprise(self, innovation: Triple, ahead_s: float) -> float:
+        """Squared Mahalanobis distance of a measurement, this long after the state."""
+        return self._filter.surprise(innovation, ahead_s)
+
+    def update(self, innovation: Triple, ahead_s: float) -> None:
         """Move the state ahead and correct it."""
-        innovation = self._innovation(position_mm, ahead_s)
         self._filter.advance(ahead_s)
         self._filter.correct(innovation)
 
@@ -38,7 +42,3 @@ class PositionFilter:
     def standard_deviation(self, ahead_s: float) -> float:
         """Of one extrapolated coordinate, mm."""
         return sqrt(self._filter.variance(ahead_s))
-
-    def _innovation(self, position_mm: Sequence[float], ahead_s: float) -> Triple:
-        (x, y, z), (a, b, c) = position_mm, self._filter.ahead(ahead_s)
-        return x - a, y - b, z - c

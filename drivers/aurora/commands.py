@@ -74,6 +74,8 @@ class CommandReader:
 
     def feed(self, data: bytes) -> list[bytes]:
         """Take some bytes; returns the lines they complete, without CR."""
+        if not self._line and 0 <= data.find(b"\r") == len(data) - 1 < MAX_COMMAND_BYTES:
+            return [data[:-1]]  # one whole line, as most are
         *complete, last = data.split(b"\r")
         lines = []
         for piece in complete:

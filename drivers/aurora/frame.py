@@ -5,15 +5,20 @@ from collections.abc import Mapping
 from enum import Enum
 from typing import NamedTuple
 
-import numpy as np
-
-from drivers.aurora.status_bits import HandleState, PortStatus, SystemStatus
+from drivers.aurora.status_bits import (
+    HandleState,
+    PortStatus,
+    SystemStatus,
+    port_status,
+    system_status,
+)
 from drivers.aurora.tracking_data import ToolReading, TrackingData
-from drivers.pose import Pose
+from drivers.pose import PlainPose, Pose
 
 _OUTSIDE = PortStatus.OUT_OF_VOLUME | PortStatus.PARTIALLY_OUT_OF_VOLUME
 _UNIT_LENGTH_TOLERANCE = 0.02
 _FARTHEST_MM = 10_000.0
+_VALID = HandleState.VALID
 
 
 class Absence(Enum):
@@ -25,12 +30,20 @@ class Absence(Enum):
     """Numbers came, but they are not a pose."""
 
 
+_ABSENCES: Mapping[HandleState, Absence] = {
+    HandleState.VALID: Absence.IMPLAUSIBLE,
+    HandleState.MISSING: Absence.MISSING,
+    HandleState.DISABLED: Absence.DISABLED,
+}
+"""Why there is no pose, by what the reply says."""
+
+
 class ToolSample(NamedTuple):
     """One sensor in one frame."""
 
     handle: int
     state: HandleState
-    pose: Pose | None
+    plain_pose: PlainPose | None
     """In the field generator's frame. Roll about the sensor's axis (z) means nothing at 5 degrees
     of freedom."""
     absence: Absence | None
@@ -38,6 +51,11 @@ class ToolSample(NamedTuple):
     port_status: PortStatus
     indicator: float
     """0 to 9.9, larger is a worse fit; always 0 for a sensor with 5 degrees of freedom."""
+
+    @property
+    def pose(self) -> Pose | None:
+        """In the field generator's frame."""
+        return None if self.plain_pose is None else self.plain_pose.vectors()
 
     @property
     def in_volume(self) -> bool:
@@ -88,39 +106,29 @@ class FrameAssembler:
     ) -> TrackerFrame:
         """The frame in a reply."""
         tools = self.samples(data)
-        status = SystemStatus(data.system_status)
+        status = system_status(data.system_status)
         return TrackerFrame(frame_number, t_ns, received_ns, tools, status, self._tip(tools))
 
     def _tip(self, tools: Mapping[str, ToolSample]) -> Pose | None:
         tip = tools.get("tip")
-        if tip is None or tip.pose is None or not self._has_base:
-            return None if tip is None else tip.pose
-        base = tools.get("base")
-        if base is None or base.pose is None:
+        if tip is None or tip.plain_pose is None:
             return None
-        return base.pose.inverse() @ tip.pose
+        if not self._has_base:
+            return tip.pose
+        base = tools.get("base")
+        if base is None or base.plain_pose is None:
+            return None
+        return tip.plain_pose.seen_from(base.plain_pose).vectors()
 
 
 def _sample(reading: ToolReading) -> ToolSample:
-    pose = absence = None
-    if reading.state is HandleState.VALID:
-        pose = _pose(reading)
-        absence = Absence.IMPLAUSIBLE if pose is None else None
-    elif reading.state is HandleState.MISSING:
-        absence = Absence.MISSING
-    else:
-        absence = Absence.DISABLED
-    return ToolSample(
-        reading.handle,
-        reading.state,
-        pose,
-        absence,
-        PortStatus(reading.port_status),
-        reading.indicator,
-    )
+    handle, state, _, _, indicator, status, _ = reading
+    pose = _pose(reading) if state is _VALID else None
+    absence = None if pose is not None else _ABSENCES[state]
+    return ToolSample(handle, state, pose, absence, port_status(status), indicator)
 
 
-def _pose(reading: ToolReading) -> Pose | None:
+def _pose(reading: ToolReading) -> PlainPose | None:
     """The pose of a valid reading, its quaternion brought to unit length."""
     quaternion, position_mm = reading.quaternion, reading.position_mm
     if quaternion is None or position_mm is None:
@@ -131,4 +139,5 @@ def _pose(reading: ToolReading) -> Pose | None:
         return None
     if not math.hypot(*position_mm) <= _FARTHEST_MM:
         return None
-    return Pose(np.array(position_mm), np.array(quaternion) / length)
+    q0, qx, qy, qz = quaternion
+    return PlainPose(position_mm, (q0 / length, qx / length, qy / length, qz / length))

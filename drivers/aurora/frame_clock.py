@@ -125,15 +125,14 @@ def _lower_hull(points: deque[_Point]) -> list[_Point]:
     """The points' lower convex hull, from left to right."""
     hull: list[_Point] = []
     for point in points:
-        while len(hull) >= 2 and _turns_down(hull[-2], hull[-1], point):
+        x, y = point
+        while len(hull) >= 2:
+            (x0, y0), (x1, y1) = hull[-2], hull[-1]
+            if (x1 - x0) * (y - y0) > (x - x0) * (y1 - y0):
+                break  # the hull turns up here, as it should
             hull.pop()
         hull.append(point)
     return hull
-
-
-def _turns_down(a: _Point, b: _Point, c: _Point) -> bool:
-    run = (b.device_ns - a.device_ns) * (c.excess_ns - a.excess_ns)
-    return run <= (c.device_ns - a.device_ns) * (b.excess_ns - a.excess_ns)
 
 
 def _edge_over(middle_ns: float, hull: list[_Point]) -> tuple[_Point, _Point]:

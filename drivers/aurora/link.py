@@ -18,6 +18,7 @@ from drivers.aurora.replies import (
     coded_reply,
 )
 from drivers.aurora.reply_reader import ReplyReader
+from drivers.aurora.time_limit import TimeLimit
 from drivers.aurora.versions import ApiRevision
 from drivers.byte_stream import ByteStream, StreamOpener
 from drivers.clock import Clock
@@ -93,6 +94,8 @@ class Link:
         self._reader = ReplyReader()
         self._stream: ByteStream | None = None
         self._answer: asyncio.Future[tuple[Reply, int]] | None = None
+        self._limit = TimeLimit(self._time_out)
+        self._limit_s = 0.0
         self._word = ""
         self._wanted: type[TextReply] | type[BinaryReply] | None = None
         self._settled = True
@@ -267,21 +270,22 @@ class Link:
         loop, stream = asyncio.get_running_loop(), self._open_stream()
         answer: asyncio.Future[tuple[Reply, int]] = loop.create_future()
         self._answer = answer
-        timer = loop.call_later(timeout_s, self._time_out, timeout_s)
+        self._limit_s = timeout_s
+        self._limit.set(timeout_s)
         try:
             if request:
                 stream.write(request)
             return await answer
         finally:
-            timer.cancel()
+            self._limit.call_off()
             self._answer = None
             if answer.done() and not answer.cancelled():
                 answer.exception()  # looked at, even where the waiting task was cancelled
 
-    def _time_out(self, timeout_s: float) -> None:
+    def _time_out(self) -> None:
         if self._answer is not None and not self._answer.done():
             self._counters.timeouts += 1
-            self._fail(NoReplyError(f"{self._word}: no reply within {timeout_s:g} s"))
+            self._fail(NoReplyError(f"{self._word}: no reply within {self._limit_s:g} s"))
 
     async def _settle(self) -> None:
         """Wait until a reply that nobody waits for any longer has passed."""

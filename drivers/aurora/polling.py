@@ -126,16 +126,18 @@ class Polling:
         self._damaged_in_a_row = 0
         self._watch.replied(received_ns)
         self._status_watch.system(data.system_status)
-        await self._take(data, sent_ns, received_ns, self._link.wire_ns(size))
+        if not self._take(data, sent_ns, received_ns, self._link.wire_ns(size)):
+            await asyncio.sleep(self._period_ns * 1e-9)
         return data.system_status
 
-    async def _take(self, data: TrackingData, sent_ns: int, received_ns: int, wire_ns: int) -> None:
+    def _take(self, data: TrackingData, sent_ns: int, received_ns: int, wire_ns: int) -> bool:
+        """What a reply says about the tools. False: none is followed, so none has a frame."""
         number = self._assembler.frame_number(data)
         if number is None:
             self._watch.idle(received_ns)
             self._status_watch.tools(self._assembler.samples(data))
-            await asyncio.sleep(self._period_ns * 1e-9)
-        elif number == self._last_number:
+            return False
+        if number == self._last_number:
             self._health.counters.duplicates += 1
             self._timing.repeated(sent_ns)
         else:
@@ -146,6 +148,7 @@ class Polling:
             frame = self._assembler.frame(data, number, t_ns - self._latency_ns, received_ns)
             self._status_watch.tools(frame.tools)
             self._on_frame(frame)
+        return True
 
     def _place_in_time(self, number: int, arrived_ns: int) -> tuple[int, int]:
         """When the frame was measured, and how many were missed before it."""

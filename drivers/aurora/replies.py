@@ -3,6 +3,7 @@
 import re
 import struct
 from dataclasses import dataclass
+from functools import lru_cache
 
 from drivers.aurora.crc import crc16
 from drivers.aurora.errors import CodecError
@@ -81,8 +82,13 @@ def encode_binary_reply(body: bytes) -> bytes:
     """The bytes of a binary reply around `body`. Raises CodecError where it is too long."""
     if len(body) > MAX_BODY_BYTES:
         raise CodecError(f"a binary reply's body has at most {MAX_BODY_BYTES} bytes")
-    start = BINARY_START + CHECKSUM.pack(len(body))
-    return start + CHECKSUM.pack(crc16(start)) + body + CHECKSUM.pack(crc16(body))
+    return _binary_header(len(body)) + body + CHECKSUM.pack(crc16(body))
+
+
+@lru_cache(maxsize=16)
+def _binary_header(length: int) -> bytes:
+    start = BINARY_START + CHECKSUM.pack(length)
+    return start + CHECKSUM.pack(crc16(start))
 
 
 def encode_error(code: int) -> bytes:

@@ -1,6 +1,7 @@
 """The device's status bits. Bits without a name are kept: newer firmware may give them one."""
 
 from enum import IntEnum, IntFlag
+from functools import lru_cache
 
 
 class HandleState(IntEnum):
@@ -47,3 +48,15 @@ class SystemStatus(IntFlag):
     ALERT_PENDING = 1 << 8
     CONFIGURATION_CHANGED = 1 << 10
     """A sensor interface unit was added or removed."""
+
+
+@lru_cache(maxsize=64)
+def port_status(bits: int) -> PortStatus:
+    """The same as `PortStatus(bits)`, for every frame: bits rarely change, and enums are slow."""
+    return PortStatus(bits)
+
+
+@lru_cache(maxsize=64)
+def system_status(bits: int) -> SystemStatus:
+    """The same as `SystemStatus(bits)`, for every frame."""
+    return SystemStatus(bits)

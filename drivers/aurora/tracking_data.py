@@ -41,9 +41,10 @@ class TrackingData(NamedTuple):
     system_status: int
 
 
-_HEAD = struct.Struct("<BB")
-_POSE = struct.Struct("<8fII")
-_NO_POSE = struct.Struct("<II")
+# One reading by its state: handle, state, and what follows.
+_VALID_READING = struct.Struct("<BB8fII")
+_MISSING_READING = struct.Struct("<BBII")
+_DISABLED_READING = struct.Struct("<BB")
 _SYSTEM_STATUS = struct.Struct("<H")
 _VALID, _MISSING, _DISABLED = HandleState.VALID, HandleState.MISSING, HandleState.DISABLED
 
@@ -54,21 +55,23 @@ def decode_bx(body: bytes) -> TrackingData:
     at = 1
     try:
         for _ in range(body[0]):
-            handle, state = _HEAD.unpack_from(body, at)
-            at += _HEAD.size
+            state = body[at + 1]
             if state == _VALID:
-                q0, qx, qy, qz, x, y, z, fit, status, frame = _POSE.unpack_from(body, at)
-                at += _POSE.size
+                handle, _, q0, qx, qy, qz, x, y, z, fit, status, frame = _VALID_READING.unpack_from(
+                    body, at
+                )
+                at += _VALID_READING.size
                 q, p = (q0, qx, qy, qz), (x, y, z)
                 readings.append(ToolReading(handle, _VALID, q, p, fit, status, frame))
             elif state == _MISSING:
-                status, frame = _NO_POSE.unpack_from(body, at)
-                at += _NO_POSE.size
+                handle, _, status, frame = _MISSING_READING.unpack_from(body, at)
+                at += _MISSING_READING.size
                 readings.append(ToolReading(handle, _MISSING, None, None, 0.0, status, frame))
             elif state == _DISABLED:
-                readings.append(ToolReading(handle, _DISABLED))
+                readings.append(ToolReading(body[at], _DISABLED))
+                at += _DISABLED_READING.size
             else:
-                raise CodecError(f"BX: handle {handle:02X} has the unknown state {state:02X}")
+                raise CodecError(f"BX: handle {body[at]:02X} has the unknown state {state:02X}")
         (system_status,) = _SYSTEM_STATUS.unpack_from(body, at)
     except (struct.error, IndexError):
         raise CodecError(f"BX: ends after {len(body)} bytes, in the middle of a field") from None
@@ -82,15 +85,14 @@ def encode_bx(data: TrackingData) -> bytes:
     parts = [bytes([_count(data.readings)])]
     try:
         for reading in data.readings:
-            parts.append(_HEAD.pack(reading.handle, reading.state))
-            if reading.state is _DISABLED:
-                continue
-            if reading.state is _VALID:
-                quaternion, position_mm = _pose(reading)
-                pose = (*quaternion, *position_mm, reading.indicator)
-                parts.append(_POSE.pack(*pose, reading.port_status, _frame(reading)))
+            handle, state, _, _, indicator, status, frame = reading
+            if state is _VALID:
+                q, p = _pose(reading)
+                parts.append(_VALID_READING.pack(handle, state, *q, *p, indicator, status, frame))
+            elif state is _MISSING:
+                parts.append(_MISSING_READING.pack(handle, state, status, frame))
             else:
-                parts.append(_NO_POSE.pack(reading.port_status, _frame(reading)))
+                parts.append(_DISABLED_READING.pack(handle, state))
         parts.append(_SYSTEM_STATUS.pack(data.system_status))
     except (struct.error, OverflowError) as error:
         raise CodecError(f"BX: {error}") from None

@@ -19,7 +19,8 @@ class Agenda:
         unseen_ns: for how long nobody outside can see whether it was done. So long it may wait for
         other things; it will not know.
         """
-        t_ns = max(t_ns, self.now_ns)
+        if t_ns < self.now_ns:
+            t_ns = self.now_ns
         heapq.heappush(self._due, (t_ns, next(self._order), action, t_ns + unseen_ns))
 
     def after(self, wait_ns: int, action: Callable[[], None]) -> None:
@@ -32,8 +33,14 @@ class Agenda:
 
     def run(self, t_ns: int) -> int | None:
         """Do all that is due up to then; returns when it has to be called again."""
-        while self._due and self._due[0][0] <= t_ns:
-            self.now_ns, _, action, _ = heapq.heappop(self._due)
+        due = self._due
+        while due and due[0][0] <= t_ns:
+            self.now_ns, _, action, _ = heapq.heappop(due)
             action()
-        self.now_ns = max(self.now_ns, t_ns)
-        return min([seen_ns for _, _, _, seen_ns in self._due], default=None)
+        if t_ns > self.now_ns:
+            self.now_ns = t_ns
+        next_ns = None
+        for _, _, _, seen_ns in due:
+            if next_ns is None or seen_ns < next_ns:
+                next_ns = seen_ns
+        return next_ns

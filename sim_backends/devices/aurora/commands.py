@@ -23,16 +23,16 @@ if TYPE_CHECKING:
 
 Handler = Callable[["EmulatedAurora", str], Reply]
 
-_ALWAYS = frozenset({Mode.POWERED, Mode.SETUP, Mode.TRACKING})
-_SETUP = frozenset({Mode.POWERED, Mode.SETUP})
-_INITIALISED = frozenset({Mode.SETUP})
-_TRACKING = frozenset({Mode.TRACKING})
+_ALWAYS = (Mode.POWERED, Mode.SETUP, Mode.TRACKING)
+_SETUP = (Mode.POWERED, Mode.SETUP)
+_INITIALISED = (Mode.SETUP,)
+_TRACKING = (Mode.TRACKING,)
 
 
 class Rule(NamedTuple):
     """When a command is allowed, and what it does."""
 
-    modes: frozenset[Mode]
+    modes: tuple[Mode, ...]
     handler: Handler
 
 

@@ -58,6 +58,7 @@ class EmulatedAurora:
         self._random = np.random.default_rng(noise)
         self._agenda = Agenda(powered_up_ns)
         self._pending = Pending()
+        self._reply_delay_ns = round(config.reply_delay_s * 1e9)
         self._grid = FrameGrid(DeviceClock(config.clock_error_ppm, powered_up_ns))
         self._system_status = SystemStatus(0)
         self.mode = Mode.POWERED
@@ -69,7 +70,7 @@ class EmulatedAurora:
             self._pending,
             config.strict_baud_rate,
             self._random,
-            round(config.reply_delay_s * 1e9),
+            self._reply_delay_ns,
             self._execution_ns,
             self._answer,
         )
@@ -189,10 +190,9 @@ class EmulatedAurora:
     # One command.
 
     def _execution_ns(self, line: bytes) -> int:
-        takes_s = self.config.reply_delay_s
         if line[:5].upper() == b"PINIT":
-            takes_s += self.config.initialise_tool_s
-        return round(takes_s * 1e9)
+            return round((self.config.reply_delay_s + self.config.initialise_tool_s) * 1e9)
+        return self._reply_delay_ns
 
     def _answer(self, line: bytes) -> bytes | int:
         try:

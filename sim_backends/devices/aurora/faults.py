@@ -87,7 +87,7 @@ class Pending:
 
     def holds(self, name: str, t_ns: int, who: str = "") -> bool:
         """Whether it lasts at this time."""
-        return t_ns < self._ends_ns.get((name, who), 0)
+        return bool(self._ends_ns) and t_ns < self._ends_ns.get((name, who), 0)
 
     def forget_replies(self) -> None:
         """A reset is over: replies are answered again."""

@@ -49,6 +49,8 @@ class Parameters:
 
     def __init__(self, serial: str, firmware: str) -> None:
         self._all: dict[str, Parameter] = {}
+        self.has_new_alerts = False
+        """Whether a client should ask."""
         for index, component in enumerate(COMPONENTS):
             kind, _, instance = component.partition("-")
             self._add(f"Device.Type.{index}", Parameter(kind, _STRING, _READ))
@@ -86,6 +88,7 @@ class Parameters:
         for name in values:
             if name.endswith(NEW_ALERTS):
                 self._all[name].value = "0"
+        self._look_for_new_alerts()
         return values
 
     def describe(self, pattern: str) -> list[str]:
@@ -122,11 +125,10 @@ class Parameters:
         alerts, new = self._all[prefix + ALERTS], self._all[prefix + NEW_ALERTS]
         new.value = str(int(new.value) | (int(alerts.value) ^ bits))
         alerts.value = str(bits)
+        self._look_for_new_alerts()
 
-    @property
-    def has_new_alerts(self) -> bool:
-        """Whether a client should ask."""
-        return any(self._all[name].value != "0" for name in _NEW_ALERTS)
+    def _look_for_new_alerts(self) -> None:
+        self.has_new_alerts = any(self._all[name].value != "0" for name in _NEW_ALERTS)
 
     def _add(self, name: str, parameter: Parameter) -> None:
         self._all[name] = parameter

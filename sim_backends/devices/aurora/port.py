@@ -130,18 +130,19 @@ class Port:
         baud_rate = self.settings.baud_rate
         gap_ns = _GAP_NS if self._pending.take("fragmented") else 0
         sizes = cycle(_FRAGMENTS if gap_ns else (max(_HANDED_ON_NS // wire_ns(1, baud_rate), 1),))
-        reply = self._damaged(reply)
+        rest = self._damaged(reply)
         end_ns = self._agenda.now_ns
-        while reply:
+        while rest:
             size = next(sizes)
-            piece, reply = reply[:size], reply[size:]
+            piece, rest = rest[:size], rest[size:]
             end_ns += wire_ns(len(piece), baud_rate) + gap_ns
-            self._agenda.at(end_ns, partial(self._deliver, piece, baud_rate))
+            self._agenda.at(end_ns, partial(self._deliver, piece, baud_rate, not rest))
         self.left_unanswered = False
-        self._agenda.at(end_ns, self._done)
 
-    def _deliver(self, piece: bytes, baud_rate: int) -> None:
+    def _deliver(self, piece: bytes, baud_rate: int, is_last: bool) -> None:
         self.output(piece, baud_rate)
+        if is_last:
+            self._done()
 
     def _done(self) -> None:
         self._busy = False

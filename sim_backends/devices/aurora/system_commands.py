@@ -1,6 +1,7 @@
 """Commands of the emulated tracker about the system: settings, modes, tracking."""
 # ruff: noqa: ARG001 - all commands have one shape
 
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from drivers.aurora.commands import decode_line_settings
@@ -166,6 +167,7 @@ def track_text(device: "EmulatedAurora", arguments: str) -> Reply:
     return encode_tx(device.tracking_data(bool(options & OUT_OF_VOLUME_TOO)))
 
 
+@lru_cache(maxsize=16)
 def _tracking_options(arguments: str) -> int:
     options = hex_number(arguments or "0001", "BX") | TRANSFORMS
     if options & ~(TRANSFORMS | OUT_OF_VOLUME_TOO):

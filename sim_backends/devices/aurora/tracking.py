@@ -1,6 +1,7 @@
 """The measuring side of the emulated tracker: a frame at a time, from the body's true poses."""
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -8,18 +9,23 @@ import numpy as np
 from config.emulated_tracker import EmulatedTracker
 from drivers.aurora.status_bits import HandleState, PortStatus
 from drivers.aurora.tracking_data import ToolReading
-from drivers.pose import Pose, Vector
+from drivers.pose import PlainPose, Pose, Vector
 from sim_backends.devices.aurora.agenda import Agenda
 from sim_backends.devices.aurora.faults import Pending
 from sim_backends.devices.aurora.frames import FrameGrid
 from sim_backends.devices.aurora.measurement import Measured, Sensing
-from sim_backends.devices.aurora.rack import Handle, Rack, Socket
+from sim_backends.devices.aurora.rack import Handle, Rack
 
 BodyPoses = Callable[[int], Mapping[str, Pose]]
 """Poses of `tip` and `base` in the robot's base frame at a host time in ns."""
 
-_BESIDE_THE_GENERATOR = Pose(np.array([400.0, 0.0, 50.0]), np.array([1.0, 0.0, 0.0, 0.0]))
-_OUTSIDE = int(PortStatus.OUT_OF_VOLUME | PortStatus.PARTIALLY_OUT_OF_VOLUME)
+_BESIDE_THE_GENERATOR = PlainPose((400.0, 0.0, 50.0), (1.0, 0.0, 0.0, 0.0))
+_NO_ROTATION = (0.0, 0.0, 0.0, 0.0)
+_SENSOR_BROKEN = PortStatus.SENSOR_BROKEN.value
+_OUT_OF_VOLUME = PortStatus.OUT_OF_VOLUME.value
+_PARTIALLY_OUT_OF_VOLUME = PortStatus.PARTIALLY_OUT_OF_VOLUME.value
+_OUTSIDE = _OUT_OF_VOLUME | _PARTIALLY_OUT_OF_VOLUME
+_VALID, _MISSING, _DISABLED = HandleState.VALID, HandleState.MISSING, HandleState.DISABLED
 
 
 class Frame(NamedTuple):
@@ -50,11 +56,12 @@ class Tracking:
         self._pending = pending
         self._sensing = Sensing(config, seed)
         turn = np.array(config.base_quaternion)
-        self._base = Pose(np.array(config.base_position_mm), turn / np.linalg.norm(turn))
-        self._true_poses: dict[str, tuple[Pose, Pose]] = {}
+        self._base = Pose(np.array(config.base_position_mm), turn / np.linalg.norm(turn)).plain()
+        self._true_poses: dict[str, tuple[Pose, PlainPose]] = {}
         """The last one of each sensor, in the robot's frame and in the field generator's."""
         self._outliers: dict[str, Vector] = {}
         self._run = 0
+        self._measure_next: Callable[[], None] = partial(self._measure, self._run)
         self._index = 0
         self._reported = -1
         self.latest: Frame | None = None
@@ -64,7 +71,8 @@ class Tracking:
         self.stop()
         self._index = 0
         self._reported = -1
-        self._schedule(self._run)
+        self._measure_next = partial(self._measure, self._run)
+        self._schedule()
 
     def stop(self) -> None:
         """Measure no longer."""
@@ -89,8 +97,8 @@ class Tracking:
         """The next reading of this tool is off by so much. offset_mm: (3,)."""
         self._outliers[who] = offset_mm
 
-    def _schedule(self, run: int) -> None:
-        self._agenda.at(self._grid.host_ns(self._index + 1), lambda: self._measure(run))
+    def _schedule(self) -> None:
+        self._agenda.at(self._grid.host_ns(self._index + 1), self._measure_next)
 
     def _measure(self, run: int) -> None:
         if run != self._run:
@@ -98,29 +106,33 @@ class Tracking:
         self._index += 1
         t_ns = self._agenda.now_ns
         if self.latest is None or not self._pending.holds("frozen", t_ns):
-            poses = self._body_poses(t_ns)
-            measured = {
-                number: self._measured(handle.socket, poses, t_ns)
-                for number, handle in self._rack.handles.items()
-                if handle.enabled
-            }
-            self.latest = Frame(self._grid.number(self._index), t_ns, measured)
-        self._schedule(run)
+            self.latest = Frame(self._grid.number(self._index), t_ns, self._measured(t_ns))
+        self._schedule()
 
-    def _measured(self, socket: Socket, poses: Mapping[str, Pose], t_ns: int) -> Measured:
-        pose = poses.get(socket.tool.attached_to)
-        true = self._seen(socket.name, pose) if pose is not None else _BESIDE_THE_GENERATOR
-        period_s = self._grid.period_ns * 1e-9
-        measured = self._sensing.measure(socket.tool, true, period_s, self._grid.is_fast)
-        if not self._outliers and not self._pending.any_lasts:
-            return measured
-        return self._with_faults(measured, socket.name, t_ns)
+    def _measured(self, t_ns: int) -> Mapping[int, Measured]:
+        """All enabled tools, by handle."""
+        poses = self._body_poses(t_ns)
+        period_s, fast = self._grid.period_ns * 1e-9, self._grid.is_fast
+        disturbed = self._outliers or self._pending.any_lasts
+        found = {}
+        for number, handle in self._rack.handles.items():
+            if handle.enabled:
+                tool = handle.socket.tool
+                true = self._seen(tool.attached_to, poses)
+                measured = self._sensing.measure(tool, true, period_s, fast)
+                if disturbed:
+                    measured = self._with_faults(measured, handle.socket.name, t_ns)
+                found[number] = measured
+        return found
 
-    def _seen(self, who: str, pose: Pose) -> Pose:
+    def _seen(self, attached_to: str, poses: Mapping[str, Pose]) -> PlainPose:
         """In the field generator's frame; what does not move is not worked out again."""
-        last = self._true_poses.get(who)
+        pose = poses.get(attached_to)
+        if pose is None:
+            return _BESIDE_THE_GENERATOR
+        last = self._true_poses.get(attached_to)
         if last is None or last[0] is not pose:
-            last = self._true_poses[who] = (pose, self._base @ pose)
+            last = self._true_poses[attached_to] = (pose, self._base @ pose.plain())
         return last[1]
 
     def _with_faults(self, measured: Measured, who: str, t_ns: int) -> Measured:
@@ -129,34 +141,30 @@ class Tracking:
         if holds("missing", t_ns, who) or holds("unplug_field_generator", t_ns):
             return Measured(None)
         if holds("broken_sensor", t_ns, who):
-            return Measured(None, PortStatus.SENSOR_BROKEN)
-        pose = measured.pose
-        if pose is not None and offset_mm is not None:
-            measured = measured._replace(pose=Pose(pose.position_mm + offset_mm, pose.quaternion))
-        if pose is not None and holds("implausible_pose", t_ns, who):
-            measured = measured._replace(pose=Pose(pose.position_mm, np.zeros(4)))
+            return Measured(None, _SENSOR_BROKEN)
+        if measured.pose is not None and offset_mm is not None:
+            measured = measured._replace(pose=_displaced(measured.pose, offset_mm))
+        if measured.pose is not None and holds("implausible_pose", t_ns, who):
+            measured = measured._replace(pose=measured.pose._replace(quaternion=_NO_ROTATION))
         if holds("out_of_volume", t_ns, who):
-            return measured._replace(flags=PortStatus.OUT_OF_VOLUME)
+            return measured._replace(flags=_OUT_OF_VOLUME)
         if holds("partially_out_of_volume", t_ns, who):
-            return measured._replace(flags=PortStatus.PARTIALLY_OUT_OF_VOLUME)
+            return measured._replace(flags=_PARTIALLY_OUT_OF_VOLUME)
         return measured
+
+
+def _displaced(pose: PlainPose, offset_mm: Vector) -> PlainPose:
+    (x, y, z), (u, v, w) = pose.position_mm, offset_mm.tolist()
+    return PlainPose((x + u, y + v, z + w), pose.quaternion)
 
 
 def _reading(number: int, handle: Handle, frame: Frame, out_of_volume_too: bool) -> ToolReading:
     measured = frame.measured.get(number)
     if not handle.enabled or measured is None:
-        return ToolReading(number, HandleState.DISABLED)
-    status = handle.bits | measured.flags.value
-    if measured.pose is None or (measured.flags.value & _OUTSIDE and not out_of_volume_too):
-        return ToolReading(number, HandleState.MISSING, None, None, 0.0, status, frame.number)
-    q0, qx, qy, qz = measured.pose.quaternion.tolist()
-    x, y, z = measured.pose.position_mm.tolist()
-    return ToolReading(
-        number,
-        HandleState.VALID,
-        (q0, qx, qy, qz),
-        (x, y, z),
-        measured.indicator,
-        status,
-        frame.number,
-    )
+        return ToolReading(number, _DISABLED)
+    pose, flags, indicator = measured
+    status = handle.bits | flags
+    if pose is None or (flags & _OUTSIDE and not out_of_volume_too):
+        return ToolReading(number, _MISSING, None, None, 0.0, status, frame.number)
+    position_mm, quaternion = pose
+    return ToolReading(number, _VALID, quaternion, position_mm, indicator, status, frame.number)

@@ -27,7 +27,7 @@ def test_known_commands_and_replies(text: str, digits: str) -> None:
 
 
 @given(st.binary(max_size=300))
-def test_a_byte_a_step_gives_what_a_bit_a_step_gives(data: bytes) -> None:
+def test_many_bits_a_step_give_what_a_bit_a_step_gives(data: bytes) -> None:
     assert crc16(data) == one_bit_at_a_time(data)
 
 

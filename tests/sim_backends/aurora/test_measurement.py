@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from config.emulated_tracker import EmulatedTool, EmulatedTracker
 from drivers.aurora.status_bits import PortStatus
-from drivers.pose import Pose, conjugate, multiply, rotate
+from drivers.pose import PlainPose, Pose, conjugate, multiply, rotate
 from sim_backends.devices.aurora.distortion import CENTRE_MM, HALF_WIDTH_MM, SmoothField
 from sim_backends.devices.aurora.measurement import Measured, Sensing
 from tests.sim_backends.aurora.bench import BASE, EXACT, TIP, UPRIGHT
@@ -27,8 +27,9 @@ def readings(
     """Position errors in mm (count, 3) and rotation errors in rad (count, 3)."""
     positions, turns = [], []
     for _ in range(count):
-        measured = sensing.measure(tool, pose, 0.025, fast).pose
-        assert measured is not None
+        found = sensing.measure(tool, pose.plain(), 0.025, fast).pose
+        assert found is not None
+        measured = found.vectors()
         positions.append(measured.position_mm - pose.position_mm)
         turns.append(2.0 * multiply(measured.quaternion, conjugate(pose.quaternion))[1:])
     return np.array(positions), np.array(turns)
@@ -113,10 +114,12 @@ def test_a_sensor_with_one_coil_cannot_tell_its_roll() -> None:
         tilt /= np.linalg.norm(tilt)
         roll = np.array([np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)])
         true = Pose(CENTRE_MM, multiply(tilt, roll))
-        measured = sensing().measure(FIVE, true, 0.025, False)
+        measured = sensing().measure(FIVE, true.plain(), 0.025, False)
         assert measured.pose is not None
         z = np.array([0.0, 0.0, 1.0])
-        assert rotate(measured.pose.quaternion, z) == pytest.approx(rotate(true.quaternion, z))
+        assert rotate(np.array(measured.pose.quaternion), z) == pytest.approx(
+            rotate(true.quaternion, z)
+        )
         assert measured.indicator == 0.0
         rolls.append(measured.pose.quaternion)
     assert rolls[1] == pytest.approx(rolls[0])
@@ -125,10 +128,10 @@ def test_a_sensor_with_one_coil_cannot_tell_its_roll() -> None:
 
 def test_a_sensor_that_points_straight_down_is_measured_too() -> None:
     true = Pose(CENTRE_MM, np.array([0.0, 1.0, 0.0, 0.0]))
-    measured = sensing().measure(FIVE, true, 0.025, False)
+    measured = sensing().measure(FIVE, true.plain(), 0.025, False)
     assert measured.pose is not None
     z = np.array([0.0, 0.0, 1.0])
-    assert rotate(measured.pose.quaternion, z) == pytest.approx([0.0, 0.0, -1.0])
+    assert rotate(np.array(measured.pose.quaternion), z) == pytest.approx([0.0, 0.0, -1.0])
 
 
 EDGE_Z = -50.0
@@ -149,7 +152,7 @@ def test_the_volume_ends_where_the_maker_says(
     tool: EmulatedTool, z_mm: float, flags: PortStatus
 ) -> None:
     measured: Measured = sensing().measure(
-        tool, Pose(np.array([0.0, 0.0, z_mm]), UPRIGHT), 0.025, False
+        tool, PlainPose((0.0, 0.0, z_mm), (1.0, 0.0, 0.0, 0.0)), 0.025, False
     )
     assert measured.flags == flags
 
