@@ -5,7 +5,7 @@ from pathlib import Path
 
 import msgspec
 
-from daemon.recording.can_batches import CanBatches
+from daemon.recording.can_batches import BusBatches, CanBatches
 from daemon.recording.channels import RAW_TRACKER, TOPICS, message_time_ns, tracker_payload
 from daemon.recording.disk_space import free_mb
 from daemon.recording.flight_recorder import RecorderStatus, RecordingError
@@ -33,7 +33,7 @@ class DirectRecorder:
             self._writer = RunWriter(folder / RUN_FILE, header, wall_ns - t_ns)
         except OSError as error:
             raise RecordingError(f"cannot record in {folder}: {error.strerror}") from error
-        self._batches = CanBatches(self._write)
+        self._batches.begin()
 
     def message(self, message: Message) -> None:
         topic = TOPICS.get(type(message))
@@ -43,9 +43,8 @@ class DirectRecorder:
     def tracker_traffic(self, direction: str, data: bytes, t_ns: int) -> None:
         self._write(RAW_TRACKER, t_ns, tracker_payload(direction, data))
 
-    def can_frame(self, bus: str, can_id: int, data: bytes, t_ns: int) -> None:
-        if self._writer is not None:
-            self._batches.add(bus, can_id, data, t_ns)
+    def can_tap(self, bus: str) -> BusBatches:
+        return self._batches.of(bus)
 
     def urgent(self) -> None:
         if self._writer is not None:
@@ -55,6 +54,7 @@ class DirectRecorder:
     async def stop(self) -> None:
         if self._writer is not None:
             self._batches.flush()
+            self._batches.end()
             self._writer.finish()
             self._status = self._described(self._writer, recording=False)
             self._writer = None

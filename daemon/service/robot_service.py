@@ -6,7 +6,6 @@ for comes in through `operator.Operator`.
 
 import asyncio
 from collections.abc import Callable
-from functools import partial
 from importlib.metadata import version
 from typing import Final
 
@@ -255,7 +254,7 @@ class RobotService:
             self._on_frame,
             self._on_condition,
             recorder.tracker_traffic,
-            {name: partial(recorder.can_frame, name) for name in self.robot.buses},
+            {name: recorder.can_tap(name) for name in self.robot.buses},
             self._on_cycle,
         )
         return Hardware(file, self.robot, surroundings.connections, self.clock, listeners)
