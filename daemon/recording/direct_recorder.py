@@ -41,7 +41,8 @@ class DirectRecorder:
             self._writer.write(topic, message_time_ns(message), self._encoder.encode(message))
 
     def tracker_traffic(self, direction: str, data: bytes, t_ns: int) -> None:
-        self._write(RAW_TRACKER, t_ns, tracker_payload(direction, data))
+        if self._writer is not None:
+            self._writer.write(RAW_TRACKER, t_ns, tracker_payload(direction, data))
 
     def can_tap(self, bus: str) -> BusBatches:
         return self._batches.of(bus)

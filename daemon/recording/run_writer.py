@@ -36,8 +36,7 @@ class RunWriter:
         self.dropped = 0
         """Messages that were not kept because the disk did not take them."""
         self._wall_offset_ns = wall_offset_ns
-        self._channels: dict[str, int] = {}
-        self._sequences: dict[str, int] = {}
+        self._channels: dict[str, _Channel] = {}
         self._file = PatientFile(unfinished(path))
         self._mcap = McapFile(self._file, LIBRARY)
         self._mcap.add_metadata(HEADER, {**header, "wall_offset_ns": str(wall_offset_ns)})
@@ -59,10 +58,8 @@ class RunWriter:
             return
         wall_ns = max(0, t_ns + self._wall_offset_ns)
         self._add(topic, wall_ns, payload)
-        if topic == _TIP:
-            pose = tip_pose(payload, wall_ns)
-            if pose is not None:
-                self._add(TIP_POSE, wall_ns, pose)
+        if topic == _TIP and (pose := tip_pose(payload, wall_ns)) is not None:
+            self._add(TIP_POSE, wall_ns, pose)
 
     def flush(self) -> None:
         """End the chunk: what was written so far can be read from now on, whatever happens."""
@@ -93,16 +90,23 @@ class RunWriter:
     def _add(self, topic: str, wall_ns: int, payload: bytes) -> None:
         channel = self._channels.get(topic)
         if channel is None:
-            channel = self._register(topic)
-        sequence = self._sequences[topic]
-        self._sequences[topic] = sequence + 1
-        self._mcap.add_message(channel, wall_ns, payload, wall_ns, sequence)
+            channel = self._channels[topic] = self._register(topic)
+        self._mcap.add_message(channel.number, wall_ns, payload, wall_ns, channel.messages)
+        channel.messages += 1
 
-    def _register(self, topic: str) -> int:
+    def _register(self, topic: str) -> "_Channel":
         kind = channel_format(topic)
         schema = 0
         if kind.schema_name:
             schema = self._mcap.register_schema(kind.schema_name, "jsonschema", kind.schema)
-        self._channels[topic] = self._mcap.register_channel(topic, kind.message_encoding, schema)
-        self._sequences[topic] = 0
-        return self._channels[topic]
+        return _Channel(self._mcap.register_channel(topic, kind.message_encoding, schema))
+
+
+class _Channel:
+    """Its number in the file, and how many messages it has."""
+
+    __slots__ = ("messages", "number")
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+        self.messages = 0

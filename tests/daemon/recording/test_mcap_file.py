@@ -1,14 +1,17 @@
-"""The same file as the library writes, to the last byte."""
+"""The same file as the library writes, to the last byte, at our level of compression."""
 
+from functools import partial
 from io import BytesIO
+from unittest.mock import patch
 
 import pytest
+import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from daemon.recording.mcap_file import McapFile
+from daemon.recording.mcap_file import COMPRESSION_LEVEL, McapFile
 
 LIBRARY = "somebody"
 
@@ -19,8 +22,10 @@ orders = st.lists(st.one_of(message, st.sampled_from(["flush", "metadata"])), ma
 def theirs(order: list[object], padding: int) -> bytes:
     stream = BytesIO()
     writer = Writer(stream, compression=CompressionType.ZSTD)
-    writer.start(library=LIBRARY)
-    fill(writer, order, padding)
+    compress = partial(zstandard.compress, level=COMPRESSION_LEVEL)
+    with patch.object(zstandard, "compress", compress):
+        writer.start(library=LIBRARY)
+        fill(writer, order, padding)
     return stream.getvalue()
 
 
