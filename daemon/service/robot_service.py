@@ -20,7 +20,6 @@ from daemon.remote.lease import Lease
 from daemon.remote.messages import (
     LeaseStatus,
     Loop,
-    Message,
     ReferenceStatus,
     Status,
 )
@@ -51,6 +50,8 @@ class RobotService:
         self.surroundings = surroundings
         self.clock = surroundings.clock
         self.version = version("tentacled")
+        self.publish = surroundings.listeners.tell
+        """Tells everybody."""
         self.events = Events(self.clock, self.publish)
         self.holds = 0
         """How often the motion was held, by anything but the operator."""
@@ -152,11 +153,6 @@ class RobotService:
         return self.report.status(
             now_ns, lease, None if folder is None else str(folder), self.reference_status()
         )
-
-    def publish(self, message: Message) -> None:
-        """Tell everybody."""
-        for listener in self.surroundings.listeners:
-            listener(message)
 
     # What the devices and the timer tell.
 
