@@ -143,11 +143,9 @@ class ControlLoop:
         """Follow the reference from here with the next step."""
         self._begun = False
 
-    def target(self, channel: AxisChannel, now_ns: int) -> float | None:
-        """Where an axis is told to be, in its own unit; None while it is told nothing."""
-        if not self._supervisor.state.energised or channel.received_ns is None:
-            return None
-        return channel.scale.position(self.target_counts(now_ns)[channel.index])
+    def told_counts(self, now_ns: int) -> Sequence[int] | None:
+        """Where each axis is told to be; None while they are told nothing."""
+        return self.target_counts(now_ns) if self._supervisor.state.energised else None
 
     @property
     def error_mm(self) -> float | None:

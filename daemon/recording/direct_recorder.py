@@ -21,6 +21,8 @@ class DirectRecorder:
         self._encoder = msgspec.json.Encoder()
         self._writer: RunWriter | None = None
         self._batches = CanBatches(self._write)
+        self._folder: Path | None = None
+        """Of the present recording, or of the last one."""
         self._status = RecorderStatus(False, None, 0, "", None, 0)
         self._free_mb: float | None = None
         self._measured_at_bytes = -1
@@ -33,6 +35,7 @@ class DirectRecorder:
             self._writer = RunWriter(folder / RUN_FILE, header, wall_ns - t_ns)
         except OSError as error:
             raise RecordingError(f"cannot record in {folder}: {error.strerror}") from error
+        self._folder = folder
         self._batches.begin()
 
     def message(self, message: Message) -> None:
@@ -71,12 +74,12 @@ class DirectRecorder:
             self._writer.write(topic, t_ns, payload)
 
     def _described(self, writer: RunWriter, recording: bool) -> RecorderStatus:
-        folder, written = writer.path.parent, writer.bytes_written
+        written = writer.bytes_written
         if written != self._measured_at_bytes:
-            self._measured_at_bytes, self._free_mb = written, free_mb(folder)
+            self._measured_at_bytes, self._free_mb = written, free_mb(writer.path.parent)
         return RecorderStatus(
             recording,
-            folder if recording else None,
+            self._folder if recording else None,
             writer.dropped,
             writer.failed,
             self._free_mb,

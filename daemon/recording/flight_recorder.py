@@ -3,9 +3,8 @@
 import asyncio
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final, NamedTuple, Protocol
 
 import msgspec
 
@@ -32,8 +31,7 @@ class RecordingError(RuntimeError):
     """A recording could not be started; the text says why."""
 
 
-@dataclass(frozen=True)
-class RecorderStatus:
+class RecorderStatus(NamedTuple):
     """How the recording is doing."""
 
     recording: bool
