@@ -53,7 +53,8 @@ class RunWriter:
 
     def write(self, topic: str, t_ns: int, payload: bytes) -> None:
         """Add a message. t_ns: monotonic. Raises ValueError where the topic is unknown."""
-        if self._file.pending > _PENDING_AT_MOST:
+        file = self._file
+        if file.failed and file.pending > _PENDING_AT_MOST:  # while it takes all, nothing waits
             self.dropped += 1
             return
         wall_ns = max(0, t_ns + self._wall_offset_ns)
