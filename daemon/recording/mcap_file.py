@@ -8,7 +8,7 @@ last byte, but for its chunks' compression, which is lighter.
 import struct
 import zlib
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Final, Protocol
 
 import zstandard
@@ -63,6 +63,45 @@ class Output(Protocol):
         ...
 
 
+class _Chunk:
+    """The chunk that is being filled. entries: of each channel's index, one after the other."""
+
+    __slots__ = ("data", "entries")
+
+    def __init__(self) -> None:
+        self.begin()
+
+    def begin(self) -> None:
+        """The next one, empty."""
+        self.data = bytearray()
+        self.entries: defaultdict[int, list[int]] = defaultdict(list)
+
+
+class McapChannel:
+    """One channel of a file."""
+
+    __slots__ = ("_chunk", "_end_chunk", "_number", "sequence")
+
+    def __init__(self, number: int, chunk: _Chunk, end_chunk: Callable[[], None]) -> None:
+        self._number = number
+        self._chunk = chunk
+        self._end_chunk = end_chunk
+        self.sequence = 0
+        """Number of the next message."""
+
+    def add(self, wall_ns: int, payload: bytes) -> None:
+        """Add a message, logged and published at this date."""
+        chunk, number, sequence = self._chunk, self._number, self.sequence
+        data, entries = chunk.data, chunk.entries[number]
+        entries += (wall_ns, len(data))
+        length = _MESSAGE_FIELDS_BYTES + len(payload)
+        data += _MESSAGE_HEAD.pack(_MESSAGE, length, number, sequence, wall_ns, wall_ns)
+        data += payload
+        self.sequence = sequence + 1
+        if len(data) > _CHUNK_BYTES:
+            self._end_chunk()
+
+
 class McapFile:
     """A file in chunks, compressed and indexed."""
 
@@ -70,10 +109,7 @@ class McapFile:
         """library: who writes this, for readers that care."""
         self._output = output
         self._compressor = zstandard.ZstdCompressor(COMPRESSION_LEVEL)
-        self._data = bytearray()
-        """Of the chunk that is being filled."""
-        self._entries: defaultdict[int, list[int]] = defaultdict(list)
-        """Of each channel's index in this chunk, one after the other."""
+        self._chunk = _Chunk()
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
         self._chunk_indices: list[ChunkIndex] = []
@@ -92,8 +128,8 @@ class McapFile:
 
     def register_channel(
         self, topic: str, encoding: str, schema: int, metadata: Mapping[str, str] | None = None
-    ) -> int:
-        """A new channel's number. encoding: of its messages. schema: 0 for none."""
+    ) -> McapChannel:
+        """A new channel. encoding: of its messages. schema: 0 for none."""
         number = len(self._channels) + 1
         channel = Channel(
             id=number,
@@ -104,20 +140,7 @@ class McapFile:
         )
         self._channels.append(channel)
         self._add_record(_encoded(channel))
-        return number
-
-    def add_message(
-        self, channel: int, log_ns: int, payload: bytes, publish_ns: int, sequence: int
-    ) -> None:
-        """Times are dates."""
-        data = self._data
-        numbers = self._entries[channel]
-        numbers += (log_ns, len(data))
-        length = _MESSAGE_FIELDS_BYTES + len(payload)
-        data += _MESSAGE_HEAD.pack(_MESSAGE, length, channel, sequence, log_ns, publish_ns)
-        data += payload
-        if len(data) > _CHUNK_BYTES:
-            self._end_chunk()
+        return McapChannel(number, self._chunk, self._end_chunk)
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Stands before what is still in the open chunk."""
@@ -159,16 +182,16 @@ class McapFile:
         self._output.write(MCAP0_MAGIC)
 
     def _add_record(self, record: bytes) -> None:
-        self._data += record
-        if len(self._data) > _CHUNK_BYTES:
+        self._chunk.data += record
+        if len(self._chunk.data) > _CHUNK_BYTES:
             self._end_chunk()
 
     def _end_chunk(self) -> None:
         """A chunk without messages stays open."""
-        data, entries = self._data, self._entries
+        data, entries = self._chunk.data, self._chunk.entries
         if not entries:
             return
-        self._data, self._entries = bytearray(), defaultdict(list)
+        self._chunk.begin()
         first_ns = min(min(numbers[::_ENTRY_NUMBERS]) for numbers in entries.values())
         last_ns = max(max(numbers[::_ENTRY_NUMBERS]) for numbers in entries.values())
         self._count(entries, first_ns, last_ns)

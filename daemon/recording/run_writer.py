@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Final
 
 from daemon.recording.channels import TIP_POSE, TOPICS, channel_format, tip_pose
-from daemon.recording.mcap_file import McapFile
+from daemon.recording.mcap_file import McapChannel, McapFile
 from daemon.recording.patient_file import PatientFile, sync_folder
 from daemon.recording.run_files import unfinished
 from daemon.remote.messages import Tip
@@ -36,7 +36,7 @@ class RunWriter:
         self.dropped = 0
         """Messages that were not kept because the disk did not take them."""
         self._wall_offset_ns = wall_offset_ns
-        self._channels: dict[str, _Channel] = {}
+        self._channels: dict[str, McapChannel] = {}
         self._file = PatientFile(unfinished(path))
         self._mcap = McapFile(self._file, LIBRARY)
         self._mcap.add_metadata(HEADER, {**header, "wall_offset_ns": str(wall_offset_ns)})
@@ -58,9 +58,11 @@ class RunWriter:
             self.dropped += 1
             return
         wall_ns = max(0, t_ns + self._wall_offset_ns)
-        self._add(topic, wall_ns, payload)
+        channel = self._channels.get(topic) or self._register(topic)
+        channel.add(wall_ns, payload)
         if topic == _TIP and (pose := tip_pose(payload, wall_ns)) is not None:
-            self._add(TIP_POSE, wall_ns, pose)
+            poses = self._channels.get(TIP_POSE) or self._register(TIP_POSE)
+            poses.add(wall_ns, pose)
 
     def flush(self) -> None:
         """End the chunk: what was written so far can be read from now on, whatever happens."""
@@ -88,26 +90,11 @@ class RunWriter:
         self._file.close()
         return complete
 
-    def _add(self, topic: str, wall_ns: int, payload: bytes) -> None:
-        channel = self._channels.get(topic)
-        if channel is None:
-            channel = self._channels[topic] = self._register(topic)
-        self._mcap.add_message(channel.number, wall_ns, payload, wall_ns, channel.messages)
-        channel.messages += 1
-
-    def _register(self, topic: str) -> "_Channel":
+    def _register(self, topic: str) -> McapChannel:
         kind = channel_format(topic)
         schema = 0
         if kind.schema_name:
             schema = self._mcap.register_schema(kind.schema_name, "jsonschema", kind.schema)
-        return _Channel(self._mcap.register_channel(topic, kind.message_encoding, schema))
-
-
-class _Channel:
-    """Its number in the file, and how many messages it has."""
-
-    __slots__ = ("messages", "number")
-
-    def __init__(self, number: int) -> None:
-        self.number = number
-        self.messages = 0
+        channel = self._mcap.register_channel(topic, kind.message_encoding, schema)
+        self._channels[topic] = channel
+        return channel
