@@ -13,8 +13,9 @@ from daemon.periodic_timer import PeriodicTimer, Tick
 from drivers.aurora.frame import TrackerFrame
 from drivers.aurora.tracker import AuroraTracker
 from drivers.byte_stream import StreamOpener
+from drivers.can.traffic_tap import TrafficTap
 from drivers.canopen.object_dictionary import ObjectDictionary
-from drivers.cia402.drive_bus import DriveBus, LinkOpener, TrafficTap
+from drivers.cia402.drive_bus import DriveBus, LinkOpener
 from drivers.clock import Clock
 from drivers.conditions import ConditionChange
 

@@ -21,6 +21,7 @@ from daemon.supervision.supervisor import Supervisor
 from drivers.aurora.tracker import AuroraTracker
 from drivers.cia402.axis_channel import AxisChannel
 from drivers.cia402.drive_bus import DriveBus
+from drivers.cia402.node import Node
 
 _FORCE_UNIT: Final = {"mm": "N", "rad": "N mm"}
 
@@ -51,12 +52,13 @@ class StatusReport:
         self._real_time = real_time
         self._simulated = simulated
         self._version = version
-        self._node_of = {
+        node_of = {
             channel.index: node
             for bus in buses
             for node in bus.nodes.values()
             for channel in node.channels
         }
+        self._axes = [_Axis(channel, node_of[channel.index]) for channel in loop.channels]
         self._sequence = 0
         self._loop_status: LoopStatus | None = None
 
@@ -80,7 +82,7 @@ class StatusReport:
             reference_mm=None if aim is None else aim.position_mm.tolist(),
             error_mm=self._loop.error_mm,
             tracker=self._tracker_status(t_ns),
-            axes=[self._axis_status(channel, t_ns) for channel in self._loop.channels],
+            axes=self._axes_status(t_ns),
             risk=self._risk_status(),
             loop=self._loop_status or self.loop_status(t_ns),
             lease=lease,
@@ -112,26 +114,18 @@ class StatusReport:
     def _tracker_status(self, t_ns: int) -> TrackerStatus:
         loop = self._loop
         return TrackerStatus(
-            state=self._tracker.status.state.value,
+            state=self._tracker.state.value,
             rate_hz=loop.frames.rate_hz(t_ns),
             age_s=loop.filter.age_s(t_ns),
             quality=loop.filter.quality,
             latency_s=loop.frames.latency_s(),
         )
 
-    def _axis_status(self, channel: AxisChannel, t_ns: int) -> AxisStatus:
-        scale, told = channel.scale, channel.received_ns is not None
-        return AxisStatus(
-            name=channel.axis.name,
-            unit=scale.unit,
-            actual=scale.position(channel.position_counts) if told else None,
-            target=self._loop.target(channel, t_ns),
-            drive_state=channel.state.value,
-            node_state=self._node_of[channel.index].state.value,
-            force=scale.force(channel.torque_permille) if told else None,
-            force_unit=_FORCE_UNIT[scale.unit],
-            volume_ml=scale.volume_ml(channel.position_counts) if told else None,
-        )
+    def _axes_status(self, t_ns: int) -> list[AxisStatus]:
+        told = self._loop.told_counts(t_ns)
+        if told is None:
+            return [axis.status(None) for axis in self._axes]
+        return [axis.status(target) for axis, target in zip(self._axes, told, strict=True)]
 
     def _risk_status(self) -> RiskStatus:
         decision = self._loop.decision
@@ -142,4 +136,39 @@ class StatusReport:
             threshold=self._robot.risk.threshold,
             scale=1.0 if decision is None else decision.scale,
             detail="" if decision is None else decision.risk_detail,
+        )
+
+
+class _Axis:
+    """One axis, with what is the same in all its statuses."""
+
+    __slots__ = ("_channel", "_force_unit", "_name", "_node", "_scale")
+
+    def __init__(self, channel: AxisChannel, node: Node) -> None:
+        self._channel = channel
+        self._node = node
+        self._scale = channel.scale
+        self._name = channel.axis.name
+        self._force_unit = _FORCE_UNIT[channel.scale.unit]
+
+    def status(self, target_counts: int | None) -> AxisStatus:
+        """target_counts: None while it is told nothing."""
+        channel, scale = self._channel, self._scale
+        actual = target = force = volume_ml = None
+        if channel.received_ns is not None:
+            actual = scale.position(channel.position_counts)
+            force = scale.force(channel.torque_permille)
+            volume_ml = scale.volume_ml(channel.position_counts)
+            if target_counts is not None:
+                target = scale.position(target_counts)
+        return AxisStatus(
+            name=self._name,
+            unit=scale.unit,
+            actual=actual,
+            target=target,
+            drive_state=channel.state.value,
+            node_state=self._node.state.value,
+            force=force,
+            force_unit=self._force_unit,
+            volume_ml=volume_ml,
         )

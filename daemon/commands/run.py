@@ -96,7 +96,7 @@ async def _serve(checked: CheckedRobot, arguments: argparse.Namespace, risk: Ris
         robot_file_dir=checked.file.path.parent,
     )
     await server.open()
-    surroundings.listeners.append(server.publish)
+    surroundings.listeners.add(server.publish)
     try:
         await _live(service, recording, stop, f"{robot.robot} in {directory}")
     finally:

@@ -18,6 +18,7 @@ from daemon.experiment.stopwatch import Stopwatch
 from daemon.experiment.trial import Tell, Trial
 from daemon.experiment.witness import Truth, Witness
 from daemon.recording.result import read_result, write_result
+from daemon.remote.messages import Axes, Tip
 from daemon.service.run_recording import MakeFolder, RunRecording
 from daemon.service.surroundings import Surroundings
 
@@ -49,7 +50,8 @@ async def carry_out(
             recording, operator = at_work.recording, at_work.operator
             trial = Trial(file.experiment, trajectory, at_work, lab, stopwatch, tell)
             witness.elapsed_s = lambda: operator.elapsed_s
-            surroundings.listeners.append(witness.hear)
+            surroundings.listeners.add_for(Tip, witness.hear_tip)
+            surroundings.listeners.add_for(Axes, witness.hear_axes)
             await trial.run()
     finally:
         if recording is not None and recording.folder is not None:

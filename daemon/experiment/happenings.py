@@ -38,10 +38,10 @@ class Happenings:
 
     def step(self, elapsed_s: float, cycle: int, dt_s: float) -> None:
         """The trajectory has lasted for `elapsed_s` and is in `cycle`."""
-        due = [one for one in self._waiting if _due(one, elapsed_s, cycle)]
-        for happening in due:
-            self._waiting.remove(happening)
-            self._happen(happening)
+        if self._waiting:
+            for happening in [one for one in self._waiting if _due(one, elapsed_s, cycle)]:
+                self._waiting.remove(happening)
+                self._happen(happening)
         if self._filling is not None:
             goal_g, rate_g_s = self._filling
             self._load_g = min(goal_g, self._load_g + rate_g_s * dt_s)

@@ -9,7 +9,7 @@ from daemon.control.trajectories import Trajectory
 from daemon.experiment.happenings import Happenings, LabControl
 from daemon.experiment.session import Session
 from daemon.experiment.stopwatch import Stopwatch, TimedController
-from daemon.remote.messages import Acquire, Answer, Arm, Disarm, Message, Refusal, Tip
+from daemon.remote.messages import Acquire, Answer, Arm, Disarm, Refusal, Tip
 from daemon.service.refused import RefusedError
 from safety.states import OperatingState
 
@@ -54,7 +54,7 @@ class Trial:
             experiment.happenings, experiment.tip_load_g, lab, self._happened
         )
         self._last_ns: int | None = None
-        self._service.surroundings.listeners.append(self._step)
+        self._service.surroundings.listeners.add_for(Tip, self._step)
 
     async def run(self) -> None:
         """Raises TrialError; the robot is then left to `RobotService.rest`."""
@@ -125,13 +125,11 @@ class Trial:
             self.resumptions += supervisor.running
             in_a_row += supervisor.running
 
-    def _step(self, message: Message) -> None:
-        """Listens to the steps: happenings go by the trajectory's own time."""
-        if not isinstance(message, Tip):
-            return
-        dt_s = 0.0 if self._last_ns is None else (message.t_ns - self._last_ns) * 1e-9
-        self._last_ns = message.t_ns
-        self._happenings.step(self._operator.elapsed_s, message.cycle, dt_s)
+    def _step(self, tip: Tip) -> None:
+        """Happenings go by the trajectory's own time."""
+        dt_s = 0.0 if self._last_ns is None else (tip.t_ns - self._last_ns) * 1e-9
+        self._last_ns = tip.t_ns
+        self._happenings.step(self._operator.elapsed_s, tip.cycle, dt_s)
 
     def _happened(self, what: str) -> None:
         self._service.events.tell("note", "happening", what, subject="lab")

@@ -8,7 +8,7 @@ import numpy as np
 
 from daemon.control.axis_ranges import AxisRanges
 from daemon.experiment.step_series import Array, StepSeries
-from daemon.remote.messages import Axes, Message, Tip
+from daemon.remote.messages import Axes, Tip
 from safety.states import OperatingState
 
 _RUNNING: Final = OperatingState.RUNNING.value
@@ -38,41 +38,41 @@ class Witness:
         self._truth = truth
         self._tip: Tip | None = None
         self._times, self._cycles = array("d"), array("d")
-        self._points = {name: array("d") for name in ("reference", "tip", "reading", "true")}
+        self._reference, self._believed = array("d"), array("d")
+        self._reading, self._true = array("d"), array("d")
         self._u = array("d")
 
-    def hear(self, message: Message) -> None:
-        """Take what belongs to a step within a cycle."""
-        if isinstance(message, Tip):
-            counts = message.state == _RUNNING and message.cycle >= 0
-            self._tip = message if counts and message.error_mm is not None else None
-        elif isinstance(message, Axes) and self._tip is not None:
-            if self._tip.sequence == message.sequence:
-                self._take(self._tip, message)
-            self._tip = None
+    def hear_tip(self, tip: Tip) -> None:
+        """Only what belongs to a step within a cycle counts."""
+        counts = tip.cycle >= 0 and tip.error_mm is not None and tip.state == _RUNNING
+        self._tip = tip if counts else None
+
+    def hear_axes(self, axes: Axes) -> None:
+        """Completes the step."""
+        tip, self._tip = self._tip, None
+        if tip is not None and tip.sequence == axes.sequence:
+            self._take(tip, axes)
 
     def series(self) -> StepSeries:
         """All steps so far."""
-        points = {name: _points(values) for name, values in self._points.items()}
         travel = self._axes.travel
         return StepSeries(
             t_s=np.array(self._times),
             cycle=np.array(self._cycles),
-            reference_mm=points["reference"],
-            tip_mm=points["tip"],
-            reading_mm=points["reading"],
-            true_mm=points["true"],
+            reference_mm=_points(self._reference),
+            tip_mm=_points(self._believed),
+            reading_mm=_points(self._reading),
+            true_mm=_points(self._true),
             u=(np.array(self._u).reshape(-1, len(travel)) - self._axes.lowest) / travel,
         )
 
     def _take(self, tip: Tip, axes: Axes) -> None:
         self._times.append(self.elapsed_s())
         self._cycles.append(tip.cycle)
-        points = self._points
-        points["reference"].extend(tip.reference_mm or _UNKNOWN)
-        points["tip"].extend(tip.tip_mm or _UNKNOWN)
-        points["reading"].extend(tip.measured_mm or _UNKNOWN)
-        points["true"].extend(_UNKNOWN if self._truth is None else self._truth.tip_mm())
+        self._reference.extend(tip.reference_mm or _UNKNOWN)
+        self._believed.extend(tip.tip_mm or _UNKNOWN)
+        self._reading.extend(tip.measured_mm or _UNKNOWN)
+        self._true.extend(_UNKNOWN if self._truth is None else self._truth.tip_mm().tolist())
         self._u.extend(axes.actual)
 
 

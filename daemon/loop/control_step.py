@@ -22,7 +22,7 @@ from drivers.axis_scale import tension_range_n
 from drivers.cia402.axis_channel import AxisChannel
 from drivers.cia402.drive_bus import DriveBus
 from drivers.clock import Clock
-from drivers.pose import Vector
+from drivers.pose import Pose, Vector
 from safety.gate import RISK, RISK_UNAVAILABLE, Decision, Gate, Measured
 from safety.permit import PermittedStep
 from safety.risk_source import Nearest, RiskSource, Room, room_of
@@ -89,6 +89,7 @@ class ControlLoop:
         """What the controller says that it is doing."""
         self.decision: Decision | None = None
         self.channels = _in_order(buses)
+        self._scales = [channel.scale for channel in self.channels]
         self._buses = buses
         self._gate = gate
         self._supervisor = supervisor
@@ -143,18 +144,14 @@ class ControlLoop:
         """Follow the reference from here with the next step."""
         self._begun = False
 
-    def target(self, channel: AxisChannel, now_ns: int) -> float | None:
-        """Where an axis is told to be, in its own unit; None while it is told nothing."""
-        if not self._supervisor.state.energised or channel.received_ns is None:
-            return None
-        return channel.scale.position(self.target_counts(now_ns)[channel.index])
+    def told_counts(self, now_ns: int) -> Sequence[int] | None:
+        """Where each axis is told to be; None while they are told nothing."""
+        return self.target_counts(now_ns) if self._supervisor.state.energised else None
 
     @property
     def error_mm(self) -> float | None:
         """Distance of the tip from its reference, at the last step."""
-        if self.tip is None or self.aim is None:
-            return None
-        return math.dist(self.tip.position_mm.tolist(), self.aim.position_mm.tolist())
+        return _distance_mm(_place_mm(self.tip), _place_mm(self.aim))
 
     # The parts of a step, in their order.
 
@@ -309,18 +306,18 @@ class ControlLoop:
         self, sensed: Sensed, believed: bool, wish: Wish | None, decision: Decision | None
     ) -> None:
         frame, tip, aim = sensed.frame, self.tip, self.aim
-        state = self._supervisor.state.value
+        tip_mm, reference_mm = _place_mm(tip), _place_mm(aim)
         self._publish_message(
             Tip(
                 sequence=self.steps,
                 t_ns=frame.t_ns,
-                state=state,
-                measured_mm=None if frame.tip is None else frame.tip.position_mm.tolist(),
-                tip_mm=None if tip is None else tip.position_mm.tolist(),
+                state=self._supervisor.state.value,
+                measured_mm=_place_mm(frame.tip),
+                tip_mm=tip_mm,
                 velocity_mm_s=None if tip is None else tip.velocity_mm_s.tolist(),
                 quaternion=None if tip is None else tip.quaternion.tolist(),
-                reference_mm=None if aim is None else aim.position_mm.tolist(),
-                error_mm=self.error_mm,
+                reference_mm=reference_mm,
+                error_mm=_distance_mm(tip_mm, reference_mm),
                 cycle=-1 if aim is None else aim.cycle,
                 age_s=None if tip is None else tip.age_s,
                 believed=believed,
@@ -330,9 +327,9 @@ class ControlLoop:
         if decision is not None and decision.step is not None:
             step = decision.step
             permitted = [
-                channel.scale.position(end - start)
-                for channel, start, end in zip(
-                    self.channels, step.from_counts, step.to_counts, strict=True
+                scale.position(end - start)
+                for scale, start, end in zip(
+                    self._scales, step.from_counts, step.to_counts, strict=True
                 )
             ]
         self._publish_message(
@@ -343,7 +340,10 @@ class ControlLoop:
                 target=sensed.targets.tolist(),
                 proposed=None if wish is None else wish.delta_u.tolist(),
                 permitted=permitted,
-                force=[c.scale.force(c.torque_permille) for c in self.channels],
+                force=[
+                    scale.force(channel.torque_permille)
+                    for scale, channel in zip(self._scales, self.channels, strict=True)
+                ],
             )
         )
         if decision is not None and wish is not None:
@@ -361,6 +361,16 @@ class ControlLoop:
                     **_told(decision.nearest),
                 )
             )
+
+
+def _place_mm(known: Pose | TipEstimate | Aim | None) -> list[float] | None:
+    """Where that is, as a message has it."""
+    return None if known is None else known.position_mm.tolist()
+
+
+def _distance_mm(one: list[float] | None, other: list[float] | None) -> float | None:
+    """None where one of the places is not known."""
+    return None if one is None or other is None else math.dist(one, other)
 
 
 def _told(nearest: Nearest | None) -> dict[str, Any]:

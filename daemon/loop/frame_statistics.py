@@ -1,5 +1,6 @@
 """How often frames come, and how old they are when they do."""
 
+from bisect import bisect_left
 from collections import deque
 from statistics import median
 from typing import Final
@@ -16,7 +17,7 @@ class FrameStatistics:
         self._ages_ns: deque[int] = deque(maxlen=_AGES_KEPT)
 
     def add(self, measured_ns: int, received_ns: int) -> None:
-        """A frame came."""
+        """A frame came. They come in the order of being measured."""
         self._times_ns.append(measured_ns)
         while self._times_ns[0] < measured_ns - _RATE_OVER_NS:
             self._times_ns.popleft()
@@ -24,10 +25,12 @@ class FrameStatistics:
 
     def rate_hz(self, now_ns: int) -> float:
         """Frames per second."""
-        recent = [t_ns for t_ns in self._times_ns if t_ns >= now_ns - _RATE_OVER_NS]
-        if len(recent) < 2:
+        times_ns = self._times_ns
+        first = bisect_left(times_ns, now_ns - _RATE_OVER_NS)
+        recent = len(times_ns) - first
+        if recent < 2:
             return 0.0
-        return (len(recent) - 1) * 1e9 / (recent[-1] - recent[0])
+        return (recent - 1) * 1e9 / (times_ns[-1] - times_ns[first])
 
     def latency_s(self) -> float | None:
         """From measurement to the loop, the median."""

@@ -82,7 +82,8 @@ def viewer_schema(kind: type[msgspec.Struct]) -> dict[str, Any]:
 
 def message_time_ns(message: Message) -> int:
     """When a telemetry message is from, on the monotonic clock."""
-    return int(message.t_ns)  # type: ignore[attr-defined]
+    t_ns: int = message.t_ns  # type: ignore[attr-defined]
+    return t_ns
 
 
 def tracker_payload(direction: str, data: bytes) -> bytes:

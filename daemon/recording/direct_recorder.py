@@ -5,7 +5,7 @@ from pathlib import Path
 
 import msgspec
 
-from daemon.recording.can_batches import CanBatches
+from daemon.recording.can_batches import BusBatches, CanBatches
 from daemon.recording.channels import RAW_TRACKER, TOPICS, message_time_ns, tracker_payload
 from daemon.recording.disk_space import free_mb
 from daemon.recording.flight_recorder import RecorderStatus, RecordingError
@@ -21,6 +21,8 @@ class DirectRecorder:
         self._encoder = msgspec.json.Encoder()
         self._writer: RunWriter | None = None
         self._batches = CanBatches(self._write)
+        self._folder: Path | None = None
+        """Of the present recording, or of the last one."""
         self._status = RecorderStatus(False, None, 0, "", None, 0)
         self._free_mb: float | None = None
         self._measured_at_bytes = -1
@@ -33,7 +35,8 @@ class DirectRecorder:
             self._writer = RunWriter(folder / RUN_FILE, header, wall_ns - t_ns)
         except OSError as error:
             raise RecordingError(f"cannot record in {folder}: {error.strerror}") from error
-        self._batches = CanBatches(self._write)
+        self._folder = folder
+        self._batches.begin()
 
     def message(self, message: Message) -> None:
         topic = TOPICS.get(type(message))
@@ -41,11 +44,11 @@ class DirectRecorder:
             self._writer.write(topic, message_time_ns(message), self._encoder.encode(message))
 
     def tracker_traffic(self, direction: str, data: bytes, t_ns: int) -> None:
-        self._write(RAW_TRACKER, t_ns, tracker_payload(direction, data))
-
-    def can_frame(self, bus: str, can_id: int, data: bytes, t_ns: int) -> None:
         if self._writer is not None:
-            self._batches.add(bus, can_id, data, t_ns)
+            self._writer.write(RAW_TRACKER, t_ns, tracker_payload(direction, data))
+
+    def can_tap(self, bus: str) -> BusBatches:
+        return self._batches.of(bus)
 
     def urgent(self) -> None:
         if self._writer is not None:
@@ -55,6 +58,7 @@ class DirectRecorder:
     async def stop(self) -> None:
         if self._writer is not None:
             self._batches.flush()
+            self._batches.end()
             self._writer.finish()
             self._status = self._described(self._writer, recording=False)
             self._writer = None
@@ -70,12 +74,12 @@ class DirectRecorder:
             self._writer.write(topic, t_ns, payload)
 
     def _described(self, writer: RunWriter, recording: bool) -> RecorderStatus:
-        folder, written = writer.path.parent, writer.bytes_written
+        written = writer.bytes_written
         if written != self._measured_at_bytes:
-            self._measured_at_bytes, self._free_mb = written, free_mb(folder)
+            self._measured_at_bytes, self._free_mb = written, free_mb(writer.path.parent)
         return RecorderStatus(
             recording,
-            folder if recording else None,
+            self._folder if recording else None,
             writer.dropped,
             writer.failed,
             self._free_mb,

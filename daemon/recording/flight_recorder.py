@@ -3,18 +3,18 @@
 import asyncio
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final, NamedTuple, Protocol
 
 import msgspec
 
-from daemon.recording.can_batches import CanBatches
+from daemon.recording.can_batches import BusBatches, CanBatches
 from daemon.recording.channels import RAW_TRACKER, TOPICS, message_time_ns, tracker_payload
 from daemon.recording.record_stream import Begin, Progress, RecordWriter
 from daemon.recording.recorder_link import RecorderLink
 from daemon.recording.run_files import RUN_FILE
 from daemon.remote.messages import Message
+from drivers.can.traffic_tap import TrafficTap
 
 _SEND_EVERY_S: Final = 0.05
 _BUFFER_AT_MOST: Final = 8 << 20
@@ -31,8 +31,7 @@ class RecordingError(RuntimeError):
     """A recording could not be started; the text says why."""
 
 
-@dataclass(frozen=True)
-class RecorderStatus:
+class RecorderStatus(NamedTuple):
     """How the recording is doing."""
 
     recording: bool
@@ -65,8 +64,8 @@ class Recorder(Protocol):
         """Bytes on the tracker's line. direction: `from_device` or `to_device`."""
         ...
 
-    def can_frame(self, bus: str, can_id: int, data: bytes, t_ns: int) -> None:
-        """A frame on a bus, with the kernel's flags in its ID."""
+    def can_tap(self, bus: str) -> TrafficTap:
+        """Takes the frames of a bus, with the kernel's flags in their IDs, in all recordings."""
         ...
 
     def urgent(self) -> None:
@@ -134,6 +133,7 @@ class FlightRecorder:
             self._link = RecorderLink(self._records.buffer, self._on_line)
         except OSError as error:
             raise RecordingError(f"cannot start the recorder process: {error}") from error
+        self._batches.begin()
         self._tick()
         try:
             async with asyncio.timeout(_STARTS_WITHIN_S):
@@ -156,9 +156,8 @@ class FlightRecorder:
         if self._link is not None:
             self._add(RAW_TRACKER, t_ns, tracker_payload(direction, data))
 
-    def can_frame(self, bus: str, can_id: int, data: bytes, t_ns: int) -> None:
-        if self._link is not None:
-            self._batches.add(bus, can_id, data, t_ns)
+    def can_tap(self, bus: str) -> BusBatches:
+        return self._batches.of(bus)
 
     def urgent(self) -> None:
         if self._link is not None and not self._link.ended:
@@ -205,13 +204,13 @@ class FlightRecorder:
     async def _end(self) -> bool:
         """No more is taken from now on; the process gets the rest. Whether it ended well."""
         link, self._link = self._link, None
+        self._batches.end()
         if self._timer is not None:
             self._timer.cancel()
         return link is not None and await link.finish(_ENDS_WITHIN_S)
 
     def _reset(self, folder: Path) -> None:
         self._records = RecordWriter()
-        self._batches = CanBatches(self._add)
         self._folder = folder
         self._dropped = 0
         self._progress = Progress()

@@ -2,13 +2,13 @@
 
 A recording has hundreds of messages a second, and the library makes objects and a dozen small
 writes of each. All that is rare is left to the library's own records; the file is the same to the
-last byte.
+last byte, but for its chunks' compression, which is lighter.
 """
 
 import struct
 import zlib
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections import defaultdict
+from collections.abc import Callable, Mapping
 from typing import Any, Final, Protocol
 
 import zstandard
@@ -31,6 +31,8 @@ from mcap.writer import MCAP0_MAGIC
 
 _CHUNK_BYTES: Final = 1 << 20
 _COMPRESSION: Final = "zstd"
+COMPRESSION_LEVEL: Final = 1
+"""Half the work of the library's 3, and recordings are no larger."""
 _MESSAGE_HEAD: Final = struct.Struct("<BQHIQQ")
 """Opcode, length of what follows; channel, sequence, log time, publish time."""
 _RECORD_HEAD_BYTES: Final = 9
@@ -61,14 +63,43 @@ class Output(Protocol):
         ...
 
 
-@dataclass
-class _Open:
+class _Chunk:
     """The chunk that is being filled. entries: of each channel's index, one after the other."""
 
-    data: bytearray = field(default_factory=bytearray)
-    entries: dict[int, list[int]] = field(default_factory=dict)
-    first_ns: int = 0
-    last_ns: int = 0
+    __slots__ = ("data", "entries")
+
+    def __init__(self) -> None:
+        self.begin()
+
+    def begin(self) -> None:
+        """The next one, empty."""
+        self.data = bytearray()
+        self.entries: defaultdict[int, list[int]] = defaultdict(list)
+
+
+class McapChannel:
+    """One channel of a file."""
+
+    __slots__ = ("_chunk", "_end_chunk", "_number", "sequence")
+
+    def __init__(self, number: int, chunk: _Chunk, end_chunk: Callable[[], None]) -> None:
+        self._number = number
+        self._chunk = chunk
+        self._end_chunk = end_chunk
+        self.sequence = 0
+        """Number of the next message."""
+
+    def add(self, wall_ns: int, payload: bytes) -> None:
+        """Add a message, logged and published at this date."""
+        chunk, number, sequence = self._chunk, self._number, self.sequence
+        data, entries = chunk.data, chunk.entries[number]
+        entries += (wall_ns, len(data))
+        length = _MESSAGE_FIELDS_BYTES + len(payload)
+        data += _MESSAGE_HEAD.pack(_MESSAGE, length, number, sequence, wall_ns, wall_ns)
+        data += payload
+        self.sequence = sequence + 1
+        if len(data) > _CHUNK_BYTES:
+            self._end_chunk()
 
 
 class McapFile:
@@ -77,7 +108,8 @@ class McapFile:
     def __init__(self, output: Output, library: str) -> None:
         """library: who writes this, for readers that care."""
         self._output = output
-        self._chunk = _Open()
+        self._compressor = zstandard.ZstdCompressor(COMPRESSION_LEVEL)
+        self._chunk = _Chunk()
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
         self._chunk_indices: list[ChunkIndex] = []
@@ -96,8 +128,8 @@ class McapFile:
 
     def register_channel(
         self, topic: str, encoding: str, schema: int, metadata: Mapping[str, str] | None = None
-    ) -> int:
-        """A new channel's number. encoding: of its messages. schema: 0 for none."""
+    ) -> McapChannel:
+        """A new channel. encoding: of its messages. schema: 0 for none."""
         number = len(self._channels) + 1
         channel = Channel(
             id=number,
@@ -108,29 +140,7 @@ class McapFile:
         )
         self._channels.append(channel)
         self._add_record(_encoded(channel))
-        return number
-
-    def add_message(
-        self, channel: int, log_ns: int, payload: bytes, publish_ns: int, sequence: int
-    ) -> None:
-        """Times are dates."""
-        chunk = self._chunk
-        data, entries = chunk.data, chunk.entries
-        if not entries:
-            chunk.first_ns = chunk.last_ns = log_ns
-        elif log_ns > chunk.last_ns:
-            chunk.last_ns = log_ns
-        elif log_ns < chunk.first_ns:
-            chunk.first_ns = log_ns
-        index = entries.get(channel)
-        if index is None:
-            index = entries[channel] = []
-        index += (log_ns, len(data))
-        length = _MESSAGE_FIELDS_BYTES + len(payload)
-        data += _MESSAGE_HEAD.pack(_MESSAGE, length, channel, sequence, log_ns, publish_ns)
-        data += payload
-        if len(data) > _CHUNK_BYTES:
-            self._end_chunk()
+        return McapChannel(number, self._chunk, self._end_chunk)
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Stands before what is still in the open chunk."""
@@ -178,26 +188,28 @@ class McapFile:
 
     def _end_chunk(self) -> None:
         """A chunk without messages stays open."""
-        chunk = self._chunk
-        if not chunk.entries:
+        data, entries = self._chunk.data, self._chunk.entries
+        if not entries:
             return
-        self._chunk = _Open()
-        self._count(chunk)
-        compressed = zstandard.compress(bytes(chunk.data))
+        self._chunk.begin()
+        first_ns = min(min(numbers[::_ENTRY_NUMBERS]) for numbers in entries.values())
+        last_ns = max(max(numbers[::_ENTRY_NUMBERS]) for numbers in entries.values())
+        self._count(entries, first_ns, last_ns)
+        compressed = self._compressor.compress(data)
         record = _encoded(
             Chunk(
                 compression=_COMPRESSION,
                 data=compressed,
-                message_end_time=chunk.last_ns,
-                message_start_time=chunk.first_ns,
-                uncompressed_crc=zlib.crc32(chunk.data),
-                uncompressed_size=len(chunk.data),
+                message_end_time=last_ns,
+                message_start_time=first_ns,
+                uncompressed_crc=zlib.crc32(data),
+                uncompressed_size=len(data),
             )
         )
         starts = self._output.tell()
         self._output.write(record)
         indices, places = bytearray(), {}
-        for channel, numbers in chunk.entries.items():
+        for channel, numbers in entries.items():
             places[channel] = starts + len(record) + len(indices)
             size = 8 * len(numbers)
             indices += _INDEX_HEAD.pack(
@@ -211,19 +223,19 @@ class McapFile:
                 chunk_start_offset=starts,
                 compression=_COMPRESSION,
                 compressed_size=len(compressed),
-                message_end_time=chunk.last_ns,
+                message_end_time=last_ns,
                 message_index_length=len(indices),
                 message_index_offsets=places,
-                message_start_time=chunk.first_ns,
-                uncompressed_size=len(chunk.data),
+                message_start_time=first_ns,
+                uncompressed_size=len(data),
             )
         )
 
-    def _count(self, chunk: _Open) -> None:
+    def _count(self, entries: Mapping[int, list[int]], first_ns: int, last_ns: int) -> None:
         first = not self._counts
-        self._first_ns = chunk.first_ns if first else min(self._first_ns, chunk.first_ns)
-        self._last_ns = max(self._last_ns, chunk.last_ns)
-        for channel, numbers in chunk.entries.items():
+        self._first_ns = first_ns if first else min(self._first_ns, first_ns)
+        self._last_ns = max(self._last_ns, last_ns)
+        for channel, numbers in entries.items():
             count = len(numbers) // _ENTRY_NUMBERS
             self._counts[channel] = self._counts.get(channel, 0) + count
 

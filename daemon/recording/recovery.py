@@ -9,7 +9,7 @@ from typing import IO, Final
 
 from mcap.records import Channel, Message, Metadata, Schema
 
-from daemon.recording.mcap_file import McapFile
+from daemon.recording.mcap_file import McapChannel, McapFile
 from daemon.recording.patient_file import PatientFile, sync_folder
 from daemon.recording.run_files import RUN_FILE, unfinished
 from daemon.recording.run_reader import RunReader, UnreadableRunError
@@ -95,7 +95,7 @@ def _rewrite(part: Path, path: Path) -> Recovered:
 
 def _copy(reader: RunReader, writer: McapFile) -> int:
     """All records from one file to the other. Returns the number of messages."""
-    schemas, channels = {0: 0}, dict[int, int]()
+    schemas, channels = {0: 0}, dict[int, McapChannel]()
     messages = 0
     for record in reader.records():
         if isinstance(record, Schema) and record.id not in schemas:
@@ -107,13 +107,9 @@ def _copy(reader: RunReader, writer: McapFile) -> int:
             )
         elif isinstance(record, Message):
             messages += 1
-            writer.add_message(
-                channels[record.channel_id],
-                record.log_time,
-                record.data,
-                record.publish_time,
-                record.sequence,
-            )
+            channel = channels[record.channel_id]
+            channel.sequence = record.sequence  # where some are lost, the others keep theirs
+            channel.add(record.log_time, record.data)
         elif isinstance(record, Metadata):
             writer.add_metadata(record.name, record.metadata)
     return messages

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Final
 
 from daemon.recording.channels import TIP_POSE, TOPICS, channel_format, tip_pose
-from daemon.recording.mcap_file import McapFile
+from daemon.recording.mcap_file import McapChannel, McapFile
 from daemon.recording.patient_file import PatientFile, sync_folder
 from daemon.recording.run_files import unfinished
 from daemon.remote.messages import Tip
@@ -36,8 +36,7 @@ class RunWriter:
         self.dropped = 0
         """Messages that were not kept because the disk did not take them."""
         self._wall_offset_ns = wall_offset_ns
-        self._channels: dict[str, int] = {}
-        self._sequences: dict[str, int] = {}
+        self._channels: dict[str, McapChannel] = {}
         self._file = PatientFile(unfinished(path))
         self._mcap = McapFile(self._file, LIBRARY)
         self._mcap.add_metadata(HEADER, {**header, "wall_offset_ns": str(wall_offset_ns)})
@@ -54,15 +53,16 @@ class RunWriter:
 
     def write(self, topic: str, t_ns: int, payload: bytes) -> None:
         """Add a message. t_ns: monotonic. Raises ValueError where the topic is unknown."""
-        if self._file.pending > _PENDING_AT_MOST:
+        file = self._file
+        if file.failed and file.pending > _PENDING_AT_MOST:  # while it takes all, nothing waits
             self.dropped += 1
             return
         wall_ns = max(0, t_ns + self._wall_offset_ns)
-        self._add(topic, wall_ns, payload)
-        if topic == _TIP:
-            pose = tip_pose(payload, wall_ns)
-            if pose is not None:
-                self._add(TIP_POSE, wall_ns, pose)
+        channel = self._channels.get(topic) or self._register(topic)
+        channel.add(wall_ns, payload)
+        if topic == _TIP and (pose := tip_pose(payload, wall_ns)) is not None:
+            poses = self._channels.get(TIP_POSE) or self._register(TIP_POSE)
+            poses.add(wall_ns, pose)
 
     def flush(self) -> None:
         """End the chunk: what was written so far can be read from now on, whatever happens."""
@@ -90,19 +90,11 @@ class RunWriter:
         self._file.close()
         return complete
 
-    def _add(self, topic: str, wall_ns: int, payload: bytes) -> None:
-        channel = self._channels.get(topic)
-        if channel is None:
-            channel = self._register(topic)
-        sequence = self._sequences[topic]
-        self._sequences[topic] = sequence + 1
-        self._mcap.add_message(channel, wall_ns, payload, wall_ns, sequence)
-
-    def _register(self, topic: str) -> int:
+    def _register(self, topic: str) -> McapChannel:
         kind = channel_format(topic)
         schema = 0
         if kind.schema_name:
             schema = self._mcap.register_schema(kind.schema_name, "jsonschema", kind.schema)
-        self._channels[topic] = self._mcap.register_channel(topic, kind.message_encoding, schema)
-        self._sequences[topic] = 0
-        return self._channels[topic]
+        channel = self._mcap.register_channel(topic, kind.message_encoding, schema)
+        self._channels[topic] = channel
+        return channel

@@ -6,7 +6,6 @@ for comes in through `operator.Operator`.
 
 import asyncio
 from collections.abc import Callable
-from functools import partial
 from importlib.metadata import version
 from typing import Final
 
@@ -21,7 +20,6 @@ from daemon.remote.lease import Lease
 from daemon.remote.messages import (
     LeaseStatus,
     Loop,
-    Message,
     ReferenceStatus,
     Status,
 )
@@ -52,6 +50,8 @@ class RobotService:
         self.surroundings = surroundings
         self.clock = surroundings.clock
         self.version = version("tentacled")
+        self.publish = surroundings.listeners.tell
+        """Tells everybody."""
         self.events = Events(self.clock, self.publish)
         self.holds = 0
         """How often the motion was held, by anything but the operator."""
@@ -154,11 +154,6 @@ class RobotService:
             now_ns, lease, None if folder is None else str(folder), self.reference_status()
         )
 
-    def publish(self, message: Message) -> None:
-        """Tell everybody."""
-        for listener in self.surroundings.listeners:
-            listener(message)
-
     # What the devices and the timer tell.
 
     def _on_frame(self, frame: TrackerFrame) -> None:
@@ -255,7 +250,7 @@ class RobotService:
             self._on_frame,
             self._on_condition,
             recorder.tracker_traffic,
-            {name: partial(recorder.can_frame, name) for name in self.robot.buses},
+            {name: recorder.can_tap(name) for name in self.robot.buses},
             self._on_cycle,
         )
         return Hardware(file, self.robot, surroundings.connections, self.clock, listeners)

@@ -39,7 +39,10 @@ class RunRecording:
         """Of the first and the last step within a cycle."""
         self._followed = ("", "")
         self._ending: asyncio.Task[None] | None = None
-        service.surroundings.listeners.append(self._hear)
+        listeners = service.surroundings.listeners
+        listeners.add(self._hear)
+        listeners.add_for(Tip, self._hear_step)
+        listeners.add_for(Event, self._hear_event)
         service.at_rest.append(self._end_soon)
 
     async def begin(self) -> None:
@@ -100,18 +103,17 @@ class RunRecording:
         write_result(self.folder, result)
 
     def _hear(self, message: Message) -> None:
-        if not self._recording:
-            return
-        self._recorder.message(message)
-        if isinstance(message, Tip):
-            self._hear_step(message)
-        elif isinstance(message, Event) and message.kind == "cause" and message.present:
-            stops = cause(message.name).severity >= _STOPS_THE_MOTION
+        if self._recording:
+            self._recorder.message(message)
+
+    def _hear_event(self, event: Event) -> None:
+        if self._recording and event.kind == "cause" and event.present:
+            stops = cause(event.name).severity >= _STOPS_THE_MOTION
             if stops and len(self._faults) < _MOST_FAULTS:
-                self._faults.append(message.name)
+                self._faults.append(event.name)
 
     def _hear_step(self, tip: Tip) -> None:
-        if tip.state != _RUNNING:
+        if not self._recording or tip.state != _RUNNING:
             return
         self._steps += 1
         self.table.add(tip)

@@ -7,7 +7,7 @@ from pathlib import Path
 from daemon.hardware import Connections
 from daemon.loop.real_time import RealTime
 from daemon.recording.flight_recorder import Recorder
-from daemon.remote.messages import Message
+from daemon.service.audience import Audience
 from drivers.clock import WallClock
 from safety.risk_source import RiskSource
 
@@ -27,5 +27,4 @@ class Surroundings:
     """For leases; None: as unguessable as can be."""
     runs: Path | None = None
     """Where recordings will go; None: nobody minds how much room there is."""
-    listeners: list[Callable[[Message], None]] = field(default_factory=list)
-    """Hear of every message. Called in the loop: they must be quick and must not fail."""
+    listeners: Audience = field(default_factory=Audience)

@@ -151,6 +151,11 @@ class AuroraTracker:
         )
 
     @property
+    def state(self) -> TrackerState:
+        """The same as in `status`."""
+        return self._state
+
+    @property
     def tracking(self) -> bool:
         """Whether it is set up and measures. The same as in `status`, for every bus cycle."""
         return self._state is TrackerState.TRACKING

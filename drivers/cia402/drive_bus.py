@@ -10,6 +10,7 @@ from config.bus import Bus
 from drivers.can.bits import worst_case_bits
 from drivers.can.conditions import CANNOT_OPEN, FOREIGN_FRAMES, GONE
 from drivers.can.link import CanLink, FrameReceiver, LinkError
+from drivers.can.traffic_tap import TrafficTap
 from drivers.canopen.codec import cob_ids
 from drivers.canopen.codec.nmt import NmtCommand, NmtState, encode_heartbeat, encode_nmt_command
 from drivers.canopen.object_dictionary import ObjectDictionary
@@ -24,7 +25,6 @@ from drivers.conditions import Condition, ConditionChange, Conditions
 from safety.permit import PermittedHoming, PermittedStep
 
 LinkOpener = Callable[[FrameReceiver], Awaitable[CanLink]]
-TrafficTap = Callable[[int, bytes, int], None]
 
 _SYNC: Final = (cob_ids.SYNC, b"")
 _OPEN_AGAIN_S: Final = 0.1
@@ -250,7 +250,7 @@ class DriveBus:
         traffic.received += 1
         traffic.bits += _BITS[len(data)]
         if self._tap is not None:
-            self._tap(can_id, data, t_ns)
+            self._tap.received(can_id, data, t_ns)
         handler = self._handlers.get(can_id)
         if handler is not None:
             handler(data, t_ns)
@@ -282,18 +282,17 @@ class DriveBus:
         return frames
 
     def _sent(self, frames: Sequence[tuple[int, bytes]], taken: int) -> None:
-        traffic, tap = self.traffic, self._tap
+        traffic = self.traffic
         traffic.sent += taken
         if taken < len(frames):
             traffic.refused += len(frames) - taken
             frames = frames[:taken]
-        t_ns = self._clock.now_ns()
         bits = 0
-        for can_id, data in frames:
+        for _, data in frames:
             bits += _BITS[len(data)]
-            if tap is not None:
-                tap(can_id, data, t_ns)
         traffic.bits += bits
+        if self._tap is not None:
+            self._tap.sent(frames, self._clock.now_ns())
 
     def _watch(self, link: CanLink, t_ns: int) -> None:
         """Look after the nodes; once all are well, their frames need not wake us one by one."""

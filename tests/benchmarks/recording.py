@@ -82,8 +82,11 @@ async def _flood() -> Figures:
 
 
 def _frames(recorder: Recorder, t_ns: int) -> None:
-    for node in range(FRAMES_PER_STEP):
-        recorder.can_frame("can0", 0x180 + node, bytes(8), t_ns)
+    """Half of them come one by one, the others are sent together."""
+    tap, data = recorder.can_tap("can0"), bytes(8)
+    for node in range(FRAMES_PER_STEP // 2):
+        tap.received(0x180 + node, data, t_ns)
+    tap.sent([(0x200 + node, data) for node in range(FRAMES_PER_STEP // 2)], t_ns)
 
 
 def _timed(call: Callable[..., Any], *arguments: Any) -> float:

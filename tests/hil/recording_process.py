@@ -34,7 +34,7 @@ async def main(folder: Path) -> None:
                 text="",
             )
         )
-        recorder.can_frame("can0", 0x181, bytes(8), t_ns)
+        recorder.can_tap("can0").received(0x181, bytes(8), t_ns)
         print(number, flush=True)
         await asyncio.sleep(EVERY_S)
 

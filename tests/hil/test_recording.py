@@ -100,7 +100,7 @@ def test_everything_handed_over_is_in_the_file(tmp_path: Path) -> None:
 def test_raw_traffic_can_be_replayed(tmp_path: Path) -> None:
     async def test(recorder: FlightRecorder) -> None:
         for number in range(1000):
-            recorder.can_frame("can0", 0x181, number.to_bytes(4, "little"), BOOT_NS + number)
+            recorder.can_tap("can0").received(0x181, number.to_bytes(4, "little"), BOOT_NS + number)
             recorder.tracker_traffic("from_device", bytes([number % 256]), BOOT_NS + number)
 
     recording(tmp_path, test)
@@ -175,7 +175,7 @@ def test_signals_to_the_whole_group_do_not_end_a_recording(tmp_path: Path) -> No
 def test_urgent_brings_the_last_messages_to_the_disk(tmp_path: Path) -> None:
     async def test(recorder: FlightRecorder) -> None:
         recorder.message(event(1))
-        recorder.can_frame("can0", 1, b"", BOOT_NS)
+        recorder.can_tap("can0").received(1, b"", BOOT_NS)
         recorder.urgent()
         part = tmp_path / "run.mcap.part"
         await until(lambda: len(list(RunReader(part).messages())) == 2)

@@ -62,8 +62,8 @@ def test_a_step_is_kept_with_where_everything_was(witness: Witness) -> None:
     assert isinstance(truth, Truth)
     witness.elapsed_s = lambda: 3.5
     truth.at = np.array([0.1, 0.2, 0.3])
-    witness.hear(tip(7, cycle=2))
-    witness.hear(axes(7, place=12.5))
+    witness.hear_tip(tip(7, cycle=2))
+    witness.hear_axes(axes(7, place=12.5))
     (step,) = [witness.series()]
     assert (step.t_s.tolist(), step.cycle.tolist()) == ([3.5], [2.0])
     assert step.tip_mm.tolist() == [[7.0, 0.0, 0.0]]
@@ -75,29 +75,29 @@ def test_a_step_is_kept_with_where_everything_was(witness: Witness) -> None:
 
 @pytest.mark.parametrize("left_out", [tip(1, cycle=-1), tip(1, state="hold")])
 def test_what_is_no_step_of_a_cycle_is_left_out(witness: Witness, left_out: Tip) -> None:
-    witness.hear(left_out)
-    witness.hear(axes(1))
+    witness.hear_tip(left_out)
+    witness.hear_axes(axes(1))
     assert len(witness.series().t_s) == 0
 
 
 def test_axes_of_another_step_belong_to_nothing(witness: Witness) -> None:
-    witness.hear(tip(1))
-    witness.hear(axes(2))
-    witness.hear(axes(1))
+    witness.hear_tip(tip(1))
+    witness.hear_axes(axes(2))
+    witness.hear_axes(axes(1))
     assert len(witness.series().t_s) == 0
 
 
 def test_a_frame_without_a_reading_still_counts(witness: Witness) -> None:
-    witness.hear(tip(1, x=None))
-    witness.hear(axes(1))
+    witness.hear_tip(tip(1, x=None))
+    witness.hear_axes(axes(1))
     assert np.isnan(witness.series().reading_mm).all()
     assert witness.series().error_mm.tolist() == [1.0]
 
 
 def test_steps_are_saved_and_found_again(witness: Witness, tmp_path: Path) -> None:
     for number in range(5):
-        witness.hear(tip(number, cycle=number // 3))
-        witness.hear(axes(number, place=10.0 * number))
+        witness.hear_tip(tip(number, cycle=number // 3))
+        witness.hear_axes(axes(number, place=10.0 * number))
     made = witness.series()
     made.save(tmp_path / "steps.npz")
     found = StepSeries.load(tmp_path / "steps.npz")

@@ -201,6 +201,7 @@ def status(step: int, t_ns: int, state: str, cycle: int, cycles: int, timing: Lo
 
 def record(recorder: Recorder, telemetry: list[Message]) -> None:
     """What happened, with a little traffic beside it, in the order in which it happened."""
+    tap = recorder.can_tap("can0")
     for number, message in enumerate(telemetry):
         recorder.message(message)
         t_ns = int(message.t_ns)  # type: ignore[attr-defined]
@@ -208,7 +209,7 @@ def record(recorder: Recorder, telemetry: list[Message]) -> None:
             recorder.tracker_traffic("to_device", b"BX 1801\r", t_ns)
             recorder.tracker_traffic("from_device", bytes([number % 256] * 24), t_ns)
             for node in range(1, 7):
-                recorder.can_frame("can0", 0x180 + node, bytes([number % 256] * 8), t_ns)
+                tap.received(0x180 + node, bytes([number % 256] * 8), t_ns)
 
 
 async def direct_run(folder: Path, telemetry: list[Message]) -> None:

@@ -74,27 +74,31 @@ def test_tracker_messages_without_direction_are_refused(payload: bytes) -> None:
         read_tracker_payload(payload)
 
 
-FRAMES = st.tuples(
-    st.sampled_from(["can0", "can1"]),
-    st.integers(0, 2**32 - 1),
-    st.binary(max_size=8),
-    st.integers(0, 30_000_000),
+FRAME = st.tuples(st.integers(0, 2**32 - 1), st.binary(max_size=8))
+TRAFFIC = st.tuples(
+    st.sampled_from(["can0", "can1"]), st.lists(FRAME, max_size=4), st.integers(0, 30_000_000)
 )
+"""Bus, frames of one moment, and how much later that is than the one before."""
 
 
 @settings(deadline=None)
-@given(st.lists(FRAMES, max_size=60))
+@given(st.lists(TRAFFIC, max_size=40))
 def test_frames_come_back_from_their_batches_in_order(
-    frames: list[tuple[str, int, bytes, int]],
+    traffic: list[tuple[str, list[tuple[int, bytes]], int]],
 ) -> None:
     written: list[tuple[str, int, bytes]] = []
     batches = CanBatches(lambda *message: written.append(message))
     sent: dict[str, list[tuple[int, CanFrame]]] = {}
+    batches.begin()
     t_ns = 0
-    for bus, can_id, data, later_ns in frames:
+    for bus, frames, later_ns in traffic:
         t_ns += later_ns
-        batches.add(bus, can_id, data, t_ns)
-        sent.setdefault(f"/raw/can/{bus}", []).append((t_ns, CanFrame(can_id, data)))
+        if len(frames) == 1:
+            batches.of(bus).received(*frames[0], t_ns)
+        else:
+            batches.of(bus).sent(frames, t_ns)
+        for can_id, data in frames:
+            sent.setdefault(f"/raw/can/{bus}", []).append((t_ns, CanFrame(can_id, data)))
     batches.flush()
     back: dict[str, list[tuple[int, CanFrame]]] = {}
     for topic, first_ns, payload in written:
@@ -103,6 +107,40 @@ def test_frames_come_back_from_their_batches_in_order(
         assert records[-1][0] - first_ns < 50_000_000
         back.setdefault(topic, []).extend(records)
     assert back == sent
+
+
+def test_frames_that_come_together_fill_a_batch_no_further_than_those_that_come_alone() -> None:
+    written: list[tuple[str, int, bytes]] = []
+    batches = CanBatches(lambda *message: written.append(message))
+    batches.begin()
+    frames = [(number, bytes(8)) for number in range(1100)]
+    batches.of("can0").sent(frames, 1)
+    for can_id, data in frames:
+        batches.of("can1").received(can_id, data, 1)
+    batches.flush()
+    payloads = {
+        bus: [payload for topic, _, payload in written if topic.endswith(bus)]
+        for bus in ("can0", "can1")
+    }
+    assert payloads["can0"] == payloads["can1"]
+    assert len(payloads["can0"]) == 3
+
+
+def test_frames_before_and_after_a_recording_are_not_in_it() -> None:
+    written: list[bytes] = []
+    batches = CanBatches(lambda *message: written.append(message[2]))
+    tap = batches.of("can0")
+    tap.received(1, b"before", 1)
+    batches.begin()
+    tap.sent([(2, b"within")], 2)
+    batches.of("can1").received(3, b"within", 2)
+    batches.flush()
+    batches.end()
+    tap.received(4, b"after", 3)
+    tap.sent([(5, b"after")], 3)
+    batches.flush()
+    frames = [frame.can_id for one in written for _, frame in read_can_payload(one)]
+    assert frames == [2, 3]
 
 
 def test_a_cut_can_message_is_refused() -> None:

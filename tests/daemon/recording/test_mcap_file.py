@@ -1,14 +1,19 @@
-"""The same file as the library writes, to the last byte."""
+"""The same file as the library writes, to the last byte, at our level of compression."""
 
+from collections.abc import Callable
+from functools import partial
 from io import BytesIO
+from typing import Any
+from unittest.mock import patch
 
 import pytest
+import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from daemon.recording.mcap_file import McapFile
+from daemon.recording.mcap_file import COMPRESSION_LEVEL, McapFile
 
 LIBRARY = "somebody"
 
@@ -19,35 +24,58 @@ orders = st.lists(st.one_of(message, st.sampled_from(["flush", "metadata"])), ma
 def theirs(order: list[object], padding: int) -> bytes:
     stream = BytesIO()
     writer = Writer(stream, compression=CompressionType.ZSTD)
-    writer.start(library=LIBRARY)
-    fill(writer, order, padding)
+    sequences = [0, 0, 0]
+
+    def add(channel: int, t_ns: int, payload: bytes) -> None:
+        sequence = sequences[channel - 1]
+        sequences[channel - 1] = sequence + 1
+        writer.add_message(channels[channel - 1], t_ns, payload, t_ns, sequence)
+
+    compress = partial(zstandard.compress, level=COMPRESSION_LEVEL)
+    with patch.object(zstandard, "compress", compress):
+        writer.start(library=LIBRARY)
+        channels = registered(writer)
+        fill(writer, add, order, padding)
     return stream.getvalue()
 
 
 def ours(order: list[object], padding: int) -> bytes:
     stream = BytesIO()
-    fill(McapFile(stream, LIBRARY), order, padding)
+    file = McapFile(stream, LIBRARY)
+    channels = registered(file)
+
+    def add(channel: int, t_ns: int, payload: bytes) -> None:
+        channels[channel - 1].add(t_ns, payload)
+
+    fill(file, add, order, padding)
     return stream.getvalue()
 
 
-def fill(writer: Writer | McapFile, order: list[object], padding: int) -> None:
-    """padding: bytes that every message is longer by."""
+def registered(writer: Any) -> list[Any]:
     schema = writer.register_schema("a.Schema", "jsonschema", b"{}")
-    channels = [
+    return [
         writer.register_channel("/told", "json", schema),
         writer.register_channel("/raw", "x-raw", 0, {"of": "nobody"}),
         writer.register_channel("/more", "json", schema),
     ]
-    for sequence, one in enumerate(order):
+
+
+def fill(
+    writer: Writer | McapFile,
+    add: Callable[[int, int, bytes], None],
+    order: list[object],
+    padding: int,
+) -> None:
+    """add: takes channel, date and payload. padding: bytes that every message is longer by."""
+    for number, one in enumerate(order):
         if one == "flush":
             writer.flush()  # type: ignore[no-untyped-call, unused-ignore]
         elif one == "metadata":
-            writer.add_metadata("about", {"sequence": str(sequence)})
+            writer.add_metadata("about", {"number": str(number)})
         else:
             assert isinstance(one, tuple)
             channel, t_ns, data = one
-            payload = data + bytes(padding)
-            writer.add_message(channels[channel - 1], t_ns, payload, t_ns // 2, sequence)
+            add(channel, t_ns, data + bytes(padding))
     writer.finish()  # type: ignore[no-untyped-call, unused-ignore]
 
 

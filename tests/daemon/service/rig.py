@@ -180,7 +180,7 @@ async def _play(
 
     recording = RunRecording(service, make_folder, 1)
     rig = Rig(service, Operator(service, recording, 1, _injector(lab)), recording, lab)
-    surroundings.listeners.append(rig.told.append)
+    surroundings.listeners.add(rig.told.append)
     devices = asyncio.create_task(service.run())
     renewing = asyncio.create_task(_renew(rig))
     try:

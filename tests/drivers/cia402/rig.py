@@ -1,7 +1,7 @@
 """A bus master and emulated drives on a modelled bus, in virtual time."""
 
 import asyncio
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -75,7 +75,7 @@ def axes(count: int, *, per_node: int = 1, **drive: Any) -> list[Axis]:
 
 
 class Rig:
-    """Master, bus and drives. Made inside the virtual-time loop."""
+    """Master, bus and drives. Made inside the virtual-time loop. Taps the bus."""
 
     def __init__(
         self, robot_axes: list[Axis], options: EmulatedDrives, bus_config: Bus, powered: bool
@@ -99,12 +99,20 @@ class Rig:
             self._open,
             self.clock,
             on_change=self._changed,
-            tap=lambda can_id, data, _: self.frames.append((can_id, data)),
+            tap=self,
         )
         period_ns = round(bus_config.cycle_period_s * 1e9)
         self.timer = LoopTimer(period_ns, period_ns, self._tick)
         self.healthy = True
         self.pump.touch()
+
+    def received(self, can_id: int, data: bytes, t_ns: int) -> None:
+        del t_ns
+        self.frames.append((can_id, data))
+
+    def sent(self, frames: Sequence[tuple[int, bytes]], t_ns: int) -> None:
+        del t_ns
+        self.frames.extend(frames)
 
     def _drives(self, options: EmulatedDrives, powered: bool) -> list[EmulatedDrive]:
         by_node = {axis.drive.node: axis.drive.eds for axis in self.axes}
