@@ -43,16 +43,8 @@ class PermittedStep:
         return start + (end - start) * (t_ns - self.begins_ns) // (self.ends_ns - self.begins_ns)
 
     def targets(self, t_ns: int) -> tuple[int, ...]:
-        """Where all axes are meant to be at `t_ns`, as `target` says it of each."""
-        if t_ns >= self.ends_ns:
-            return self.to_counts
-        if t_ns <= self.begins_ns:
-            return self.from_counts
-        passed_ns, length_ns = t_ns - self.begins_ns, self.ends_ns - self.begins_ns
-        return tuple(
-            start + (end - start) * passed_ns // length_ns
-            for start, end in zip(self.from_counts, self.to_counts, strict=True)
-        )
+        """Where all axes are meant to be at `t_ns`."""
+        return tuple([self.target(axis, t_ns) for axis in range(len(self.to_counts))])
 
     def velocity(self, axis: int, t_ns: int) -> int:
         """How fast `axis` is meant to move at `t_ns`, counts/s."""
