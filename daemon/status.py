@@ -90,6 +90,7 @@ class StatusReport:
             simulated=self._simulated,
             reference=reference,
             version=self._version,
+            stopped_by=[explained(reason, t_ns) for reason in self._supervisor.stopped_by],
         )
 
     def loop_status(self, t_ns: int) -> LoopStatus:

@@ -140,6 +140,11 @@ class ControlLoop:
         self._last_step = None
         self._begun = False
 
+    def withdraw_refusals(self, t_ns: int) -> None:
+        """Nothing is asked of the gate, and so nothing is refused, even if no more frames come."""
+        for cause in _OF_THE_GATE:
+            self._supervisor.failsafe.set(cause, False, t_ns, "gate")
+
     def begin(self) -> None:
         """Follow the reference from here with the next step."""
         self._begun = False
@@ -253,8 +258,7 @@ class ControlLoop:
             return None
         now_ns = self._clock.now_ns()
         if wish is None:
-            for cause in _OF_THE_GATE:  # nothing is asked for, and so nothing is refused
-                self._supervisor.failsafe.set(cause, False, now_ns, "gate")
+            self.withdraw_refusals(now_ns)
             return self._gate.hold(sensed.measured, now_ns, self._duration_ns)
         wanted = (sensed.targets + wish.delta_u).tolist()
         targets = [

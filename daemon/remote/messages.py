@@ -138,6 +138,8 @@ class Status(Message, frozen=True, kw_only=True, tag="status/1"):
     simulated: bool
     reference: ReferenceStatus | None = None
     version: str = ""
+    stopped_by: list[Reason] = []
+    """Why the robot was last held or switched off, until motion goes on; each may be over."""
 
 
 class Tip(Message, frozen=True, kw_only=True, tag="tip/1"):

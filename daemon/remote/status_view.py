@@ -27,6 +27,7 @@ def status_view(status: Status) -> RenderableType:
     """The whole robot."""
     parts: list[RenderableType] = [_banner(status)]
     parts += [_reason(reason) for reason in status.reasons]
+    parts += [_over(reason) for reason in _no_more(status)]
     parts += [_figures(status), _axes(status.axes)]
     return Group(*parts)
 
@@ -54,6 +55,21 @@ def _reason(reason: Reason) -> Text:
         text.append(f" ({reason.detail})")
     since = "over, waits for `tentacled clear`" if reason.latched else f"{reason.since_s:.1f} s"
     text.append(f"  {reason.severity}, {since}", style=_DIM)
+    text.append(f"\n    {reason.remedy}", style=_DIM)
+    return text
+
+
+def _no_more(status: Status) -> list[Reason]:
+    """What has stopped the robot, and is over."""
+    still = {(reason.name, reason.subject) for reason in status.reasons}
+    return [why for why in status.stopped_by if (why.name, why.subject) not in still]
+
+
+def _over(reason: Reason) -> Text:
+    text = Text(f"stopped by {reason.subject}: {reason.text}")
+    if reason.detail:
+        text.append(f" ({reason.detail})")
+    text.append(f"  {reason.severity}, over, began {reason.since_s:.1f} s ago", style=_DIM)
     text.append(f"\n    {reason.remedy}", style=_DIM)
     return text
 

@@ -265,7 +265,8 @@ class Operator:
             left = supervisor.clear(self._service.clock.now_ns())
         if left:
             raise RefusedError("still_wrong", "the cause has to go first", left)
-        return self._answer(command)
+        names = dict.fromkeys(reason.cause.name for reason in supervisor.blocking)
+        return self._answer(command, text=f"not ready yet: {', '.join(names)}" if names else "")
 
     async def _inject(self, user: str, command: Inject) -> Answer:
         del user

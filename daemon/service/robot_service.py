@@ -224,11 +224,12 @@ class RobotService:
         self._was_at_rest = at_rest
 
     def _state_changed(self, before: OperatingState, after: OperatingState, t_ns: int) -> None:
-        del t_ns
         if after is OperatingState.ARMED and not before.energised:
             self.loop.settle()
         if after is OperatingState.RUNNING:
             self.loop.begin()
+        else:
+            self.loop.withdraw_refusals(t_ns)
         worst = self.supervisor.reasons[0] if self.supervisor.reasons else None
         if after is OperatingState.HOLD and worst is not None:
             self.holds += worst.cause.name != "operator_hold"

@@ -28,6 +28,9 @@ class Supervisor:
         self.watched = Watched()
         self.arming = False
         """The drives are being enabled."""
+        self.stopped_by: tuple[ActiveReason, ...] = ()
+        """Why the robot was last held or switched off, worst first; nothing once motion goes on.
+        What has stopped it may be over before anybody could see it."""
         self._buses = buses
         self._watchdogs = Watchdogs(self.failsafe, settings, buses, self.power)
         self._on_state = on_state
@@ -147,4 +150,11 @@ class Supervisor:
             request = None
             if before.energised and not after.energised:
                 self.power.stop(t_ns)
+            self._keep_reasons(before, after)
             self._on_state(before, after, t_ns)
+
+    def _keep_reasons(self, before: OperatingState, after: OperatingState) -> None:
+        if after is OperatingState.RUNNING:
+            self.stopped_by = ()
+        elif after is OperatingState.HOLD or (before.energised and not after.energised):
+            self.stopped_by = self._verdict.at_least(Severity.HOLD) or self.stopped_by

@@ -30,7 +30,9 @@ _LIMIT_STAYS_NS: Final = 500_000_000
 _PDO_SILENT_CYCLES: Final = 5
 _PDO_SILENT_S: Final = 0.1  # less than this, and a busy machine looks like a silent node
 _FOLLOWING_ERROR: Final = 0x8611
-_KEPT_WHEN_SET_UP: Final = (c.SAFETY_MISSING, c.CYCLIC_MODE_NOT_LISTED, c.MODE_REFUSED, c.EMERGENCY)
+_FOUND_WHILE_SET_UP: Final = (c.SAFETY_MISSING, c.CYCLIC_MODE_NOT_LISTED, c.MODE_REFUSED)
+_KEPT_WHEN_SET_UP: Final = (*_FOUND_WHILE_SET_UP, c.EMERGENCY)
+_MALFORMED_STAYS_NS: Final = 500_000_000
 
 Send = Callable[[int, bytes], bool]
 
@@ -79,6 +81,8 @@ class Node:
         """Axes that do not do what they are told."""
         self._limited_ns: dict[str, int] = {}
         """When each axis that is held back by a limit last said so."""
+        self._malformed_ns: int | None = None
+        """When a state last came in another form; None: not for a while."""
         self._heard = asyncio.Event()
         self._trouble = asyncio.Event()
 
@@ -119,6 +123,7 @@ class Node:
             if not channel.receive(data, t_ns):
                 detail = f"{len(data)} bytes: {data.hex()}"
                 self._conditions.set(c.PDO_MALFORMED, self.subject, t_ns, detail)
+                self._malformed_ns = t_ns
             elif channel.statusword != before:
                 self._status_changed(channel, t_ns)
                 self._heard.set()
@@ -140,6 +145,10 @@ class Node:
             self._conditions.set(c.LOST, self.subject, t_ns)
             self._in_trouble()
             return
+        malformed_ns = self._malformed_ns
+        if malformed_ns is not None and t_ns - malformed_ns > _MALFORMED_STAYS_NS:
+            self._malformed_ns = None
+            self._conditions.clear(c.PDO_MALFORMED, self.subject, t_ns)
         for channel in self.channels:
             if channel.is_silent(t_ns, self._pdo_timeout_ns):
                 self._conditions.set(c.PDO_SILENT, self.subject, t_ns, channel.axis.name)
@@ -219,6 +228,8 @@ class Node:
 
     async def _write_settings(self) -> bool:
         """Identify the node and set it up. False: it booted meanwhile, as boot loaders make it."""
+        for condition in _FOUND_WHILE_SET_UP:  # what the set-up before found is looked for anew
+            self._conditions.clear(condition, self.subject, self._clock.now_ns())
         boot_ups = self.heartbeat.boot_ups
         axes = [channel.axis for channel in self.channels]
         set_up = NodeSetUp(self._bus, axes, self.dictionary, self.sdo, self._remark)

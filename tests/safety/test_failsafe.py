@@ -4,8 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from safety.causes import Cause, ClearRule, Severity
+from safety.causes import CAUSES, Cause, ClearRule, Severity
 from safety.failsafe import Failsafe, Verdict
+from safety.states import OperatingState, Request, next_state
 from tests.safety.examples import examples
 
 MS = 1_000_000
@@ -410,3 +411,49 @@ def test_a_reason_that_another_one_joins_stays_the_same_object(failsafe: Failsaf
     (before,) = failsafe.evaluate(2, True).reasons
     failsafe.set("warning", True, 3)
     assert failsafe.evaluate(4, True).reasons[0] is before
+
+
+NAMES = [cause.name for cause in CAUSES]
+happenings = st.lists(
+    st.tuples(
+        st.sampled_from(NAMES),
+        st.sampled_from(["", "another subject"]),
+        st.booleans(),
+        st.integers(0, 2000 * MS),
+        st.one_of(st.none(), st.sampled_from(list(Request))),
+    ),
+    max_size=25,
+)
+
+
+@examples(200)
+@given(history=happenings)
+def test_after_any_causes_and_power_changes_all_can_go(
+    history: list[tuple[str, str, bool, int, Request | None]],
+) -> None:
+    """Over the whole table: once no condition holds, stopping and clearing lead back to READY."""
+    failsafe, state, t_ns = Failsafe(), OperatingState.READY, 0
+
+    def go(request: Request | None) -> OperatingState:
+        verdict = failsafe.evaluate(t_ns, state.energised)
+        blocked = bool(verdict.at_least(Severity.NOT_READY))
+        return next_state(state, request, verdict.severity, blocked)
+
+    for name, subject, present, after_ns, request in history:
+        t_ns += after_ns
+        failsafe.set(name, present, t_ns, subject)
+        if request is Request.CLEAR:
+            failsafe.clear()
+        elif request is Request.RESUME:
+            failsafe.resume()
+        state = go(request)
+    for name in NAMES:
+        for subject in ("", "another subject"):
+            failsafe.set(name, False, t_ns, subject)
+    for request in (Request.STOP, None, None):
+        t_ns += 10_000 * MS
+        state = go(request)
+    assert failsafe.clear() == ()
+    state = go(Request.CLEAR)
+    assert go(None) is OperatingState.READY
+    assert not failsafe.watching

@@ -6,12 +6,15 @@ processes, real ports and sockets are in tests/hil.
 
 import asyncio
 from dataclasses import dataclass
-from typing import NoReturn
+from io import StringIO
+from typing import NoReturn, cast
 
 import pytest
+from rich.console import Console
 
 from daemon.control.controller import ControllerError
-from daemon.remote.messages import Acquire, Arm, Clear, Hold, Inject, Resume
+from daemon.remote.messages import Acquire, Arm, Clear, Hold, Inject, Resume, Status
+from daemon.remote.status_view import status_view
 from drivers.cia402.power_state import PowerState
 from safety.causes import Severity, cause
 from safety.states import OperatingState
@@ -213,3 +216,42 @@ def test_a_late_loop_holds_and_a_stalled_one_faults() -> None:
         await rig.until_state(S.READY)
 
     on_a_rig(scene)
+
+
+def test_what_has_held_the_robot_is_told_until_motion_goes_on() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.running()
+        assert rig.status.stopped_by == []
+        await gap(rig, 0.08)
+        await rig.until_state(S.ARMED)
+        await asyncio.sleep(1.0)
+        assert "loop_late" not in rig.causes, "it is over"
+        told = rig.status.stopped_by
+        assert [(why.name, why.detail) for why in told] == [("loop_late", "80 ms; a test")]
+        view = shown(rig.status)
+        assert "stopped by loop: the control loop came much too late (80 ms; a test)" in view
+        await rig.do(Resume)
+        assert rig.status.stopped_by == []
+        assert "stopped by" not in shown(rig.status)
+
+    on_a_rig(scene)
+
+
+def test_what_has_switched_the_drives_off_is_told_while_they_are_off_and_after_arming() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.running()
+        await rig.do(Inject, fault="tracker.missing=4s")
+        await rig.until_state(S.STANDBY)
+        await rig.until_state(S.READY)
+        assert "tracker_gone" in {why.name for why in rig.status.stopped_by}
+        await rig.do(Arm)
+        assert "tracker_gone" in {why.name for why in rig.status.stopped_by}
+
+    on_a_rig(scene)
+
+
+def shown(status: Status) -> str:
+    """The status as people see it."""
+    console = Console(width=200, file=StringIO())
+    console.print(status_view(status))
+    return cast(StringIO, console.file).getvalue()

@@ -8,7 +8,7 @@ import pytest
 
 from config.emulated_drives import EmulatedDrives
 from drivers.canopen.codec.nmt import NmtState
-from drivers.cia402 import objects
+from drivers.cia402 import conditions, objects
 from drivers.cia402.configuration import Need, node_settings
 from drivers.cia402.node import NodeState
 from drivers.cia402.power_state import PowerGoal, PowerState
@@ -308,3 +308,30 @@ def test_a_limit_that_comes_and_goes_with_every_step_is_told_once() -> None:
         return [told.present for told in rig.told if (told.name, told.subject) == about]
 
     on_a_rig(scene)
+
+
+def test_one_state_in_a_wrong_form_does_not_keep_a_node_from_being_ready_for_ever() -> None:
+    async def test(rig: Rig) -> None:
+        await rig.operational()
+        node, channel = rig.master.nodes[1], rig.master.channels[0]
+        node.state_handler(channel)(b"abc", rig.clock.now_ns())
+        await asyncio.sleep(0.4)
+        assert ("node_pdo_malformed", "can0/1") in rig.holding()
+        await asyncio.sleep(0.3)
+        assert rig.holding() == set()
+        assert node.state is NodeState.OPERATIONAL
+
+    on_a_rig(test)
+
+
+def test_what_an_earlier_set_up_found_is_forgotten_when_the_next_does_not_find_it() -> None:
+    async def test(rig: Rig) -> None:
+        await rig.operational()
+        for condition in (conditions.MODE_REFUSED, conditions.SAFETY_MISSING):
+            rig.master.conditions.set(condition, "can0/1", rig.clock.now_ns())
+        rig.inject("drive.can0/1.reset")
+        await rig.until(lambda: rig.master.nodes[1].state is not NodeState.OPERATIONAL)
+        await rig.operational()
+        assert rig.holding() == set()
+
+    on_a_rig(test)
