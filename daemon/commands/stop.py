@@ -1,4 +1,7 @@
-"""`tentacled stop`: quick stop, then power off. Needs no lease; without a name, all robots stop."""
+"""`tentacled stop`: quick stop, then power off. Needs no lease; without a name, all robots stop.
+
+It goes by STOP's own way, and as an ordinary command only where that brings nothing soon.
+"""
 
 import argparse
 import asyncio
@@ -6,7 +9,6 @@ import sys
 
 from daemon.cli import EXIT_USAGE
 from daemon.remote.address import Address
-from daemon.remote.client import RobotClient
 from daemon.remote.client_errors import ClientError
 from daemon.remote.command_line import (
     UsageError,
@@ -17,7 +19,8 @@ from daemon.remote.command_line import (
     failed,
     told,
 )
-from daemon.remote.messages import Answer
+from daemon.remote.messages import Answer, Stop, verb
+from daemon.remote.stop_client import first_answer
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,8 +52,17 @@ async def _stop_all(targets: list[Address], within_s: float) -> list[Answer | Cl
 
 
 async def _stop(target: Address, within_s: float) -> Answer | ClientError:
+    async def as_command(left_s: float) -> Answer:
+        # Imported when wanted: STOP's own way needs nothing of it, and is in a hurry.
+        from daemon.remote.connection import Connection
+
+        connection = await Connection.connect(target)
+        try:
+            return await connection.command(verb(Stop), Stop(), Answer, left_s)
+        finally:
+            await connection.close()
+
     try:
-        async with await RobotClient.connect(target, own_stop=False) as client:
-            return await client.stop(within_s)
+        return await first_answer(target.stop("", within_s), as_command, within_s)
     except ClientError as error:
         return error

@@ -19,6 +19,9 @@ TLS: Final = "tls"
 OPERATOR: Final = "operator"
 ROLES: Final = (OPERATOR, "viewer")
 _MOST_SESSIONS: Final = 32
+_MOST_PENDING: Final = 256
+_OPENS_WITHIN_MS: Final = 1000
+"""Who has connected and does not open a session within this time is hung up on."""
 _LEASE_MS: Final = 1000
 _SETPOINTS_HZ: Final = 1000.0
 """More often than this one client's set-points are not taken; the newest counts anyway."""
@@ -87,7 +90,11 @@ def daemon_config(
         }
     ]
     unicast = config["transport"]["unicast"]
-    unicast |= {"max_sessions": _MOST_SESSIONS, "accept_pending": 8, "accept_timeout": 3000}
+    unicast |= {
+        "max_sessions": _MOST_SESSIONS,
+        "accept_pending": _MOST_PENDING,
+        "accept_timeout": _OPENS_WITHIN_MS,
+    }
     if tls is not None:
         config["transport"]["link"]["tls"] = dict(tls)
     return config

@@ -13,7 +13,9 @@ from daemon.remote.client_errors import (
     DaemonNotRunningError,
     TimedOutError,
 )
-from daemon.remote.discovery import read_daemon
+from daemon.remote.discovery import STOP_SOCKET, read_daemon
+from daemon.remote.messages import Answer
+from daemon.remote.stop_client import NoStopWayError, stop_locally
 
 LOCAL_USER: Final = "local"
 _KNOCK_WITHIN_S: Final = 3.0
@@ -26,6 +28,8 @@ class LocalAddress:
     robot: str
     unix_socket: Path
     user: str = LOCAL_USER
+    stop_socket: Path | None = None
+    """Where every datagram is a STOP; None: beside the other one."""
 
     @classmethod
     def in_folder(cls, folder: Path) -> "LocalAddress":
@@ -37,10 +41,18 @@ class LocalAddress:
             raise DaemonNotRunningError(
                 f"the daemon in {folder} has no unix socket: reach it over tls, at {daemon.tls}"
             )
-        return cls(daemon.robot, Path(daemon.unix_socket))
+        stop = daemon.stop_socket
+        return cls(
+            daemon.robot, Path(daemon.unix_socket), stop_socket=None if stop is None else Path(stop)
+        )
 
     def __str__(self) -> str:
         return f"{self.robot} at {self.unix_socket}"
+
+    async def stop(self, request: str, within_s: float) -> Answer:
+        """STOP by its own way. Raises ClientError."""
+        path = self.stop_socket or self.unix_socket.with_name(STOP_SOCKET)
+        return await stop_locally(path, request, within_s)
 
     def config(self, wait_s: float) -> dict[str, Any]:
         """For zenoh. Raises ValueError."""
@@ -77,6 +89,10 @@ class TlsAddress:
 
     def __str__(self) -> str:
         return f"{self.robot} at {self.endpoint}"
+
+    async def stop(self, request: str, within_s: float) -> Answer:
+        """STOP by its own way. Raises ClientError."""
+        raise NoStopWayError(f"no STOP {request} over tls within {within_s:g} s")
 
     def config(self, wait_s: float) -> dict[str, Any]:
         """For zenoh. Raises ValueError where certificates are missing."""

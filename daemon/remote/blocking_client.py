@@ -7,7 +7,8 @@ from types import TracebackType
 from typing import Any, TypeVar
 
 from daemon.remote.address import Address
-from daemon.remote.client import ANSWERS_WITHIN_S, RobotClient
+from daemon.remote.client import RobotClient
+from daemon.remote.client_errors import ANSWERS_WITHIN_S
 from daemon.remote.messages import Answer, Message, Status, WhoAmI
 from daemon.remote.subscription import DEPTH
 

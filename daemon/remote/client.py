@@ -9,13 +9,19 @@ import asyncio
 from collections.abc import Sequence
 from contextlib import suppress
 from types import TracebackType
-from typing import Any, Final, TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 import zenoh
 
 from daemon.remote.address import Address
-from daemon.remote.client_errors import ClientError, DisconnectedError, LeaseLostError
+from daemon.remote.client_errors import (
+    ANSWERS_WITHIN_S,
+    ARMS_WITHIN_S,
+    ClientError,
+    DisconnectedError,
+    LeaseLostError,
+)
 from daemon.remote.connection import Connection
 from daemon.remote.lease_keeper import LeaseKeeper
 from daemon.remote.messages import (
@@ -38,13 +44,11 @@ from daemon.remote.messages import (
     WhoAmI,
     verb,
 )
+from daemon.remote.stop_client import first_answer
 from daemon.remote.subscription import DEPTH, Subscription
 from daemon.remote.wire import encode, encoding_of
 
 C = TypeVar("C", bound=Command)
-
-ANSWERS_WITHIN_S: Final = 5.0
-ARMS_WITHIN_S: Final = 20.0
 
 
 class RobotClient:
@@ -177,10 +181,17 @@ class RobotClient:
         return await self._command(Inject(fault=fault))
 
     async def stop(self, within_s: float = ANSWERS_WITHIN_S) -> Answer:
-        """Quick stop, then power off. Needs no lease. Look at `confirmed` in the answer."""
-        return await self._stop_connection.command(
-            verb(Stop), self._signed(Stop()), Answer, within_s
-        )
+        """Quick stop, then power off. Needs no lease. Look at `confirmed` in the answer.
+
+        By STOP's own way first, and as a command where that brings nothing soon.
+        """
+        stop = self._signed(Stop())
+
+        async def as_command(left_s: float) -> Answer:
+            return await self._stop_connection.command(verb(Stop), stop, Answer, left_s)
+
+        own_way = self._connection.address.stop(stop.request, within_s)
+        return await first_answer(own_way, as_command, within_s)
 
     async def send(self, command: Command, within_s: float = ARMS_WITHIN_S) -> Answer:
         """Any command, as it is made."""

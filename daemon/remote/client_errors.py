@@ -1,6 +1,12 @@
 """Why a client does not get what it wants: reasons in place of zenoh's silence."""
 
+from typing import Final
+
 from daemon.remote.messages import Refusal
+
+ANSWERS_WITHIN_S: Final = 5.0
+ARMS_WITHIN_S: Final = 20.0
+"""How long a client waits, if it is not told otherwise."""
 
 
 class ClientError(RuntimeError):

@@ -18,7 +18,7 @@ from daemon.remote.messages import (
     verb,
 )
 from daemon.remote.question import Question
-from daemon.remote.wire import WireError, asked_format, decode
+from daemon.remote.wire import WireError, asked_format, decode, request_in
 
 STOP: Final = verb(Stop)
 _KINDS: Final[dict[str, type[Command]]] = {verb(kind): kind for kind in COMMANDS}
@@ -28,6 +28,10 @@ _REFUSALS_EVERY_S: Final = 0.5
 
 class CommandHandler(Protocol):
     """What carries commands out. Called on the event loop."""
+
+    def stop_now(self) -> None:
+        """Quick stop on the bus before this returns. `handle` of a `stop` tells how it went."""
+        ...
 
     async def handle(self, user: str, command: Command) -> Answer | Refusal:
         """Carry `command` out, or say why not. Several may be in hand: a `stop` never waits."""
@@ -119,6 +123,8 @@ def _read(question: Question) -> Command:
     kind = _KINDS.get(question.word)
     if kind is None or not question.exact:
         raise WireError("bad_key", f"there is no such command; there are {', '.join(_KINDS)}")
+    if kind is Stop:  # whatever is said with it, and in whatever version: it is obeyed
+        return Stop(request=request_in(question.payload))
     return decode(question.payload, kind, question.payload_format)
 
 

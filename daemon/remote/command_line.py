@@ -6,14 +6,14 @@ import json
 import sys
 from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import msgspec
 
 from daemon.cli import EXIT_FAILED, EXIT_OK, EXIT_USAGE
 from daemon.remote.address import Address, LocalAddress, TlsAddress
-from daemon.remote.client import ARMS_WITHIN_S, RobotClient
 from daemon.remote.client_errors import (
+    ARMS_WITHIN_S,
     AccessDeniedError,
     ClientError,
     DaemonNotRunningError,
@@ -24,6 +24,9 @@ from daemon.remote.client_errors import (
 from daemon.remote.discovery import running_daemons
 from daemon.remote.messages import Answer, Command
 from daemon.remote.token_file import stored_token, token_file
+
+if TYPE_CHECKING:  # `tentacled stop` must be quick, and needs no session
+    from daemon.remote.client import RobotClient
 
 EXIT_NO_DAEMON: Final = 3
 EXIT_REFUSED: Final = 4
@@ -40,7 +43,7 @@ _NO_LEASE: Final = (
     "hold the lease in another terminal, with `tentacled lease`, while you work with the robot"
 )
 
-Talk = Callable[[RobotClient], Awaitable[int]]
+Talk = Callable[["RobotClient"], Awaitable[int]]
 """What to do with a connected client. Returns the exit code; may raise ClientError."""
 
 
@@ -113,7 +116,7 @@ def lease_file(target: Address) -> Path:
 def run_command(arguments: argparse.Namespace, command: Command) -> int:
     """Have `command` carried out with the lease that is kept. Returns the exit code."""
 
-    async def talk(client: RobotClient) -> int:
+    async def talk(client: "RobotClient") -> int:
         return told(await client.send(command, arguments.timeout), arguments.json)
 
     return run_talk(arguments, talk)
@@ -133,6 +136,8 @@ def run_talk(arguments: argparse.Namespace, talk: Talk) -> int:
 
 
 async def _talk(target: Address, talk: Talk) -> int:
+    from daemon.remote.client import RobotClient
+
     async with await RobotClient.connect(target, own_stop=False) as client:
         client.token = stored_token(lease_file(target))
         return await talk(client)

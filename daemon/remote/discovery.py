@@ -12,6 +12,7 @@ import msgspec
 DAEMON_FILE: Final = "daemon.json"
 LOCK_FILE: Final = "daemon.lock"
 UNIX_SOCKET: Final = "zenoh.sock"
+STOP_SOCKET: Final = "stop.sock"
 
 
 class RunningDaemon(msgspec.Struct, frozen=True, kw_only=True):
@@ -23,6 +24,8 @@ class RunningDaemon(msgspec.Struct, frozen=True, kw_only=True):
     simulated: bool
     unix_socket: str | None
     tls: str | None
+    stop_socket: str | None = None
+    """Where every datagram is a STOP."""
 
     @property
     def runs(self) -> bool:

@@ -9,6 +9,7 @@ import json
 import os
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,7 +19,7 @@ from config.remote import LOCAL_USER, Remote
 from daemon.remote.access import TLS, UNIX, User, daemon_config, server_tls, unix_endpoint
 from daemon.remote.bounded import call_bounded, close_session, open_until_exit
 from daemon.remote.command_desk import STOP, CommandDesk, CommandHandler, report
-from daemon.remote.discovery import UNIX_SOCKET, RunningDaemon, RuntimeFolder
+from daemon.remote.discovery import STOP_SOCKET, UNIX_SOCKET, RunningDaemon, RuntimeFolder
 from daemon.remote.inbox import Inbox
 from daemon.remote.keys import TELEMETRY_KEYS, Keys
 from daemon.remote.messages import (
@@ -34,6 +35,7 @@ from daemon.remote.messages import (
 )
 from daemon.remote.question import Question
 from daemon.remote.replies import ReplyThread
+from daemon.remote.stop_desk import LocalStopSocket, StopDesk
 from daemon.remote.wire import encode, encoding_of, json_schema
 
 Answering = Callable[[Question], None]
@@ -50,7 +52,7 @@ _WITH_SCHEMA: Final[tuple[type[Message], ...]] = (
 _FIRST: Final = frozenset({"state", "event"})
 """Published with a queue of their own, so that a congested subscriber still gets these."""
 _READERS: Final = ""
-"""In the inbox: the questions that anybody may ask."""
+"""In the inbox: the questions of which it is not known who asks."""
 _ENDS_WITHIN_S: Final = 1.0
 
 
@@ -83,7 +85,10 @@ class RemoteServer:
         self._users = _users(settings)
         operators = [user.name for user in self._users if user.may_command]
         self._desk = CommandDesk(handler, operators, self.publish)
-        self._inbox = Inbox[tuple[Question, Answering]]([*operators, _READERS])
+        askers = [_reader(user.name) for user in self._users]
+        self._inbox = Inbox[tuple[Question, Answering]]([*operators, *askers, _READERS])
+        self._stop_desk = StopDesk(handler)
+        self._stop_socket: LocalStopSocket | None = None
         self._session: zenoh.Session | None = None
         self._replies: ReplyThread | None = None
         self._alive: zenoh.LivelinessToken | None = None
@@ -120,7 +125,11 @@ class RemoteServer:
         self._inbox.open(lambda asked: asked[1](asked[0]), self._desk.setpoint)
         try:
             if self._settings.unix_socket:
-                self._socket_path.chmod(0o660 if self._settings.group_may_connect else 0o600)
+                mode = 0o660 if self._settings.group_may_connect else 0o600
+                self._socket_path.chmod(mode)
+                self._stop_socket = LocalStopSocket(
+                    self._stop_path, mode, partial(self._stop_desk.stop, LOCAL_USER)
+                )
             self._declare(session, self._replies)
             self._folder.announce(self._announcement())
         except (OSError, zenoh.ZError) as error:
@@ -136,6 +145,9 @@ class RemoteServer:
         # lock of zenoh's while Python's is held, and who has that one may be waiting for Python's.
         publishers, self._publishers = self._publishers, {}
         session, replies = self._session, self._replies
+        if self._stop_socket is not None:
+            self._stop_socket.close()
+        await self._stop_desk.close()
         if session is not None and replies is not None:
             await self._desk.close(_ENDS_WITHIN_S)
             for question, _ in self._inbox.close():
@@ -164,6 +176,10 @@ class RemoteServer:
         named = self._settings.unix_socket_path
         return (Path(named) if named else self._folder.path / UNIX_SOCKET).absolute()
 
+    @property
+    def _stop_path(self) -> Path:
+        return (self._folder.path / STOP_SOCKET).absolute()
+
     def _announcement(self) -> RunningDaemon:
         return RunningDaemon(
             robot=self._keys.robot,
@@ -172,6 +188,7 @@ class RemoteServer:
             simulated=self._simulated,
             unix_socket=str(self._socket_path) if self._settings.unix_socket else None,
             tls=self._settings.tls.endpoint if self._settings.tls else None,
+            stop_socket=str(self._stop_path) if self._settings.unix_socket else None,
         )
 
     def _declare(self, session: zenoh.Session, replies: ReplyThread) -> None:
@@ -198,7 +215,7 @@ class RemoteServer:
             answers(keys.telemetry(name), _READERS, self._tell_last)
         answers(keys.schemas, _READERS, self._tell_schemas)
         for user in self._users:
-            answers(keys.whoami(user.name), _READERS, self._whoami_teller(user))
+            answers(keys.whoami(user.name), _reader(user.name), self._whoami_teller(user))
             if user.may_command:
                 answers(keys.commands(user.name), user.name, self._command_taker(user))
                 session.declare_subscriber(keys.setpoint(user.name), self._setpoint_taker(user))
@@ -248,6 +265,11 @@ class RemoteServer:
     def _state(self) -> str:
         last = self._last.get("state")
         return last.state if isinstance(last, Status) else ""
+
+
+def _reader(user: str) -> str:
+    """In the inbox: the questions that only this user may ask, and that are no commands."""
+    return f"{user} reads"
 
 
 def _users(settings: Remote) -> list[User]:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 from enum import Enum
 from functools import cache
 from typing import Any, Final, TypeVar, cast
@@ -81,6 +82,14 @@ def decode_one_of(
         return msgspec.convert(raw, kind)
     except (msgspec.ValidationError, OverflowError) as error:
         raise WireError("bad_payload", str(error).replace("`", ""), request) from None
+
+
+def request_in(payload: bytes) -> str:
+    """The sender's identifier of the request, where there is one in whatever was sent."""
+    for form in (Format.JSON, Format.MSGPACK):
+        with suppress(WireError):
+            return str(_raw(payload, _MOST_COMMAND_BYTES, form).get("request", ""))[:64]
+    return ""
 
 
 def _raw(payload: bytes, most: int, form: Format) -> dict[str, Any]:

@@ -53,7 +53,13 @@ class FakeRobot:
         self.slow_until: asyncio.Event | None = None
         """While it is there and not set, `load` takes for ever."""
         self.fails = False
+        self.stopped_ns: list[int] = []
+        """When each STOP was obeyed."""
         self._sequence = -1
+
+    def stop_now(self) -> None:
+        self.state = "STANDBY"
+        self.stopped_ns.append(self.clock.now_ns())
 
     async def handle(self, user: str, command: Command) -> Answer | Refusal:
         if self.fails:
