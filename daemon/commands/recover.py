@@ -24,4 +24,4 @@ def run(arguments: argparse.Namespace) -> int:
         print(outcome)
     if not outcomes:
         print(f"no unfinished recording in {arguments.directory}")
-    return EXIT_FAILED if any(outcome.problem for outcome in outcomes) else EXIT_OK
+    return EXIT_OK if all(outcome.complete for outcome in outcomes) else EXIT_FAILED

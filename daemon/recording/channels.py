@@ -1,19 +1,17 @@
 """What a recording contains: one channel per kind of telemetry, and the devices' raw bytes.
 
 Telemetry is JSON with a JSON Schema, which viewers read. The schemas keep to what viewers
-understand: a root of type object, no references, one type per field; where a field is marked as
-one that may be missing, null stands for it.
+understand: a root of type object, no references, one type per field. A viewer that gets null for a
+number, or two types for a field, gives the whole channel up: what is not known is left out.
 
-Raw channels have the message encoding `x-raw` and are little-endian:
-
-- `/raw/tracker`: one byte `<` (from the tracker) or `>` (to it), then the bytes as they were seen.
-- `/raw/can/<bus>`: a batch of frames, each the monotonic time in ns (u64) and the kernel's
-  16-byte `struct can_frame`.
+Raw channels have the message encoding `x-raw` and no schema; a description of their bytes is in
+their metadata.
 
 A message's log time is the date; the difference to the daemon's monotonic `t_ns` is in the
 recording's metadata.
 """
 
+import re
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -42,6 +40,12 @@ RAW_CAN: Final = "/raw/can/"
 CONTROL_TOPICS: Final = ("/tip", "/axes", "/risk", "/event")
 """What was measured, decided, sent and told: the same in two runs of one experiment."""
 
+# Quotes within strings are escaped, so that these stand nowhere but between two fields. A number
+# that is none is null too, and a vector with such a number is left out whole.
+_NULL: Final = rb'(?:null|\[[^"{}]*null[^"{}]*\])'
+_NULL_FIELD: Final = re.compile(rb',"\w+":' + _NULL)
+_NULL_FIRST: Final = re.compile(rb'(?<=\{)"\w+":' + _NULL + rb",?")
+
 _FROM_TRACKER: Final = b"<"
 _TO_TRACKER: Final = b">"
 _DIRECTIONS: Final = {"from_device": _FROM_TRACKER, "to_device": _TO_TRACKER}
@@ -52,13 +56,25 @@ _CAN_TIME: Final = struct.Struct("<Q")
 _NS_PER_S: Final = 1_000_000_000
 
 
+_TRACKER_BYTES: Final = (
+    "One byte, < (from the tracker) or > (to it), then the bytes as they were seen on the line."
+)
+_CAN_BYTES: Final = (
+    "Little-endian records of 24 bytes, one per frame: monotonic time in ns (u64), then the Linux "
+    "kernel's struct can_frame: identifier and flags (u32), length (u8), 3 bytes of padding, "
+    "8 bytes of data. The difference of monotonic time to the date is wall_offset_ns in the "
+    "metadata record 'run'."
+)
+
+
 @dataclass(frozen=True)
 class ChannelFormat:
-    """How a channel's messages are to be read. No schema name: there is no schema."""
+    """How a channel's messages are to be read, by a schema or in words."""
 
     message_encoding: str
     schema_name: str = ""
     schema: bytes = field(default=b"", repr=False)
+    description: str = ""
 
 
 def channel_format(topic: str) -> ChannelFormat:
@@ -68,8 +84,10 @@ def channel_format(topic: str) -> ChannelFormat:
         return ChannelFormat("json", f"tentacled.{tag(kind)}", _as_bytes(viewer_schema(kind)))
     if topic == TIP_POSE:
         return ChannelFormat("json", "foxglove.PoseInFrame", _as_bytes(_POSE_IN_FRAME))
-    if topic == RAW_TRACKER or (topic.startswith(RAW_CAN) and len(topic) > len(RAW_CAN)):
-        return ChannelFormat("x-raw")
+    if topic == RAW_TRACKER:
+        return ChannelFormat("x-raw", description=_TRACKER_BYTES)
+    if topic.startswith(RAW_CAN) and len(topic) > len(RAW_CAN):
+        return ChannelFormat("x-raw", description=_CAN_BYTES)
     raise ValueError(f"there is no channel {topic!r} in a recording")
 
 
@@ -84,6 +102,14 @@ def message_time_ns(message: Message) -> int:
     """When a telemetry message is from, on the monotonic clock."""
     t_ns: int = message.t_ns  # type: ignore[attr-defined]
     return t_ns
+
+
+def telemetry_payload(message: Message) -> bytes:
+    """A telemetry message as it is recorded: JSON without the fields that are not known."""
+    payload = _ENCODER.encode(message)
+    if b"null" not in payload:
+        return payload
+    return _NULL_FIRST.sub(b"", _NULL_FIELD.sub(b"", payload))
 
 
 def tracker_payload(direction: str, data: bytes) -> bytes:
@@ -174,7 +200,7 @@ def _simplified(schema: dict[str, Any], definitions: dict[str, Any]) -> dict[str
         return _simplified(definitions[schema["$ref"].rsplit("/", 1)[1]], definitions)
     if "anyOf" in schema:
         (present,) = (option for option in schema["anyOf"] if option.get("type") != "null")
-        described = {"description": "null where it is not known"}
+        described = {"description": "left out where it is not known"}
         return {**described, **_simplified(present, definitions)}
     kept: dict[str, Any] = {key: schema[key] for key in ("title", "description") if key in schema}
     if "enum" in schema:

@@ -3,10 +3,14 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-import msgspec
-
 from daemon.recording.can_batches import BusBatches, CanBatches
-from daemon.recording.channels import RAW_TRACKER, TOPICS, message_time_ns, tracker_payload
+from daemon.recording.channels import (
+    RAW_TRACKER,
+    TOPICS,
+    message_time_ns,
+    telemetry_payload,
+    tracker_payload,
+)
 from daemon.recording.disk_space import free_mb
 from daemon.recording.flight_recorder import RecorderStatus, RecordingError
 from daemon.recording.run_files import RUN_FILE
@@ -18,7 +22,6 @@ class DirectRecorder:
     """The same calls give the same file, byte for byte."""
 
     def __init__(self) -> None:
-        self._encoder = msgspec.json.Encoder()
         self._writer: RunWriter | None = None
         self._batches = CanBatches(self._write)
         self._folder: Path | None = None
@@ -41,7 +44,7 @@ class DirectRecorder:
     def message(self, message: Message) -> None:
         topic = TOPICS.get(type(message))
         if self._writer is not None and topic is not None:
-            self._writer.write(topic, message_time_ns(message), self._encoder.encode(message))
+            self._writer.write(topic, message_time_ns(message), telemetry_payload(message))
 
     def tracker_traffic(self, direction: str, data: bytes, t_ns: int) -> None:
         if self._writer is not None:

@@ -9,7 +9,13 @@ from typing import Final, NamedTuple, Protocol
 import msgspec
 
 from daemon.recording.can_batches import BusBatches, CanBatches
-from daemon.recording.channels import RAW_TRACKER, TOPICS, message_time_ns, tracker_payload
+from daemon.recording.channels import (
+    RAW_TRACKER,
+    TOPICS,
+    message_time_ns,
+    telemetry_payload,
+    tracker_payload,
+)
 from daemon.recording.record_stream import Begin, Progress, RecordWriter
 from daemon.recording.recorder_link import RecorderLink
 from daemon.recording.run_files import RUN_FILE
@@ -91,7 +97,6 @@ class FlightRecorder:
     """
 
     def __init__(self) -> None:
-        self._encoder = msgspec.json.Encoder()
         self._records = RecordWriter()
         self._batches = CanBatches(self._add)
         self._link: RecorderLink | None = None
@@ -150,7 +155,7 @@ class FlightRecorder:
     def message(self, message: Message) -> None:
         topic = TOPICS.get(type(message))
         if self._link is not None and topic is not None:
-            self._add(topic, message_time_ns(message), self._encoder.encode(message))
+            self._add(topic, message_time_ns(message), telemetry_payload(message))
 
     def tracker_traffic(self, direction: str, data: bytes, t_ns: int) -> None:
         if self._link is not None:

@@ -2,7 +2,8 @@
 
 A recording has hundreds of messages a second, and the library makes objects and a dozen small
 writes of each. All that is rare is left to the library's own records; the file is the same to the
-last byte, but for its chunks' compression, which is lighter.
+last byte, but for its chunks' compression, which is lighter, and for declarations that are
+repeated where that is asked for.
 """
 
 import struct
@@ -36,6 +37,9 @@ COMPRESSION_LEVEL: Final = 1
 _MESSAGE_HEAD: Final = struct.Struct("<BQHIQQ")
 """Opcode, length of what follows; channel, sequence, log time, publish time."""
 _RECORD_HEAD_BYTES: Final = 9
+_SCHEMAS_EVERY: Final = 32
+"""Chunks. All channels are declared in 250 bytes, all schemas in 1.5 kB: in every chunk they would
+be a fifth of a recording."""
 _MESSAGE_FIELDS_BYTES: Final = _MESSAGE_HEAD.size - _RECORD_HEAD_BYTES
 _MESSAGE: Final = int(Opcode.MESSAGE)
 _INDEX_HEAD: Final = struct.Struct("<BQHI")
@@ -105,9 +109,14 @@ class McapChannel:
 class McapFile:
     """A file in chunks, compressed and indexed."""
 
-    def __init__(self, output: Output, library: str) -> None:
-        """library: who writes this, for readers that care."""
+    def __init__(self, output: Output, library: str, repeat: bool = False) -> None:
+        """library: who writes this, for readers that care.
+
+        repeat: declare all channels at the beginning of every chunk and all schemas in every 32nd,
+        so that damage to one chunk costs what is in it, and not what it is needed for.
+        """
         self._output = output
+        self._repeat = repeat
         self._compressor = zstandard.ZstdCompressor(COMPRESSION_LEVEL)
         self._chunk = _Chunk()
         self._schemas: list[Schema] = []
@@ -192,6 +201,8 @@ class McapFile:
         if not entries:
             return
         self._chunk.begin()
+        if self._repeat:
+            self._declare_again()
         first_ns = min(min(numbers[::_ENTRY_NUMBERS]) for numbers in entries.values())
         last_ns = max(max(numbers[::_ENTRY_NUMBERS]) for numbers in entries.values())
         self._count(entries, first_ns, last_ns)
@@ -230,6 +241,12 @@ class McapFile:
                 uncompressed_size=len(data),
             )
         )
+
+    def _declare_again(self) -> None:
+        chunks = len(self._chunk_indices) + 1
+        schemas = self._schemas if chunks % _SCHEMAS_EVERY == 0 else []
+        for record in (*schemas, *self._channels):
+            self._chunk.data += _encoded(record)
 
     def _count(self, entries: Mapping[int, list[int]], first_ns: int, last_ns: int) -> None:
         first = not self._counts

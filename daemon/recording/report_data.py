@@ -233,7 +233,7 @@ class _Gathered:
             duration_s=self._s(self.last_ns),
             whole=reader.whole and ENDING in reader.metadata,
             dropped=0,
-            unreadable=self.unreadable + reader.damaged,
+            unreadable=self.unreadable + reader.orphans + max(reader.lost, len(reader.damage)),
             counts=dict(sorted(self.counts.items())),
             status=None if self.status is None else self.status[1],
             tip=self._series(Tip),

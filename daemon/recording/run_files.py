@@ -5,15 +5,23 @@ from pathlib import Path
 from typing import Final
 
 RUN_FILE: Final = "run.mcap"
+RUN_FILES: Final = "run*.mcap"
+"""Pattern of all recordings of a run."""
 ROBOT_FILE: Final = "robot.yaml"
 PROVENANCE_FILE: Final = "provenance.json"
 RESULT_FILE: Final = "result.json"
 REPORT_FILE: Final = "report.html"
+_UNFINISHED: Final = ".part"
 
 
 def unfinished(path: Path) -> Path:
     """Where a recording stands until it is finished."""
-    return path.with_name(path.name + ".part")
+    return path.with_name(path.name + _UNFINISHED)
+
+
+def finished(part: Path) -> Path:
+    """Where an unfinished recording shall stand: the reverse of `unfinished`."""
+    return part.with_name(part.name.removesuffix(_UNFINISHED))
 
 
 def write_whole(path: Path, data: bytes) -> None:

@@ -16,6 +16,9 @@ HEADER: Final = "run"
 ENDING: Final = "ending"
 """Name of the metadata record that only a recording that was ended properly has."""
 
+DESCRIPTION: Final = "description"
+"""Key of a channel's metadata: how its messages are to be read, where no schema says so."""
+_HEADER_IN_CHANNEL: Final = "run."
 _PENDING_AT_MOST: Final = 16 << 20
 _TIP: Final = TOPICS[Tip]
 
@@ -38,8 +41,9 @@ class RunWriter:
         self._wall_offset_ns = wall_offset_ns
         self._channels: dict[str, McapChannel] = {}
         self._file = PatientFile(unfinished(path))
-        self._mcap = McapFile(self._file, LIBRARY)
-        self._mcap.add_metadata(HEADER, {**header, "wall_offset_ns": str(wall_offset_ns)})
+        self._mcap = McapFile(self._file, LIBRARY, repeat=True)
+        self._header = {**header, "wall_offset_ns": str(wall_offset_ns)}
+        self._mcap.add_metadata(HEADER, self._header)
 
     @property
     def failed(self) -> str:
@@ -95,6 +99,19 @@ class RunWriter:
         schema = 0
         if kind.schema_name:
             schema = self._mcap.register_schema(kind.schema_name, "jsonschema", kind.schema)
-        channel = self._mcap.register_channel(topic, kind.message_encoding, schema)
+        # Metadata records have no checksum, and this one is there once: chunks repeat it.
+        about = {_HEADER_IN_CHANNEL + name: value for name, value in self._header.items()}
+        if kind.description:
+            about[DESCRIPTION] = kind.description
+        channel = self._mcap.register_channel(topic, kind.message_encoding, schema, about)
         self._channels[topic] = channel
         return channel
+
+
+def header_in_channel(metadata: Mapping[str, str]) -> dict[str, str]:
+    """The recording's header as a channel's metadata repeat it."""
+    return {
+        key.removeprefix(_HEADER_IN_CHANNEL): value
+        for key, value in metadata.items()
+        if key.startswith(_HEADER_IN_CHANNEL)
+    }

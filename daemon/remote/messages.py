@@ -1,8 +1,9 @@
 """Everything that is said over the wire, and recorded: one struct per kind of message.
 
 The tag names kind and version (`status/1`); within a version, fields are only added, and have a
-default. Lengths are mm (rad for rotating axes), times s, and `t_ns` is the daemon's monotonic
-clock. A vector is a list of as many numbers as its frame or the robot has.
+default. What may be unknown is None then, and is left out in recordings. Lengths are mm (rad for
+rotating axes), times s, and `t_ns` is the daemon's monotonic clock. A vector is a list of as many
+numbers as its frame or the robot has.
 """
 
 from typing import Any
@@ -39,11 +40,11 @@ class TrackerStatus(msgspec.Struct, frozen=True, kw_only=True):
 
     state: str
     rate_hz: float
-    age_s: float | None
+    age_s: float | None = None
     """Since the newest accepted measurement was made."""
     quality: float
     """Share of recent frames that were there and were believed, 0 to 1."""
-    latency_s: float | None
+    latency_s: float | None = None
     """From measurement to the loop, median."""
 
 
@@ -52,11 +53,11 @@ class AxisStatus(msgspec.Struct, frozen=True, kw_only=True):
 
     name: str
     unit: str
-    actual: float | None
-    target: float | None
+    actual: float | None = None
+    target: float | None = None
     drive_state: str
     node_state: str
-    force: float | None
+    force: float | None = None
     """Tension of a tendon, thrust of a screw, torque of a rotation."""
     force_unit: str
     volume_ml: float | None = None
@@ -86,9 +87,9 @@ class RiskStatus(msgspec.Struct, frozen=True, kw_only=True):
     """What the gate was told about the last step."""
 
     source: str
-    contact_risk: float | None
+    contact_risk: float | None = None
     """Probability that any part of the body touches something, along the step."""
-    body_point_risk: float | None
+    body_point_risk: float | None = None
     """Probability that a random point of the body is in an obstacle: not the same, and smaller."""
     threshold: float
     scale: float
@@ -99,8 +100,8 @@ class RiskStatus(msgspec.Struct, frozen=True, kw_only=True):
 class LeaseStatus(msgspec.Struct, frozen=True, kw_only=True):
     """Who may command."""
 
-    holder: str | None
-    expires_in_s: float | None
+    holder: str | None = None
+    expires_in_s: float | None = None
 
 
 class ReferenceStatus(msgspec.Struct, frozen=True, kw_only=True):
@@ -109,10 +110,10 @@ class ReferenceStatus(msgspec.Struct, frozen=True, kw_only=True):
     trajectory: str
     controller: str
     elapsed_s: float
-    duration_s: float | None
+    duration_s: float | None = None
     cycle: int
     """From 0; -1 while the tip is led to the start."""
-    cycles: int | None
+    cycles: int | None = None
     note: str = ""
     """What the controller is doing; empty while it simply follows."""
 
@@ -125,15 +126,15 @@ class Status(Message, frozen=True, kw_only=True, tag="status/1"):
     reasons: list[Reason]
     t_ns: int
     sequence: int
-    tip_mm: list[float] | None
-    reference_mm: list[float] | None
-    error_mm: float | None
+    tip_mm: list[float] | None = None
+    reference_mm: list[float] | None = None
+    error_mm: float | None = None
     tracker: TrackerStatus
     axes: list[AxisStatus]
     risk: RiskStatus
     loop: LoopStatus
     lease: LeaseStatus
-    recording: str | None
+    recording: str | None = None
     """Folder of the run; None: nothing is being recorded."""
     simulated: bool
     reference: ReferenceStatus | None = None
@@ -149,15 +150,15 @@ class Tip(Message, frozen=True, kw_only=True, tag="tip/1"):
     t_ns: int
     """When this was measured."""
     state: str
-    measured_mm: list[float] | None
+    measured_mm: list[float] | None = None
     """As the tracker gave it; None where this frame had none."""
-    tip_mm: list[float] | None
+    tip_mm: list[float] | None = None
     """Filtered."""
-    velocity_mm_s: list[float] | None
-    quaternion: list[float] | None
+    velocity_mm_s: list[float] | None = None
+    quaternion: list[float] | None = None
     """Scalar first."""
-    reference_mm: list[float] | None
-    error_mm: float | None
+    reference_mm: list[float] | None = None
+    error_mm: float | None = None
     cycle: int = -1
     age_s: float | None = None
     believed: bool = True
@@ -172,9 +173,9 @@ class Axes(Message, frozen=True, kw_only=True, tag="axes/1"):
     actual: list[float]
     target: list[float]
     """Where the drives are told to be now."""
-    proposed: list[float] | None
+    proposed: list[float] | None = None
     """The change that the controller asked for in this step."""
-    permitted: list[float] | None
+    permitted: list[float] | None = None
     """The change that the gate let through."""
     force: list[float]
 
@@ -185,8 +186,8 @@ class Risk(Message, frozen=True, kw_only=True, tag="risk/1"):
     sequence: int
     t_ns: int
     source: str
-    contact_risk: float | None
-    body_point_risk: float | None
+    contact_risk: float | None = None
+    body_point_risk: float | None = None
     threshold: float
     scale: float
     reasons: list[str]

@@ -13,9 +13,11 @@ from daemon.experiment.experiment_file import load_experiment
 from daemon.experiment.in_virtual_time import carry_out_in_virtual_time
 from daemon.experiment.step_series import StepSeries
 from daemon.experiment.trial import TrialError
+from daemon.recording.channels import TIP_POSE, TOPICS
 from daemon.recording.result import Result, read_result
 from daemon.recording.run_reader import RunReader
 from safety.risk_source import RiskReading
+from tests.daemon.recording.schemas import recording_contradictions
 
 SHIPPED = sorted((Path(__file__).parents[3] / "config" / "experiments").glob("*.yaml"))
 
@@ -81,6 +83,13 @@ def test_the_run_folder_tells_all(circle: tuple[Result, Path]) -> None:
     assert {"/tip", "/axes", "/risk", "/state", "/event", "/raw/tracker", "/raw/can/can0"} <= topics
     assert reader.whole
     assert json.loads((folder / "result.json").read_text())["robot"] == "soft_arm"
+
+
+def test_every_recorded_message_is_as_its_channel_says(circle: tuple[Result, Path]) -> None:
+    _, folder = circle
+    counts, found = recording_contradictions(folder / "run.mcap")
+    assert found == []
+    assert {*TOPICS.values(), TIP_POSE, "/raw/tracker", "/raw/can/can0"} == set(counts)
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_one_does_not(

@@ -1,5 +1,7 @@
 """What a recording contains can be read by viewers, and raw bytes come back as they were."""
 
+import json
+import math
 from typing import Any
 
 import msgspec
@@ -14,11 +16,13 @@ from daemon.recording.channels import (
     channel_format,
     read_can_payload,
     read_tracker_payload,
+    telemetry_payload,
     tip_pose,
     tracker_payload,
 )
-from daemon.remote.messages import TELEMETRY
+from daemon.remote.messages import TELEMETRY, LeaseStatus, Risk, Status
 from drivers.can.frame import CanFrame
+from tests.daemon.recording.schemas import contradictions
 from tests.daemon.recording.synthetic_run import messages
 
 SCALARS = {"boolean", "string", "number", "integer"}
@@ -54,6 +58,34 @@ def test_schemas_name_every_field_of_what_is_recorded() -> None:
         schema = msgspec.json.decode(channel_format(topic).schema)
         recorded = msgspec.json.decode(msgspec.json.encode(message))
         assert set(recorded) <= set(schema["properties"])
+
+
+def test_what_is_not_known_is_left_out_and_comes_back_as_not_known() -> None:
+    status = msgspec.structs.replace(
+        next(message for message in messages(cycles=1, cycle_s=2.0) if isinstance(message, Status)),
+        lease=LeaseStatus(holder=None, expires_in_s=None),
+        recording='a,"b":null,{"c":null,"d":[null]',
+        tip_mm=[1.0, math.nan, 2.0],
+        error_mm=math.inf,
+    )
+    payload = telemetry_payload(status)
+    assert (
+        contradictions(json.loads(channel_format("/state").schema), json.loads(payload), "") == []
+    )
+    back = msgspec.json.decode(payload, type=Status)
+    assert back == msgspec.structs.replace(status, tip_mm=None, error_mm=None)
+
+
+@given(st.lists(st.none() | st.floats() | st.lists(st.floats(), max_size=3), max_size=4))
+def test_any_vector_with_a_number_that_is_none_is_left_out_whole(means: list[Any]) -> None:
+    risk = next(one for one in messages(cycles=1, cycle_s=2.0) if isinstance(one, Risk))
+    risk = msgspec.structs.replace(risk, means_mm=means, detail='[null],"x":null')
+    found = json.loads(telemetry_payload(risk))
+    written = json.loads(msgspec.json.encode(risk))
+    sound = "null" not in json.dumps(written.pop("means_mm"))
+    assert ("means_mm" in found) == sound
+    found.pop("means_mm", None)
+    assert found == {name: value for name, value in written.items() if value is not None}
 
 
 @pytest.mark.parametrize("topic", ["", "/nothing", "/raw/can/", "/raw/canine"])

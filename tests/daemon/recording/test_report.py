@@ -234,6 +234,13 @@ def test_the_recover_command_makes_a_run_whole(
     assert path.exists()
     assert command(recover, str(tmp_path)) == EXIT_OK
     assert "no unfinished recording" in capsys.readouterr().out
+    damaged = bytearray(path.read_bytes())
+    damaged[40:48] = bytes(8)
+    (tmp_path / "run.mcap.part").write_bytes(damaged)
+    assert command(recover, str(tmp_path)) == EXIT_FAILED
+    assert "2066 messages saved; " in (told := capsys.readouterr().out)
+    assert "kept as run.mcap.damaged" in told
+    assert (tmp_path / "run.mcap.damaged").read_bytes() == damaged
     (tmp_path / "run.mcap.part").write_bytes(b"not a recording")
     assert command(recover, str(tmp_path)) == EXIT_FAILED
     assert "left as it is" in capsys.readouterr().out
