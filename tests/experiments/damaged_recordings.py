@@ -91,7 +91,7 @@ def damaged(content: bytes, random: np.random.Generator, cut: bool) -> tuple[byt
     place = int(random.integers(len(content)))
     if cut:
         return content[:place], f"cut to {place} bytes", place, len(content)
-    length = int(min(2 ** random.integers(0, 13), _LONGEST_DAMAGE, len(content) - place))
+    length = min(2 ** int(random.integers(0, 13)), _LONGEST_DAMAGE, len(content) - place)
     fill = bytes(length) if random.random() < 0.25 else random.bytes(length)
     changed = content[:place] + fill + content[place + length :]
     kind = "zeros" if not any(fill) else "noise"
