@@ -6,9 +6,10 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
-from tests.benchmarks.timing import Figures, percentiles
+from tests.benchmarks.timing import Figures, percentiles, pieces
 from tests.drivers.cia402.rig import Rig, axes, on_a_rig
 from tests.hil.processes import Lab, Probe, lab, probe, well
 
@@ -16,45 +17,47 @@ VIRTUAL_S = 10.0
 KILLS = 3
 
 
-def measure() -> Figures:
+def measure(tiny: bool = False) -> Figures:
     """All figures of the emulation."""
-    return {
-        "virtual_time_6_drives_100_hz": virtual_bus(),
-        "lab_process_cpu_percent": lab_cpu(),
-        "lab_killed_to_reported_ms": killed_to_reported(),
-    }
+    return pieces(
+        {
+            "virtual_time_6_drives_100_hz": partial(virtual_bus, 0.5 if tiny else VIRTUAL_S),
+            "lab_process": partial(lab_cpu, 0.5 if tiny else 5.0),
+            "lab_killed_to_reported_ms": partial(killed_to_reported, 1 if tiny else KILLS),
+        }
+    )
 
 
-def virtual_bus() -> Figures:
+def virtual_bus(duration_s: float) -> Figures:
     """Master, bus and six drives in virtual time: wall time per frame, and how fast time flies."""
     figures: Figures = {}
 
     async def test(rig: Rig) -> None:
         await rig.enabled()
         frames, start = rig.bus.statistics().frames, time.perf_counter()
-        await asyncio.sleep(VIRTUAL_S)
+        await asyncio.sleep(duration_s)
         wall_s = time.perf_counter() - start
         count = rig.bus.statistics().frames - frames
         figures["us_per_frame"] = round(wall_s / count * 1e6, 2)
-        figures["times_real_time"] = round(VIRTUAL_S / wall_s, 1)
+        figures["times_real_time"] = round(duration_s / wall_s, 1)
 
     on_a_rig(test, robot_axes=axes(6))
     return figures
 
 
-def lab_cpu() -> float:
+def lab_cpu(measured_s: float) -> Figures:
     """CPU of the lab's process while a probe watches it sway."""
     with _watched_lab("--play", "sway") as (running, _):
         before, start = _cpu_s(running.process.pid), time.monotonic()
-        time.sleep(5.0)
+        time.sleep(measured_s)
         spent = _cpu_s(running.process.pid) - before
-        return round(100 * spent / (time.monotonic() - start), 1)
+        return {"cpu_percent": round(100 * spent / (time.monotonic() - start), 1)}
 
 
-def killed_to_reported() -> Figures:
+def killed_to_reported(kills: int) -> Figures:
     """From kill -9 of the lab until the probe has printed that tracker and bus are gone."""
     tracker_ms, bus_ms = [], []
-    for _ in range(KILLS):
+    for _ in range(kills):
         with _watched_lab() as (running, watching):
             killed_s = time.monotonic()
             running.kill()

@@ -12,9 +12,10 @@ import resource
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from daemon.learning.oracle import OracleControllers
 from daemon.learning.prior import Prior
 from daemon.learning.receptive_fields import ReceptiveFields
 from drivers.pose import Vector
-from tests.benchmarks.timing import Figures, percentiles
+from tests.benchmarks.timing import Figures, percentiles, pieces
 from tests.daemon.learning.exploring_arm import SCALE, exploration, fields_over, settings_for
 
 PAPER = {"table_1": (139, 425, 16.8, 23.0), "table_2": (352, 550, 33.0, 7.0)}
@@ -38,59 +39,81 @@ FIELDS = (50, 139, 352, 1000, 2000)
 STEPS = 1_000_000
 POSTURE = np.full(6, 10.0)
 _PRETRAINED = exploration(4000)
-_WALK = exploration(40_000, seed=1)
 _SETTINGS = settings_for(_PRETRAINED)
-_UPDATES = 300
 _LITERAL_FIELDS = 6
 _ACTIVE = 1e-10
 """Share of the largest weight below which a field is not asked for the exact answer."""
 
 
-def measure() -> Figures:
+class Walk(NamedTuple):
+    """The motions that slide through the window."""
+
+    samples: tuple[MotionSample, ...]
+    updates: int = 300
+    """Timed, after the window was filled."""
+    compared: int = 150
+    """Answers after these, beside exact ones."""
+
+
+def measure(tiny: bool = False) -> Figures:
     """All figures, from a process whose products have one thread."""
     threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"), "1")
-    command = [sys.executable, "-m", "tests.benchmarks.local_controllers"]
-    done = subprocess.run(command, env=os.environ | threads, capture_output=True, check=True)
+    command = [sys.executable, "-m", "tests.benchmarks.local_controllers", *(["tiny"] * tiny)]
+    done = subprocess.run(command, env=os.environ | threads, stdout=subprocess.PIPE, check=True)
     figures: Figures = json.loads(done.stdout)
     return figures
 
 
-def _measure() -> Figures:
-    return {
-        **{name: _paper_size(*size) for name, size in PAPER.items()},
-        "large": {name: _large(*size) for name, size in LARGE.items()},
-        "cost": _cost(),
-        "after_many_steps": _many_steps(),
-    }
+def _measure(tiny: bool) -> Figures:
+    if tiny:
+        walk = Walk(exploration(600, seed=1), updates=10, compared=5)
+        return pieces(
+            {
+                "small": partial(_paper_size, walk, 5, 20, 16.8, 0.0),
+                "large": partial(_large, walk, 10, 20, 60.0),
+                "cost": partial(_cost, walk, (20,), (5,)),
+                "after_many_steps": partial(_many_steps, walk, 400),
+            }
+        )
+    walk = Walk(exploration(40_000, seed=1))
+    return pieces(
+        {
+            **{name: partial(_paper_size, walk, *size) for name, size in PAPER.items()},
+            **{f"large_{name}": partial(_large, walk, *size) for name, size in LARGE.items()},
+            "cost": partial(_cost, walk, SAMPLES, FIELDS),
+            "after_many_steps": partial(_many_steps, walk, STEPS),
+        }
+    )
 
 
-def _paper_size(count: int, samples: int, sharpness: float, paper_hz: float) -> Figures:
+def _paper_size(walk: Walk, count: int, samples: int, sharpness: float, paper_hz: float) -> Figures:
     fields = fields_over(_PRETRAINED, sharpness, count)
     prior = Prior.of(_PRETRAINED, fields, _SETTINGS, POSTURE)
     batch = BatchControllers(fields, _SETTINGS, samples, POSTURE, prior)
     row: Figures = {"fields": fields.count, "samples": samples, "paper_hz": paper_hz}
-    row["literal_hz"] = round(_literal_hz(fields, samples), 2)
-    row["exact"] = _update(batch, samples)
+    row["literal_hz"] = round(_literal_hz(walk, fields, samples), 2)
+    row["exact"] = _update(walk, batch, samples)
     for name, precision in PRECISIONS.items():
         for kind, known in (("bank", prior), ("bank_without_pretraining", None)):
             bank = BankControllers(fields, _SETTINGS, samples, POSTURE, known, precision)
             exact = BatchControllers(fields, _SETTINGS, samples, POSTURE, known)
-            figures = _update(bank, samples) | {"error": _error(bank, exact, samples)}
+            figures = _update(walk, bank, samples) | {"error": _error(walk, bank, exact, samples)}
             row[f"{kind}_{name}"] = figures
-    row["command_ms"] = _command(bank)
+    row["command_ms"] = _command(walk, bank)
     row["times_literal"] = round(row["exact"]["hz"] / row["literal_hz"], 1)
     return row
 
 
-def _large(count: int, samples: int, sharpness: float) -> Figures:
+def _large(walk: Walk, count: int, samples: int, sharpness: float) -> Figures:
     """Too large for the exact engine: the answer is compared field by field at some places."""
     fields = _thinned_fields(count, sharpness)
     bank = BankControllers(fields, _SETTINGS, samples, POSTURE, None, PRECISIONS["fast"])
-    figures: Figures = {"fields": fields.count, "samples": samples, **_update(bank, samples)}
+    figures: Figures = {"fields": fields.count, "samples": samples, **_update(walk, bank, samples)}
     oracle = OracleControllers(fields, _SETTINGS, samples, POSTURE)
     oracle.refill(bank.window)
     errors = []
-    for query in _WALK[samples + _UPDATES : samples + _UPDATES + 40 : 2]:
+    after = samples + walk.updates
+    for query in walk.samples[after : after + min(40, walk.compared) : 2]:
         bank.add(query)
         oracle.add(query)
         expected = _exact_answer(oracle, fields, query)
@@ -98,15 +121,17 @@ def _large(count: int, samples: int, sharpness: float) -> Figures:
     return figures | {"error": _spread(errors)}
 
 
-def _cost() -> Figures:
+def _cost(walk: Walk, samples: Sequence[int], fields: Sequence[int]) -> Figures:
     """ms of an update, the fastest fifth, against the number of samples and of fields."""
-    fields = fields_over(_PRETRAINED, PAPER["table_2"][2], PAPER["table_2"][0])
-    by_samples = [{"samples": n, **_cost_of(fields, n)} for n in SAMPLES]
-    by_fields = [{"fields": m, **_cost_of(_thinned_fields(m, 10.0 * m**0.25), 550)} for m in FIELDS]
+    here = fields_over(_PRETRAINED, PAPER["table_2"][2], PAPER["table_2"][0])
+    by_samples = [{"samples": n, **_cost_of(walk, here, n)} for n in samples]
+    by_fields = [
+        {"fields": m, **_cost_of(walk, _thinned_fields(m, 10.0 * m**0.25), 550)} for m in fields
+    ]
     return {"by_samples_at_352_fields": by_samples, "by_fields_at_550_samples": by_fields}
 
 
-def _cost_of(fields: ReceptiveFields, samples: int) -> Figures:
+def _cost_of(walk: Walk, fields: ReceptiveFields, samples: int) -> Figures:
     made: dict[str, LocalControllers] = {
         "exact": BatchControllers(fields, _SETTINGS, samples, POSTURE)
     }
@@ -114,24 +139,25 @@ def _cost_of(fields: ReceptiveFields, samples: int) -> Figures:
         made[f"bank_{name}"] = BankControllers(
             fields, _SETTINGS, samples, POSTURE, precision=precision
         )
+    short = walk._replace(updates=min(60, walk.updates))
     costs = {
-        f"{name}_ms": round(1e3 / _update(controllers, samples, 60)["hz_fastest_fifth"], 3)
+        f"{name}_ms": round(1e3 / _update(short, controllers, samples)["hz_fastest_fifth"], 3)
         for name, controllers in made.items()
     }
-    return costs | {"literal_ms": round(1e3 / _literal_hz(fields, samples), 1)}
+    return costs | {"literal_ms": round(1e3 / _literal_hz(walk, fields, samples), 1)}
 
 
-def _many_steps() -> Figures:
+def _many_steps(walk: Walk, steps: int) -> Figures:
     """The bank after a million samples, beside sums that are made anew; and memory."""
     count, samples, sharpness, _ = PAPER["table_1"]
     fields = fields_over(_PRETRAINED, sharpness, count)
     bank = BankControllers(fields, _SETTINGS, samples, POSTURE)
     before = 0
-    for step in range(STEPS):
-        bank.add(_WALK[step % len(_WALK)])
+    for step in range(steps):
+        bank.add(walk.samples[step % len(walk.samples)])
         if step % 10 == 0:
             bank.solve()
-        if step == STEPS // 20:
+        if step == steps // 20:
             before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
     kept = bank.parameters
@@ -139,20 +165,20 @@ def _many_steps() -> Figures:
     exact = BatchControllers(fields, _SETTINGS, samples, POSTURE)
     exact.refill(bank.window)
     return {
-        "steps": STEPS,
+        "steps": steps,
         "parameters_against_made_anew": _largest(kept, bank.parameters),
         "parameters_against_exact": _largest(kept, exact.parameters),
         "memory_grown_kb": grown,
-        "drift_without_refreshing": _drift(fields, samples),
+        "drift_without_refreshing": _drift(walk, fields, samples),
     }
 
 
-def _drift(fields: ReceptiveFields, samples: int) -> Figures:
+def _drift(walk: Walk, fields: ReceptiveFields, samples: int) -> Figures:
     """Relative error of sums that only samples in and out have touched, by mass left."""
     bank = BankControllers(fields, _SETTINGS, samples, POSTURE)
-    bank.refill(_WALK[:samples])
+    bank.refill(walk.samples[:samples])
     bank._refresh_one = lambda: None  # type: ignore[method-assign]
-    for sample in _WALK[samples:]:
+    for sample in walk.samples[samples:]:
         bank.add(sample)
     kept = bank._moments
     whole = np.flatnonzero(~kept.broken & (kept.samples > 0))
@@ -161,7 +187,7 @@ def _drift(fields: ReceptiveFields, samples: int) -> Figures:
     for index, i in enumerate(whole):
         anew = _first_term(bank, int(i), float(anchor[index]))
         errors.append(np.abs(sums[index] - anew).max() / np.abs(anew).max())
-    by_mass: Figures = {"steps": len(_WALK) - samples}
+    by_mass: Figures = {"steps": len(walk.samples) - samples}
     for least, most in ((0.1, np.inf), (1e-3, 0.1), (1e-6, 1e-3)):
         found = [e for e, here in zip(errors, mass, strict=True) if least <= here < most]
         by_mass[f"mass_above_{least:g}"] = float(f"{max(found, default=0.0):.1e}")
@@ -178,15 +204,15 @@ def _first_term(bank: BankControllers, field: int, anchor: float) -> Vector:
     return sums
 
 
-def _update(controllers: LocalControllers, samples: int, updates: int = _UPDATES) -> Figures:
+def _update(walk: Walk, controllers: LocalControllers, samples: int) -> Figures:
     """Fill the window, then update it: ms, and updates per second.
 
     At the median; at the fastest fifth, which other processes disturb less; and of CPU time.
     """
-    controllers.refill(_WALK[:samples])
-    _ask(controllers, _WALK[0])
+    controllers.refill(walk.samples[:samples])
+    _ask(controllers, walk.samples[0])
     took, spent = [], []
-    for sample in _WALK[samples : samples + updates]:
+    for sample in walk.samples[samples : samples + walk.updates]:
         began, before = time.perf_counter_ns(), time.thread_time_ns()
         controllers.add(sample)
         _ask(controllers, sample)
@@ -204,22 +230,22 @@ def _ask(controllers: LocalControllers, sample: MotionSample) -> Command:
     return controllers.command(sample.delta_tip_mm, sample.tip_mm, sample.u)
 
 
-def _command(controllers: LocalControllers) -> Figures:
+def _command(walk: Walk, controllers: LocalControllers) -> Figures:
     """With everything solved."""
     controllers.solve()
     took = []
-    for sample in _WALK[:1000]:
+    for sample in walk.samples[:1000]:
         began = time.perf_counter_ns()
         _ask(controllers, sample)
         took.append(time.perf_counter_ns() - began)
     return percentiles(took, 1e-6)
 
 
-def _error(bank: BankControllers, exact: BatchControllers, samples: int) -> Figures:
+def _error(walk: Walk, bank: BankControllers, exact: BatchControllers, samples: int) -> Figures:
     """Of the answer, relative to its length."""
     exact.refill(bank.window)
     errors = []
-    for sample in _WALK[samples + _UPDATES : samples + _UPDATES + 150]:
+    for sample in walk.samples[samples + walk.updates : samples + walk.updates + walk.compared]:
         bank.add(sample)
         exact.add(sample)
         errors.append(_missed(_ask(bank, sample).delta_u, _ask(exact, sample).delta_u))
@@ -245,9 +271,9 @@ def _exact_answer(
     return result
 
 
-def _literal_hz(fields: ReceptiveFields, samples: int) -> float:
+def _literal_hz(walk: Walk, fields: ReceptiveFields, samples: int) -> float:
     """Algorithm 1, lines 6–12, with its n × n matrix W; from some fields."""
-    window = _WALK[:samples]
+    window = walk.samples[:samples]
     x = np.array([np.r_[s.delta_tip_mm, s.tip_mm, s.u, 1.0] for s in window])
     y = np.array([s.delta_u for s in window])
     cost = np.sum(y**2, axis=1)
@@ -316,3 +342,7 @@ def plot(figures: Figures, path: Path) -> None:
     panels[0].legend()
     figure.tight_layout()
     figure.savefig(path, dpi=130)
+
+
+if __name__ == "__main__":
+    print(json.dumps(_measure(tiny="tiny" in sys.argv[1:])))

@@ -1,9 +1,5 @@
-"""How long one step of the pneumatic arm takes, and one equilibrium of a tendon-driven rod.
+"""How long one step of the pneumatic arm takes, and one equilibrium of a tendon-driven rod."""
 
-`python -m tests.benchmarks.plant` prints one JSON.
-"""
-
-import json
 import time
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
@@ -15,6 +11,7 @@ from sim_backends.plants.plant import FloatArray, TipLoad
 from sim_backends.plants.rod import Rod, Section, helix
 from sim_backends.plants.shooting import ConstantPull, Problem, Solver, warm_up
 from sim_backends.plants.soft_arm import SoftArm
+from tests.benchmarks.timing import Figures, pieces
 
 BORE_MM = 25.0
 STROKE_MM = 50.0
@@ -23,24 +20,27 @@ STEP_MM = 0.25
 """Ten millimetres a second, the fastest that the drives move."""
 
 
-def measure(steps: int = 3000) -> dict[str, dict[str, float]]:
+def measure(tiny: bool = False) -> Figures:
     """Milliseconds per step, by what the plant does: median, p99 and worst. Kernels are warm."""
     warm_up()
+    steps = 20 if tiny else 3000
     still = [np.array([15.0, 0.0, 5.0, 0.0, 20.0, 0.0])] * steps
     moving = list(_walk(steps))
     filling = [TipLoad(mass) for mass in np.linspace(14.0, 30.0, steps)]
-    return {
-        "arm_still_unloaded": _arm(still, [TipLoad()] * steps),
-        "arm_still_30_g": _arm(still, [TipLoad(30.0)] * steps),
-        "arm_moving_unloaded": _arm(moving, [TipLoad()] * steps),
-        "arm_moving_14_g": _arm(moving, [TipLoad(14.2)] * steps),
-        "arm_moving_14_to_30_g": _arm(moving, filling),
-        "tendons_18_intervals_gravity_and_30_g": _tendons(18, steps),
-        "tendons_36_intervals_gravity_and_30_g": _tendons(36, steps),
-    }
+    return pieces(
+        {
+            "arm_still_unloaded": partial(_arm, still, [TipLoad()] * steps),
+            "arm_still_30_g": partial(_arm, still, [TipLoad(30.0)] * steps),
+            "arm_moving_unloaded": partial(_arm, moving, [TipLoad()] * steps),
+            "arm_moving_14_g": partial(_arm, moving, [TipLoad(14.2)] * steps),
+            "arm_moving_14_to_30_g": partial(_arm, moving, filling),
+            "tendons_18_intervals_gravity_and_30_g": partial(_tendons, 18, steps),
+            "tendons_36_intervals_gravity_and_30_g": partial(_tendons, 36, steps),
+        }
+    )
 
 
-def _arm(positions: Iterable[FloatArray], loads: Iterable[TipLoad]) -> dict[str, float]:
+def _arm(positions: Iterable[FloatArray], loads: Iterable[TipLoad]) -> Figures:
     arm = SoftArm(SoftArmPlant(kind="soft_arm"), [BORE_MM] * 6)
     return _timed(
         partial(arm.step, position, load, PERIOD_S)
@@ -58,7 +58,7 @@ def _walk(steps: int) -> Iterator[FloatArray]:
         here, done = goal, done + count
 
 
-def _tendons(intervals: int, steps: int) -> dict[str, float]:
+def _tendons(intervals: int, steps: int) -> Figures:
     """Three straight tendons and a winding one, 0.2 m, mounted level; tensions move by 0.05 N."""
     length = 200.0
     section = Section(bending_n_mm2=5.79e3, torsion_n_mm2=4.45e3, shear_n=990.0, axial_n=2573.0)
@@ -86,7 +86,7 @@ def _tendons(intervals: int, steps: int) -> dict[str, float]:
     return _timed(partial(step, goal) for goal in goals)
 
 
-def _timed(steps: Iterable[Callable[[], object]]) -> dict[str, float]:
+def _timed(steps: Iterable[Callable[[], object]]) -> Figures:
     durations = []
     for step in steps:
         started = time.perf_counter()
@@ -97,7 +97,3 @@ def _timed(steps: Iterable[Callable[[], object]]) -> dict[str, float]:
         "p99_ms": round(float(np.quantile(durations, 0.99)), 4),
         "worst_ms": round(max(durations), 4),
     }
-
-
-if __name__ == "__main__":
-    print(json.dumps(measure(), indent=2))

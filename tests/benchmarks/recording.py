@@ -1,7 +1,6 @@
 """What recording costs the loop: per call, and per control step with all that belongs to it."""
 
 import asyncio
-import json
 import tempfile
 import time
 from collections.abc import Callable
@@ -13,7 +12,7 @@ from daemon.recording.direct_recorder import DirectRecorder
 from daemon.recording.flight_recorder import FlightRecorder, Recorder
 from daemon.recording.run_reader import RunReader
 from daemon.remote.messages import Axes, Message, Risk, Status, Tip
-from tests.benchmarks.timing import Figures, percentiles
+from tests.benchmarks.timing import Figures, percentiles, pieces
 from tests.daemon.recording.synthetic_run import HEADER, messages
 
 STEPS = 1500
@@ -23,16 +22,19 @@ FRAMES_PER_STEP = 60
 _NS_TO_US = 1e-3
 
 
-def measure() -> Figures:
+def measure(tiny: bool = False) -> Figures:
     """Per-call cost in µs of both recorders, and what the recorder's process can take."""
-    return {
-        "flight": run_in_real_time(_paced(FlightRecorder())),
-        "direct": run_in_real_time(_paced(DirectRecorder())),
-        "flood": run_in_real_time(_flood()),
-    }
+    steps = 20 if tiny else STEPS
+    return pieces(
+        {
+            "flight": lambda: run_in_real_time(_paced(FlightRecorder(), steps)),
+            "direct": lambda: run_in_real_time(_paced(DirectRecorder(), steps)),
+            "flood": lambda: run_in_real_time(_flood(0.1 if tiny else 1.0)),
+        }
+    )
 
 
-async def _paced(recorder: Recorder) -> Figures:
+async def _paced(recorder: Recorder, steps: int) -> Figures:
     """A run's messages at five times their pace: the recorder process has its work beside."""
     kinds: tuple[type[Message], ...] = (Status, Tip, Axes, Risk)
     samples = {
@@ -44,7 +46,7 @@ async def _paced(recorder: Recorder) -> Figures:
     with tempfile.TemporaryDirectory() as folder:
         clock = MonotonicClock()
         await recorder.start(Path(folder), HEADER, clock.now_ns(), clock.wall_time_ns())
-        for _ in range(STEPS):
+        for _ in range(steps):
             began_ns = time.perf_counter_ns()
             for kind, message in samples.items():
                 spent[kind.__name__.lower()].append(_timed(recorder.message, message))
@@ -59,18 +61,18 @@ async def _paced(recorder: Recorder) -> Figures:
         size = (Path(folder) / "run.mcap").stat().st_size
     figures: Figures = {f"{name}_us": percentiles(values) for name, values in spent.items()}
     figures["dropped"] = recorder.status.dropped
-    figures["bytes_per_step"] = round(size / STEPS)
+    figures["bytes_per_step"] = round(size / steps)
     return figures
 
 
-async def _flood() -> Figures:
-    """As fast as the pipe takes it, for a second: messages per second that end in the file."""
+async def _flood(duration_s: float) -> Figures:
+    """As fast as the pipe takes it: messages per second that end in the file."""
     clock, recorder = MonotonicClock(), FlightRecorder()
     tip = next(message for message in messages(1, 2.0) if isinstance(message, Tip))
     with tempfile.TemporaryDirectory() as folder:
         await recorder.start(Path(folder), HEADER, clock.now_ns(), clock.wall_time_ns())
         began_ns, sent = clock.now_ns(), 0
-        while clock.now_ns() - began_ns < 1_000_000_000:
+        while clock.now_ns() - began_ns < duration_s * 1e9:
             for _ in range(100):
                 recorder.message(tip)
             sent += 100
@@ -94,7 +96,3 @@ def _timed(call: Callable[..., Any], *arguments: Any) -> float:
     before_ns = time.perf_counter_ns()
     call(*arguments)
     return (time.perf_counter_ns() - before_ns) * _NS_TO_US
-
-
-if __name__ == "__main__":
-    print(json.dumps(measure(), indent=1))

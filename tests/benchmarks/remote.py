@@ -7,14 +7,16 @@ import sys
 import tempfile
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
+from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 from config.remote import Remote
 from daemon.clock import run_in_real_time
 from daemon.remote.messages import Message
 from daemon.remote.server import RemoteServer
-from tests.benchmarks.timing import Figures, percentiles
+from tests.benchmarks.timing import Figures, percentiles, pieces
 from tests.daemon.remote.rig import ROBOT, FakeRobot, tip
 
 PUBLISHED = 4000
@@ -60,37 +62,64 @@ run_in_real_time(main(sys.argv[2], int(sys.argv[3])))
 """
 
 
-def measure() -> Figures:
+def measure(tiny: bool = False) -> Figures:
     """All figures of the remote API."""
-    return run_in_real_time(_measure())
+    published, asked, imports = (20, 5, 1) if tiny else (PUBLISHED, ASKED, IMPORTS)
+    named: dict[str, Callable[[], Figures]] = {
+        f"publish_{what}_us": partial(_beside_a_server, partial(_publishing, what, published))
+        for what in ("tip", "status")
+    }
+    for name, what, beside in (
+        ("status_round_trip_us", "status", None),
+        ("stop_round_trip_us", "stop", None),
+        ("stop_round_trip_beside_a_flood_us", "stop", "flood"),
+    ):
+        named[name] = partial(_beside_a_server, partial(_asking, what, asked, beside))
+    named["stop_command_ms"] = partial(_import_times, imports)
+    return pieces(named)
 
 
-async def _measure() -> Figures:
-    with tempfile.TemporaryDirectory() as name:
-        folder, robot = Path(name), FakeRobot()
-        server = RemoteServer(ROBOT, Remote(), folder, robot, simulated=True, version="0")
-        await server.open()
-        try:
-            messages: dict[str, Message] = {"tip": tip(), "status": robot.status()}
-            figures: Figures = {"publish_us": {}}
-            for name, message in messages.items():
-                nobody = await _publish(server, message)
-                async with _client(folder, "listen"):
-                    one = await _publish(server, message)
-                figures["publish_us"][name] = {"no_subscriber": nobody, "one_subscriber": one}
-            figures["status_round_trip_us"] = await _asking(folder, "status")
-            figures["stop_round_trip_us"] = await _asking(folder, "stop")
-            async with _client(folder, "flood"):
-                figures["stop_round_trip_beside_a_flood_us"] = await _asking(folder, "stop")
-        finally:
-            await server.close()
-    figures["stop_command_ms"] = await asyncio.to_thread(_import_times)
-    return figures
+class Served(NamedTuple):
+    """What a piece is measured with."""
+
+    server: RemoteServer
+    robot: FakeRobot
+    folder: Path
 
 
-async def _publish(server: RemoteServer, message: Message) -> Figures:
+def _beside_a_server(scene: Callable[[Served], Awaitable[Figures]]) -> Figures:
+    async def play() -> Figures:
+        with tempfile.TemporaryDirectory() as name:
+            folder, robot = Path(name), FakeRobot()
+            server = RemoteServer(ROBOT, Remote(), folder, robot, simulated=True, version="0")
+            await server.open()
+            try:
+                return await scene(Served(server, robot, folder))
+            finally:
+                await server.close()
+
+    return run_in_real_time(play())
+
+
+async def _publishing(what: str, count: int, served: Served) -> Figures:
+    message: Message = tip() if what == "tip" else served.robot.status()
+    nobody = await _publish(served.server, message, count)
+    async with _client(served.folder, "listen", 1):
+        one = await _publish(served.server, message, count)
+    return {"no_subscriber": nobody, "one_subscriber": one}
+
+
+async def _asking(what: str, count: int, beside: str | None, served: Served) -> Figures:
+    async with AsyncExitStack() as others:
+        if beside is not None:
+            await others.enter_async_context(_client(served.folder, beside, count))
+        async with _client(served.folder, what, count) as took:
+            return percentiles(await took(), 1e-3)
+
+
+async def _publish(server: RemoteServer, message: Message, count: int) -> Figures:
     took = []
-    for _ in range(PUBLISHED):
+    for _ in range(count):
         start = time.perf_counter_ns()
         server.publish(message)
         took.append(time.perf_counter_ns() - start)
@@ -98,13 +127,10 @@ async def _publish(server: RemoteServer, message: Message) -> Figures:
     return percentiles(took, 1e-3)
 
 
-async def _asking(folder: Path, what: str) -> Figures:
-    async with _client(folder, what) as took:
-        return percentiles(await took(), 1e-3)
-
-
 @asynccontextmanager
-async def _client(folder: Path, what: str) -> AsyncIterator[Callable[[], Awaitable[list[int]]]]:
+async def _client(
+    folder: Path, what: str, count: int
+) -> AsyncIterator[Callable[[], Awaitable[list[int]]]]:
     """A client in a process of its own. Gives what it has measured, once it is ready."""
     process = await asyncio.create_subprocess_exec(
         sys.executable,
@@ -112,7 +138,7 @@ async def _client(folder: Path, what: str) -> AsyncIterator[Callable[[], Awaitab
         _CLIENT,
         str(folder),
         what,
-        str(ASKED),
+        str(count),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         limit=1 << 24,
@@ -121,7 +147,9 @@ async def _client(folder: Path, what: str) -> AsyncIterator[Callable[[], Awaitab
     output = process.stdout
 
     async def took() -> list[int]:
-        figures: list[int] = json.loads(await output.readline())
+        line = await output.readline()
+        assert line, f"the client that is to {what} has ended"
+        figures: list[int] = json.loads(line)
         return figures
 
     try:
@@ -133,7 +161,7 @@ async def _client(folder: Path, what: str) -> AsyncIterator[Callable[[], Awaitab
         await process.wait()
 
 
-def _import_times() -> Figures:
+def _import_times(count: int) -> Figures:
     """What a `tentacled stop` spends before it can connect, beside bare Python."""
 
     def took(code: str) -> float:
@@ -143,6 +171,5 @@ def _import_times() -> Figures:
 
     codes = {"python": "pass", "client": "import daemon.remote.client, daemon.commands.stop"}
     return {
-        name: percentiles([took(code) for _ in range(IMPORTS)], 1e-6)
-        for name, code in codes.items()
+        name: percentiles([took(code) for _ in range(count)], 1e-6) for name, code in codes.items()
     }

@@ -9,6 +9,7 @@ to be made ready, once.
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeVar
@@ -30,7 +31,7 @@ from safety.risk.mixture import FloatArray, Mixture
 from safety.risk.mixture_network import MixtureNetwork
 from safety.risk.shapes import CHEST_PORT, chest
 from tests import SOFT_ARM
-from tests.benchmarks.timing import Figures, percentiles
+from tests.benchmarks.timing import Figures, percentiles, pieces
 from tests.safety.risk.arms import Pose, points_mixture, shape_mixture
 from tests.safety.risk.networks import random_arrays
 
@@ -51,14 +52,16 @@ _POSES = [
 ]
 
 
-def measure(repeats: int = 400) -> Figures:
+def measure(tiny: bool = False) -> Figures:
     """Microseconds for the network, milliseconds for the rest, by what is asked. Code is warm."""
-    return {
-        "network_us": _network(10 * repeats),
-        "body_point_ms": {str(count): _body_point(count, repeats) for count in TRIANGLES},
-        "contact_ms": _contact(repeats),
-        "gate_ms": {str(count): _gate(count, 5 * repeats) for count in TRIANGLES[:2]},
-    }
+    repeats, triangles = (1, (1000, 2000)) if tiny else (400, TRIANGLES)
+    named: dict[str, Callable[[], Figures]] = {"network_us": partial(_network, 10 * repeats)}
+    for count in triangles:
+        named[f"body_point_ms_{count}_triangles"] = partial(_body_point, count, repeats)
+    named["contact_ms"] = partial(_contact, triangles[1], 3.0 if tiny else _SPACING_MM, repeats)
+    for count in triangles[:2]:
+        named[f"gate_ms_{count}_triangles"] = partial(_gate, count, 5 * repeats)
+    return pieces(named)
 
 
 def _network(repeats: int) -> Figures:
@@ -114,11 +117,11 @@ def _body_point(triangles: int, repeats: int) -> Figures:
     }
 
 
-def _contact(repeats: int) -> Figures:
+def _contact(triangles: int, spacing_mm: float, repeats: int) -> Figures:
     """A thousand shapes of 41 nodes and 8 coefficients, in the chest of the middle size."""
-    mesh = environment(*chest(TRIANGLES[1], seed=0), port=CHEST_PORT)
+    mesh = environment(*chest(triangles, seed=0), port=CHEST_PORT)
     started = time.perf_counter()
-    grid = distance_grid(mesh, _SPACING_MM)
+    grid = distance_grid(mesh, spacing_mm)
     ready_s = time.perf_counter() - started
     poses = [shape_mixture(pose) for pose in _POSES]
     model = ContactModel(poses[0][0], grid, CHEST_PORT)
@@ -216,14 +219,13 @@ def plot(figures: Figures, path: Path) -> None:
     from matplotlib import pyplot as plt
 
     figure, panel = plt.subplots(figsize=(6, 4.5))
-    table = figures["body_point_ms"]
     names = {
         "printed_bound": "bound as printed",
         "both_bounds": "printed and certified",
         "near_exact_with_derivatives": "near-exact, with derivatives",
     }
     for name, label in names.items():
-        costs = [table[str(count)][name]["median"] for count in TRIANGLES]
+        costs = [figures[f"body_point_ms_{n}_triangles"][name]["median"] for n in TRIANGLES]
         panel.loglog(TRIANGLES, costs, "o-", label=label)
     panel.set_xlabel("triangles")
     panel.set_ylabel("ms, median")

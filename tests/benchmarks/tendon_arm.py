@@ -6,13 +6,14 @@ such an arm without any load.
 
 import time
 from collections.abc import Iterable
+from functools import partial
 
 import numpy as np
 
 from config.emulated_plants import TendonArmPlant
 from sim_backends.plants.plant import FloatArray, TipLoad
 from sim_backends.plants.tendon_arm import TendonArm
-from tests.benchmarks.timing import Figures
+from tests.benchmarks.timing import Figures, pieces
 from tests.sim_backends.plants.tendon_arms import (
     PERIOD_S,
     SHIPPED,
@@ -31,21 +32,23 @@ REFINED = 16
 AT_REST = np.zeros(4)
 
 
-def measure(steps: int = 3000) -> Figures:
+def measure(tiny: bool = False) -> Figures:
     """Wall clock and the thread's own time, in ms, by what the arm does. Kernels are warm."""
+    steps = 20 if tiny else 3000
     moving = walk(0, steps, STEP_MM)
     level = plant(gravity_direction=(0.0, -1.0, 0.0))
-    return {
-        "quoted_ms": QUOTED_MS,
-        "still_30_g": _timed(SHIPPED, [bend(3.0, 1.0, 2.0)] * steps, 30.0),
-        "moving_no_friction_30_g": _timed(plant(friction=0.0), moving, 30.0),
-        "moving_unloaded": _timed(SHIPPED, moving, 0.0),
-        "moving_30_g": _timed(SHIPPED, moving, 30.0),
-        "moving_30_g_level": _timed(level, moving, 30.0),
-        "jumps_30_g": _timed(SHIPPED, _jumps(steps // 10), 30.0),
-        "tip_error_um": _errors(),
-        "tip_by_start_mm": _by_start(),
-    }
+    return {"quoted_ms": QUOTED_MS} | pieces(
+        {
+            "still_30_g": partial(_timed, SHIPPED, [bend(3.0, 1.0, 2.0)] * steps, 30.0),
+            "moving_no_friction_30_g": partial(_timed, plant(friction=0.0), moving, 30.0),
+            "moving_unloaded": partial(_timed, SHIPPED, moving, 0.0),
+            "moving_30_g": partial(_timed, SHIPPED, moving, 30.0),
+            "moving_30_g_level": partial(_timed, level, moving, 30.0),
+            "jumps_30_g": partial(_timed, SHIPPED, _jumps(steps // 10), 30.0),
+            "tip_error_um": partial(_errors, 1 if tiny else 12),
+            "tip_by_start_mm": partial(_by_start, *((1, 2) if tiny else (12, 12))),
+        }
+    )
 
 
 def _timed(config: TendonArmPlant, places: Iterable[FloatArray], grams: float) -> Figures:
@@ -73,7 +76,7 @@ def _jumps(count: int) -> list[FloatArray]:
     return [paid_out(generator) for _ in range(count)]
 
 
-def _errors(ways: int = 12) -> Figures:
+def _errors(ways: int) -> Figures:
     """Tip against eight times as many intervals, all along the same way."""
     coarse, fine = TendonArm(SHIPPED), TendonArm(SHIPPED, intervals_per_span=REFINED)
     generator, here, load, errors = np.random.default_rng(4), AT_REST, TipLoad(30.0), []
@@ -88,7 +91,7 @@ def _errors(ways: int = 12) -> Figures:
     return {"mean": round(float(np.mean(errors)), 3), "max": round(max(errors), 3)}
 
 
-def _by_start(targets: int = 12, starts: int = 12) -> Figures:
+def _by_start(targets: int, starts: int) -> Figures:
     """Spread of the tip at the same motors, led there from random others."""
     arm, generator, spreads, furthest = TendonArm(SHIPPED), np.random.default_rng(5), [], 0.0
     for _ in range(targets):
