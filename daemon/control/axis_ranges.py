@@ -6,8 +6,6 @@ import numpy as np
 
 from config.axis import Axis, TubeRotation
 from config.robot import Robot
-from daemon.control import jacobian_kernels as kernels
-from daemon.control.jacobian_kernels import in_rows
 from drivers.pose import Vector
 
 
@@ -22,7 +20,8 @@ class AxisRanges:
 
     @classmethod
     def of(cls, robot: Robot) -> "AxisRanges":
-        lowest, highest, max_velocity = map(in_rows, zip(*map(_limits, robot.axes), strict=True))
+        columns = zip(*map(_limits, robot.axes), strict=True)
+        lowest, highest, max_velocity = (np.array(column, np.float64) for column in columns)
         return cls(tuple(axis.name for axis in robot.axes), lowest, highest, max_velocity)
 
     @property
@@ -40,7 +39,8 @@ class AxisRanges:
 
     def slowed(self, step: Vector, dt_s: float) -> Vector:
         """The step, as a whole shortened until no axis is faster than it may be."""
-        return np.asarray(kernels.slowed(in_rows(step), self.max_velocity, dt_s))
+        fastest = float(np.max(np.abs(step) / self.max_velocity))
+        return np.asarray((1.0 if fastest <= dt_s else dt_s / fastest) * step)
 
 
 def _limits(axis: Axis) -> tuple[float, float, float]:

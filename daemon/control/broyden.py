@@ -12,11 +12,12 @@ import numpy as np
 
 from config.controllers import Broyden
 from config.robot import Robot
-from daemon.control.controller import ModelError, Observation, Proposal
+from daemon.control.controller import Observation, Proposal
 from daemon.control.exploration import Exploration
 from daemon.control.jacobian_estimate import JacobianEstimate
 from daemon.control.model_file import load_model, model_metadata, save_model
 from daemon.control.tip_following import TipFollower
+from daemon.learning.npz_file import ModelError
 from drivers.pose import Vector
 
 _MEASURED_STD_MM = 20.0

@@ -14,10 +14,6 @@ class ControllerError(RuntimeError):
     """The controller cannot go on. Says why and what helps."""
 
 
-class ModelError(ValueError):
-    """A file that cannot be loaded: not a model, or not one of this robot's."""
-
-
 class Observation(NamedTuple):
     """What is known at one control step. Axes in mm or rad, tip in the base sensor's frame."""
 

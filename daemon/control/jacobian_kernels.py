@@ -128,7 +128,7 @@ def bounded_step(
 
 @_kernel
 def slowed(step: FloatArray, max_velocity: FloatArray, dt_s: float) -> FloatArray:
-    """(m,) as `AxisRanges.slowed` says."""
+    """(m,) the step, as a whole shortened until no axis is faster than it may be."""
     fastest = 0.0
     for k in range(step.shape[0]):
         fastest = max(fastest, abs(step[k]) / max_velocity[k])

@@ -14,13 +14,14 @@ import numpy as np
 from config.controllers import Learner
 from config.robot import Robot
 from daemon.control.babbling import Babbling
-from daemon.control.controller import ControllerError, ModelError, Observation, Proposal
+from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.control.learning_file import Arrays, LearntFile, load_learnt, save_learnt
 from daemon.control.learning_samples import LearningSamples, sampling_with
 from daemon.control.learnt_jacobian import LearntJacobian
 from daemon.control.tip_following import TipFollower
 from daemon.learning.motion_sample import MotionSample
 from daemon.learning.motion_samples import SamplingSettings
+from daemon.learning.npz_file import ModelError
 from daemon.learning.pretrained_model import PretrainedModel
 from drivers.pose import Vector
 

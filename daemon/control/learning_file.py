@@ -15,13 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from config.robot import Robot
-from daemon.control.controller import ModelError
 from daemon.learning import pretrained_model
 from daemon.learning.lwpr import Lwpr
 from daemon.learning.lwpr_settings import LwprSettings
 from daemon.learning.motion_samples import SamplingSettings
 from daemon.learning.motion_table import MotionTable
-from daemon.learning.npz_file import save_npz
+from daemon.learning.npz_file import ModelError, save_npz
 from daemon.learning.pretrained_model import PretrainedModel
 from daemon.learning.robot_fit import misfit_of, whose
 

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from config.robot import Robot
-from daemon.control.controller import ModelError
-from daemon.learning.npz_file import save_npz
+from daemon.learning.npz_file import ModelError, save_npz
 from daemon.learning.robot_fit import whose
 from drivers.pose import Vector
 

@@ -15,9 +15,10 @@ from config.control import Workspace
 from config.exploration import WaypointExploration
 from config.robot import Robot
 from daemon.control.axis_ranges import AxisRanges
-from daemon.control.controller import ModelError, Observation, Proposal
+from daemon.control.controller import Observation, Proposal
 from daemon.control.tip_guess import TipGuess
 from daemon.control.waypoint_walk import WaypointWalk
+from daemon.learning.npz_file import ModelError
 from drivers.pose import Vector
 
 _DRAWN_AT_MOST = 60

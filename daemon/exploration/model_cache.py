@@ -15,9 +15,9 @@ from typing import Any, Final
 
 from config.exploration import WaypointExploration
 from config.loader import RobotFile
-from daemon.control.controller import ModelError
 from daemon.experiment.trial import Tell
 from daemon.exploration.explore import config_sha256, explore
+from daemon.learning.npz_file import ModelError
 from daemon.learning.pretrained_model import KIND, PretrainedModel
 from daemon.learning.pretraining import PretrainingSettings, pretrain
 

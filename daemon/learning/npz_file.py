@@ -9,6 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 
+class ModelError(ValueError):
+    """A file that cannot be loaded: not a model, or not one of this robot's."""
+
+
 def save_npz(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
     """A reader sees the old file or the whole new one, however many write it. Raises OSError."""
     partial = path.with_name(f"{path.name}.{os.getpid()}.partial")

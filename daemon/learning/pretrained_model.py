@@ -14,14 +14,13 @@ from typing import Any, Self
 import numpy as np
 
 from config.robot import Robot
-from daemon.control.controller import ModelError
 from daemon.learning.dataset import Dataset
 from daemon.learning.forward_model import receptive_fields
 from daemon.learning.lwpr import Lwpr
 from daemon.learning.lwpr_settings import LwprSettings
 from daemon.learning.motion_samples import SamplingSettings
 from daemon.learning.motion_table import MotionTable
-from daemon.learning.npz_file import prefixed, save_npz, stripped
+from daemon.learning.npz_file import ModelError, prefixed, save_npz, stripped
 from daemon.learning.pretraining import Pretraining
 from daemon.learning.receptive_fields import ReceptiveFields
 from daemon.learning.robot_fit import misfit_of

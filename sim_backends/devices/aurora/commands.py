@@ -1,7 +1,7 @@
 """The commands of the emulated tracker: when each is allowed, and what carries it out."""
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from drivers.aurora.commands import Command
 from drivers.aurora.errors import CodecError
@@ -13,15 +13,13 @@ from sim_backends.devices.aurora.refusal import (
     OUT_OF_RANGE,
     SYSTEM_NOT_INITIALISED,
     WRONG_MODE,
+    CommandedTracker,
     Mode,
     Refusal,
     Reply,
 )
 
-if TYPE_CHECKING:
-    from sim_backends.devices.aurora.device import EmulatedAurora
-
-Handler = Callable[["EmulatedAurora", str], Reply]
+Handler = Callable[[CommandedTracker, str], Reply]
 
 _ALWAYS = (Mode.POWERED, Mode.SETUP, Mode.TRACKING)
 _SETUP = (Mode.POWERED, Mode.SETUP)
@@ -36,7 +34,7 @@ class Rule(NamedTuple):
     handler: Handler
 
 
-def carry_out(device: "EmulatedAurora", command: Command) -> Reply:
+def carry_out(device: CommandedTracker, command: Command) -> Reply:
     """Do what the command says. Raises Refusal."""
     rule = RULES.get(command.word)
     if rule is None:

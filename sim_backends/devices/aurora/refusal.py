@@ -1,6 +1,13 @@
-"""Operating modes of the emulated tracker, and the codes with which it refuses commands."""
+"""What a command sees of the emulated tracker: its mode, its parts, and how it refuses."""
 
 from enum import Enum, auto
+from typing import Protocol
+
+from config.emulated_tracker import EmulatedTracker
+from drivers.aurora.commands import LineSettings
+from drivers.aurora.tracking_data import TrackingData
+from sim_backends.devices.aurora.parameters import Parameters
+from sim_backends.devices.aurora.rack import Handle, Rack
 
 Reply = str | bytes
 """Text, or the body of a binary reply; empty text is no reply."""
@@ -31,3 +38,58 @@ class Refusal(Exception):  # noqa: N818 - it is an answer, not a failure
     def __init__(self, code: int) -> None:
         super().__init__(f"error {code:02X}")
         self.code = code
+
+
+class CommandedTracker(Protocol):
+    """What commands read of the tracker, and what they make it do."""
+
+    config: EmulatedTracker
+    mode: Mode
+    rack: Rack
+    parameters: Parameters
+
+    @property
+    def line(self) -> LineSettings:
+        """The serial line's settings."""
+        ...
+
+    @property
+    def field_generator_is_unplugged(self) -> bool:
+        """Whether nothing can be measured for want of a field."""
+        ...
+
+    def change_line(self, settings: LineSettings) -> None:
+        """COMM, from the end of its reply on."""
+        ...
+
+    def forget_parameters(self) -> None:
+        """All user parameters as at power-up."""
+        ...
+
+    def initialise(self) -> None:
+        """INIT, in whatever mode."""
+        ...
+
+    def reset_soon(self, soft: bool) -> None:
+        """RESET."""
+        ...
+
+    def look_for_tools(self) -> None:
+        """PHSR: what was plugged in or out is known from now on."""
+        ...
+
+    def serial_of(self, handle: Handle) -> str:
+        """The serial number that PHINF reports."""
+        ...
+
+    def start_tracking(self, fast: bool, from_zero: bool) -> None:
+        """TSTART."""
+        ...
+
+    def stop_tracking(self) -> None:
+        """TSTOP."""
+        ...
+
+    def tracking_data(self, out_of_volume_too: bool) -> TrackingData:
+        """The content of BX and TX."""
+        ...

@@ -2,7 +2,6 @@
 # ruff: noqa: ARG001 - all commands have one shape
 
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 from drivers.aurora.commands import decode_line_settings
 from drivers.aurora.errors import CodecError
@@ -21,27 +20,25 @@ from sim_backends.devices.aurora.refusal import (
     OUT_OF_RANGE,
     PARAMETER_COUNT,
     TOO_SHORT,
+    CommandedTracker,
     Refusal,
     Reply,
 )
 
-if TYPE_CHECKING:
-    from sim_backends.devices.aurora.device import EmulatedAurora
 
-
-def api_revision(device: "EmulatedAurora", arguments: str) -> Reply:
+def api_revision(device: CommandedTracker, arguments: str) -> Reply:
     """APIREV."""
     return str(identity.API_REVISION)
 
 
-def beep(device: "EmulatedAurora", arguments: str) -> Reply:
+def beep(device: CommandedTracker, arguments: str) -> Reply:
     """BEEP."""
     if not 1 <= hex_number(arguments, "BEEP") <= 9:
         raise Refusal(OUT_OF_RANGE)
     return "1"
 
 
-def comm(device: "EmulatedAurora", arguments: str) -> Reply:
+def comm(device: CommandedTracker, arguments: str) -> Reply:
     """COMM."""
     try:
         settings = decode_line_settings(arguments)
@@ -51,30 +48,30 @@ def comm(device: "EmulatedAurora", arguments: str) -> Reply:
     return OKAY
 
 
-def forget_parameters(device: "EmulatedAurora", arguments: str) -> Reply:
+def forget_parameters(device: CommandedTracker, arguments: str) -> Reply:
     """DFLT."""
     device.forget_parameters()
     return OKAY
 
 
-def echo(device: "EmulatedAurora", arguments: str) -> Reply:
+def echo(device: CommandedTracker, arguments: str) -> Reply:
     """ECHO."""
     if len(arguments) < 4:
         raise Refusal(TOO_SHORT)
     return arguments
 
 
-def get_parameters(device: "EmulatedAurora", arguments: str) -> Reply:
+def get_parameters(device: CommandedTracker, arguments: str) -> Reply:
     """GET."""
     return encode_parameters(device.parameters.get(arguments))
 
 
-def describe_parameters(device: "EmulatedAurora", arguments: str) -> Reply:
+def describe_parameters(device: CommandedTracker, arguments: str) -> Reply:
     """GETINFO."""
     return "\n".join(device.parameters.describe(arguments))
 
 
-def set_parameter(device: "EmulatedAurora", arguments: str) -> Reply:
+def set_parameter(device: CommandedTracker, arguments: str) -> Reply:
     """SET."""
     name, separator, value = arguments.partition("=")
     if not separator:
@@ -83,19 +80,19 @@ def set_parameter(device: "EmulatedAurora", arguments: str) -> Reply:
     return OKAY
 
 
-def save_parameters(device: "EmulatedAurora", arguments: str) -> Reply:
+def save_parameters(device: CommandedTracker, arguments: str) -> Reply:
     """SAVE."""
     device.parameters.found(arguments or "*")
     return OKAY
 
 
-def initialise(device: "EmulatedAurora", arguments: str) -> Reply:
+def initialise(device: CommandedTracker, arguments: str) -> Reply:
     """INIT."""
     device.initialise()
     return OKAY
 
 
-def reset(device: "EmulatedAurora", arguments: str) -> Reply:
+def reset(device: CommandedTracker, arguments: str) -> Reply:
     """RESET."""
     if arguments not in ("", "0", "1"):
         raise Refusal(OUT_OF_RANGE)
@@ -103,12 +100,12 @@ def reset(device: "EmulatedAurora", arguments: str) -> Reply:
     return ""
 
 
-def system_status(device: "EmulatedAurora", arguments: str) -> Reply:
+def system_status(device: CommandedTracker, arguments: str) -> Reply:
     """SSTAT."""
     return "00"
 
 
-def version(device: "EmulatedAurora", arguments: str) -> Reply:
+def version(device: CommandedTracker, arguments: str) -> Reply:
     """VER."""
     tag = device.config.freeze_tag
     if arguments == "5":
@@ -120,7 +117,7 @@ def version(device: "EmulatedAurora", arguments: str) -> Reply:
     return encode_version_text(identity.version_lines(arguments, tag))
 
 
-def features(device: "EmulatedAurora", arguments: str) -> Reply:
+def features(device: CommandedTracker, arguments: str) -> Reply:
     """SFLIST."""
     if arguments == "00":
         return f"{identity.FEATURES:08X}"
@@ -129,14 +126,14 @@ def features(device: "EmulatedAurora", arguments: str) -> Reply:
     return encode_volumes([identity.CUBE])
 
 
-def select_volume(device: "EmulatedAurora", arguments: str) -> Reply:
+def select_volume(device: CommandedTracker, arguments: str) -> Reply:
     """VSEL."""
     if arguments != "1":
         raise Refusal(OUT_OF_RANGE)
     return OKAY
 
 
-def start_tracking(device: "EmulatedAurora", arguments: str) -> Reply:
+def start_tracking(device: CommandedTracker, arguments: str) -> Reply:
     """TSTART."""
     options = hex_number(arguments or "00", "TSTART")
     if options & ~0xC0:
@@ -147,13 +144,13 @@ def start_tracking(device: "EmulatedAurora", arguments: str) -> Reply:
     return OKAY
 
 
-def stop_tracking(device: "EmulatedAurora", arguments: str) -> Reply:
+def stop_tracking(device: CommandedTracker, arguments: str) -> Reply:
     """TSTOP."""
     device.stop_tracking()
     return OKAY
 
 
-def track_binary(device: "EmulatedAurora", arguments: str) -> Reply:
+def track_binary(device: CommandedTracker, arguments: str) -> Reply:
     """BX."""
     options = _tracking_options(arguments)
     if device.line.data_bits != 8:
@@ -161,7 +158,7 @@ def track_binary(device: "EmulatedAurora", arguments: str) -> Reply:
     return encode_bx(device.tracking_data(bool(options & OUT_OF_VOLUME_TOO)))
 
 
-def track_text(device: "EmulatedAurora", arguments: str) -> Reply:
+def track_text(device: CommandedTracker, arguments: str) -> Reply:
     """TX."""
     options = _tracking_options(arguments)
     return encode_tx(device.tracking_data(bool(options & OUT_OF_VOLUME_TOO)))

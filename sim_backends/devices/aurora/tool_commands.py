@@ -1,7 +1,6 @@
 """Commands of the emulated tracker about tools: handles, what is behind them, their memory."""
 
 import re
-from typing import TYPE_CHECKING
 
 from drivers.aurora.fields import hex_number
 from drivers.aurora.port_handles import HandleList, encode_port_handles
@@ -22,17 +21,15 @@ from sim_backends.devices.aurora.refusal import (
     NOT_INITIALISED,
     OUT_OF_RANGE,
     PARAMETER_COUNT,
+    CommandedTracker,
     Refusal,
     Reply,
 )
 
-if TYPE_CHECKING:
-    from sim_backends.devices.aurora.device import EmulatedAurora
-
 _MEMORY_BLOCK_BYTES = 64
 
 
-def led(device: "EmulatedAurora", arguments: str) -> Reply:
+def led(device: CommandedTracker, arguments: str) -> Reply:
     """LED."""
     _handle(device, arguments)
     if arguments[2:3] not in ("1", "2", "3"):
@@ -42,7 +39,7 @@ def led(device: "EmulatedAurora", arguments: str) -> Reply:
     return OKAY
 
 
-def output_lines(device: "EmulatedAurora", arguments: str) -> Reply:
+def output_lines(device: CommandedTracker, arguments: str) -> Reply:
     """PSOUT."""
     _handle(device, arguments)
     if re.fullmatch(r"[NSPO]{3}", arguments[2:]) is None:
@@ -50,7 +47,7 @@ def output_lines(device: "EmulatedAurora", arguments: str) -> Reply:
     return OKAY
 
 
-def list_handles(device: "EmulatedAurora", arguments: str) -> Reply:
+def list_handles(device: CommandedTracker, arguments: str) -> Reply:
     """PHSR."""
     which = hex_number(arguments or "00", "PHSR")
     if which not in {item.value for item in HandleList}:
@@ -59,14 +56,14 @@ def list_handles(device: "EmulatedAurora", arguments: str) -> Reply:
     return encode_port_handles(device.rack.listed(HandleList(which)))
 
 
-def free(device: "EmulatedAurora", arguments: str) -> Reply:
+def free(device: CommandedTracker, arguments: str) -> Reply:
     """PHF."""
     _handle(device, arguments)
     del device.rack.handles[int(arguments[:2], 16)]
     return OKAY
 
 
-def initialise_tool(device: "EmulatedAurora", arguments: str) -> Reply:
+def initialise_tool(device: CommandedTracker, arguments: str) -> Reply:
     """PINIT."""
     handle = _handle(device, arguments)
     if handle.gone:
@@ -77,7 +74,7 @@ def initialise_tool(device: "EmulatedAurora", arguments: str) -> Reply:
     return OKAY
 
 
-def enable_tool(device: "EmulatedAurora", arguments: str) -> Reply:
+def enable_tool(device: CommandedTracker, arguments: str) -> Reply:
     """PENA."""
     handle = _initialised_handle(device, arguments)
     if arguments[2:].upper() not in ("S", "D"):
@@ -86,13 +83,13 @@ def enable_tool(device: "EmulatedAurora", arguments: str) -> Reply:
     return OKAY
 
 
-def disable_tool(device: "EmulatedAurora", arguments: str) -> Reply:
+def disable_tool(device: CommandedTracker, arguments: str) -> Reply:
     """PDIS."""
     _initialised_handle(device, arguments).enabled = False
     return OKAY
 
 
-def tell_tool(device: "EmulatedAurora", arguments: str) -> Reply:
+def tell_tool(device: CommandedTracker, arguments: str) -> Reply:
     """PHINF."""
     handle = _handle(device, arguments)
     options = hex_number(arguments[2:] or "0001", "PHINF")
@@ -105,40 +102,40 @@ def tell_tool(device: "EmulatedAurora", arguments: str) -> Reply:
     return encode_tool_information(identity.tool_information(handle, Fields(options), serial))
 
 
-def upload_definition(device: "EmulatedAurora", arguments: str) -> Reply:
+def upload_definition(device: CommandedTracker, arguments: str) -> Reply:
     """PVWR."""
     handle, address, data = _memory_block(device, arguments)
     handle.socket.definition[address] = data
     return OKAY
 
 
-def wire_test_definition(device: "EmulatedAurora", arguments: str) -> Reply:
+def wire_test_definition(device: CommandedTracker, arguments: str) -> Reply:
     """TTCFG."""
     _handle(device, arguments).socket.definition[0] = bytes(_MEMORY_BLOCK_BYTES)
     return OKAY
 
 
-def search_memory(device: "EmulatedAurora", arguments: str) -> Reply:
+def search_memory(device: CommandedTracker, arguments: str) -> Reply:
     """PSRCH."""
     tool = _handle(device, arguments).socket.tool
     return f"1{tool.serial}{tool.port:08X}"
 
 
-def select_memory(device: "EmulatedAurora", arguments: str) -> Reply:
+def select_memory(device: CommandedTracker, arguments: str) -> Reply:
     """PSEL."""
     _handle(device, arguments)
     hex_number(arguments[2:], "PSEL")
     return OKAY
 
 
-def read_memory(device: "EmulatedAurora", arguments: str) -> Reply:
+def read_memory(device: CommandedTracker, arguments: str) -> Reply:
     """PPRD, PURD."""
     handle = _handle(device, arguments)
     address = _memory_address(arguments[2:])
     return handle.socket.memory[address : address + _MEMORY_BLOCK_BYTES].hex().upper()
 
 
-def write_memory(device: "EmulatedAurora", arguments: str) -> Reply:
+def write_memory(device: CommandedTracker, arguments: str) -> Reply:
     """PPWR, PUWR."""
     handle, address, data = _memory_block(device, arguments)
     block = slice(address, address + _MEMORY_BLOCK_BYTES)
@@ -149,14 +146,14 @@ def write_memory(device: "EmulatedAurora", arguments: str) -> Reply:
     return OKAY
 
 
-def _handle(device: "EmulatedAurora", arguments: str) -> Handle:
+def _handle(device: CommandedTracker, arguments: str) -> Handle:
     handle = device.rack.handles.get(hex_number(arguments[:2], "handle"))
     if handle is None:
         raise Refusal(INVALID_HANDLE)
     return handle
 
 
-def _initialised_handle(device: "EmulatedAurora", arguments: str) -> Handle:
+def _initialised_handle(device: CommandedTracker, arguments: str) -> Handle:
     handle = _handle(device, arguments)
     if handle.gone:
         raise Refusal(NO_TOOL)
@@ -172,7 +169,7 @@ def _memory_address(text: str) -> int:
     return address
 
 
-def _memory_block(device: "EmulatedAurora", arguments: str) -> tuple[Handle, int, bytes]:
+def _memory_block(device: CommandedTracker, arguments: str) -> tuple[Handle, int, bytes]:
     handle, address = _handle(device, arguments), _memory_address(arguments[2:6])
     digits = arguments[6:]
     hex_number(digits, "memory block")

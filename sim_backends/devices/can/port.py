@@ -4,10 +4,9 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from enum import IntEnum
 from heapq import heappush
-from typing import TYPE_CHECKING, Final
+from typing import Final, Protocol
 
-if TYPE_CHECKING:
-    from sim_backends.devices.can.bus import CanBus
+from sim_backends.devices.can.events import EventQueue
 
 Frame = tuple[int, bytes]
 """`(can_id, data)`: what a node sends."""
@@ -35,10 +34,29 @@ StateHandler = Callable[[ControllerState, int], None]
 """`(state, t_ns)`: the controller's state has changed."""
 
 
+class Wire(Protocol):
+    """What a port needs of the bus that it is on."""
+
+    now_ns: int
+    queue: EventQueue
+
+    def offer(self, port: "Port", can_id: int, data: bytes) -> None:
+        """Let a frame compete for the bus."""
+        ...
+
+    def flush(self, port: "Port") -> None:
+        """Forget what the port still has to send."""
+        ...
+
+    def rebuild(self) -> None:
+        """Work out anew who hears what."""
+        ...
+
+
 class Port:
     """Where a node meets the bus. Made by `CanBus.attach`."""
 
-    def __init__(self, bus: "CanBus", name: str, capacity: int, mailboxes: bool) -> None:
+    def __init__(self, bus: Wire, name: str, capacity: int, mailboxes: bool) -> None:
         self._bus = bus
         self.name = name
         self.capacity = capacity

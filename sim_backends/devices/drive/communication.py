@@ -1,19 +1,19 @@
 """The drive as a CANopen node: all services of CiA 301, put together."""
 
 from collections.abc import Callable
-from typing import Final, Protocol
+from typing import Final, NamedTuple, Protocol
 
 from drivers.canopen.codec import cob_ids
 from drivers.canopen.codec.data_types import DataType
 from drivers.canopen.codec.emcy import BUS_OFF_RECOVERED, CAN_PASSIVE, HEARTBEAT_LOST
 from drivers.canopen.codec.nmt import NmtState, encode_heartbeat
 from sim_backends.devices.can.port import ControllerState, FrameHandler, Port
-from sim_backends.devices.drive.emergency import EmergencyProducer
+from sim_backends.devices.drive.emergency import SHORT_EMERGENCY_BYTES, EmergencyProducer
 from sim_backends.devices.drive.error_control import ErrorControl
 from sim_backends.devices.drive.nmt_slave import INITIALISING, NmtSlave
 from sim_backends.devices.drive.object_dictionary import ObjectDictionary
+from sim_backends.devices.drive.pdo_parameters import MappingRules
 from sim_backends.devices.drive.pdos import Pdos
-from sim_backends.devices.drive.quirks import SHORT_EMERGENCY_BYTES, Quirks
 from sim_backends.devices.drive.sdo_server import SdoServer
 from sim_backends.devices.drive.sync import SyncConsumer
 from sim_backends.devices.drive.timers import Timers
@@ -52,6 +52,15 @@ class CommunicationEvents(Protocol):
         ...
 
 
+class CommunicationQuirks(NamedTuple):
+    """Ways of a product that its node has; see `quirks.Quirks`."""
+
+    emcy_short: bool
+    guarding_excludes_heartbeat: bool
+    late_sync_holds: bool
+    mapping_rules: MappingRules
+
+
 class Communication:
     """The node's services. sdo_delay_ns(): how long the next SDO answer takes. sync_delay_ns:
     from SYNC until the first TPDO is ready."""
@@ -62,7 +71,7 @@ class Communication:
         timers: Timers,
         port: Port,
         node_id: int,
-        quirks: Quirks,
+        quirks: CommunicationQuirks,
         events: CommunicationEvents,
         sdo_delay_ns: Callable[[], int],
         sync_delay_ns: int,

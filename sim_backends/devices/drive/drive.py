@@ -77,7 +77,7 @@ class EmulatedDrive:
             timers,
             self.port,
             node_id,
-            quirks,
+            quirks.communication,
             self,
             self._sdo_delay_ns,
             sync_delay_ns,

@@ -12,6 +12,9 @@ from sim_backends.devices.can.port import Port
 from sim_backends.devices.drive.object_dictionary import ObjectDictionary, SdoAbortError
 from sim_backends.devices.drive.timers import Timers
 
+SHORT_EMERGENCY_BYTES: Final = 3
+"""Of products whose EMCY messages end after the error register."""
+
 _NOT_VALID: Final = 1 << 31
 _PENDING: Final = 8
 _HISTORY: Final = 8

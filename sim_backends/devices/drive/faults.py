@@ -1,18 +1,17 @@
 """The faults that an emulated drive can be told to have."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import Final, Protocol
 
 from drivers.canopen.codec.data_types import DataType
 from drivers.canopen.codec.emcy import NO_ERROR, Emergency
 from sim_backends.devices.can.bus import CanBus
-from sim_backends.devices.drive.axis import AXIS_OFFSET
-from sim_backends.devices.drive.quirks import SHORT_EMERGENCY_BYTES
+from sim_backends.devices.drive.axis import AXIS_OFFSET, Axis
+from sim_backends.devices.drive.communication import Communication
+from sim_backends.devices.drive.emergency import SHORT_EMERGENCY_BYTES
+from sim_backends.devices.drive.object_dictionary import ObjectDictionary
 from sim_backends.faults import FOREVER_S, FaultError, FaultKind, Parameter, Value
-
-if TYPE_CHECKING:
-    from sim_backends.devices.drive.drive import EmulatedDrive
 
 
 def _lasting(name: str, text: str) -> FaultKind:
@@ -66,10 +65,41 @@ _DC_LINK: Final = 0x6079
 _BROKEN_DOWN_MV: Final = 9_000
 
 
+class FaultyDrive(Protocol):
+    """What the faults need of the drive that has them."""
+
+    node_id: int
+    powered: bool
+    cut_off: bool
+    objects: ObjectDictionary
+    communication: Communication
+
+    @property
+    def axes(self) -> Sequence[Axis]:
+        """All of them."""
+        ...
+
+    def power_on(self, t_ns: int) -> None:
+        """Supply voltage comes."""
+        ...
+
+    def power_off(self, t_ns: int) -> None:
+        """Supply voltage goes; motors stand still."""
+        ...
+
+    def connect(self) -> None:
+        """Be on the bus or not, as supply and plug have it."""
+        ...
+
+    def restart(self, t_ns: int, *, boots_twice: bool = False) -> None:
+        """The drive starts anew, as by its own watchdog."""
+        ...
+
+
 class DriveFaults:
     """Carries the faults of one drive out. One that lasts is prolonged by injecting it again."""
 
-    def __init__(self, drive: "EmulatedDrive", bus: CanBus) -> None:
+    def __init__(self, drive: FaultyDrive, bus: CanBus) -> None:
         self._drive = drive
         self._bus = bus
         queue = bus.queue

@@ -7,11 +7,10 @@ from config.emulated_drives import Quirk
 from drivers.canopen.codec.abort_codes import AbortCode
 from drivers.canopen.codec.data_types import DataType
 from drivers.canopen.codec.pdo import TPDO_COMMUNICATION
+from sim_backends.devices.drive.communication import CommunicationQuirks
 from sim_backends.devices.drive.cyclic import CyclicPosition, InterpolationPeriod
 from sim_backends.devices.drive.object_dictionary import ObjectDictionary, SdoAbortError
 from sim_backends.devices.drive.pdo_parameters import MappingRules
-
-SHORT_EMERGENCY_BYTES = 3
 
 _MILLISECONDS = -3
 _CYCLIC_POSITION_BIT = 1 << CyclicPosition.code - 1
@@ -73,12 +72,15 @@ class Quirks:
         return cls(**{field.name: field.name in present for field in fields(cls)})
 
     @property
-    def mapping_rules(self) -> MappingRules:
-        """What they say about PDO mapping."""
-        return MappingRules(
+    def communication(self) -> CommunicationQuirks:
+        """What they say about the node's services."""
+        mapping_rules = MappingRules(
             fixed_count=self.fixed_mapping_count,
             even_bytes_only=self.even_mapping_only,
             dummies=not self.no_dummy_mapping,
+        )
+        return CommunicationQuirks(
+            self.emcy_short, self.guarding_excludes_heartbeat, self.late_sync_holds, mapping_rules
         )
 
     def leave_factory(self, objects: ObjectDictionary, axis_offsets: Iterable[int]) -> None:

@@ -12,8 +12,9 @@ from config.controllers import Broyden, ConstantCurvature
 from config.robot import Robot
 from daemon.control.broyden import BroydenController
 from daemon.control.constant_curvature import ConstantCurvatureController
-from daemon.control.controller import ControllerError, ModelError, Observation
+from daemon.control.controller import ControllerError, Observation
 from daemon.control.jacobian_estimate import JacobianEstimate
+from daemon.learning.npz_file import ModelError
 from drivers.pose import Vector
 from tests.daemon.control.closed_loop import DT_S, ROBOT
 

@@ -11,11 +11,12 @@ import pytest
 
 from config.controllers import load_controller_options
 from config.exploration import MotorBabbling
-from daemon.control.controller import ControllerError, ModelError
+from daemon.control.controller import ControllerError
 from daemon.control.learning_controller import LearningController
 from daemon.control.make_controller import make_controller
 from daemon.control.reward_weighted import RewardWeightedController
 from daemon.control.trajectories import make_trajectory
+from daemon.learning.npz_file import ModelError
 from drivers.pose import Vector
 from tests.daemon.control.closed_loop import (
     DT_S,

@@ -6,8 +6,9 @@ import pytest
 from config.control import Workspace
 from config.exploration import WaypointExploration
 from config.robot import Robot
-from daemon.control.controller import ModelError, Observation
+from daemon.control.controller import Observation
 from daemon.control.waypoint_exploration import WaypointExplorationController
+from daemon.learning.npz_file import ModelError
 from drivers.pose import Vector
 from tests.daemon.control.closed_loop import DT_S, ROBOT, ClosedLoop
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daemon.control.controller import ModelError
+from daemon.learning.npz_file import ModelError
 from daemon.learning.pretrained_model import PretrainedModel
 from daemon.learning.pretraining import PretrainingSettings, pretrain
 from tests.daemon.learning.frames_of_arm import ROBOT, another_robot, arm_dataset
