@@ -22,6 +22,15 @@ T = TypeVar("T")
 Finding = tuple[Location, str]
 
 _AXIS: TypeAdapter[Axis] = TypeAdapter(Axis)
+_POSITION_COUNTS = 2**31 - 1
+_UNSIGNED_COUNTS = 2**32 - 1
+_TOLD_IN_COUNTS = (
+    "max_velocity_",
+    "max_acceleration_",
+    "quick_stop_deceleration_",
+    "following_error_mm",
+    "following_error_rad",
+)
 _NODE_WIDE = ("eds", "vendor_id", "product_code", "heartbeat_period_s", "heartbeat_timeout_s")
 
 
@@ -166,6 +175,29 @@ def _axis_findings(at: Location, axis: Axis) -> Iterator[Finding]:
         yield (*at, key), f"the lowest must come first and be lower, not {list(travel)}"
     if isinstance(axis, TendonMotor) and not axis.min_tension_n < axis.max_tension_n:
         yield (*at, "min_tension_n"), f"must be below max_tension_n ({axis.max_tension_n:g} N)"
+    yield from _count_findings(at, axis)
+
+
+def _count_findings(at: Location, axis: Axis) -> Iterator[Finding]:
+    """Drives are told positions in 32 bits with a sign, and all else in 32 bits without."""
+    per_turn = axis.travel_mm_per_turn if isinstance(axis, LinearAxis) else 2 * pi
+    counts_per_unit = axis.drive.counts_per_turn * axis.gear_ratio / per_turn
+    key, travel = _travel(axis)
+    if not max(map(abs, travel)) * counts_per_unit < _POSITION_COUNTS:
+        furthest = max(travel, key=abs)
+        yield (
+            (*at, key),
+            f"{furthest:g} is {furthest * counts_per_unit:.3g} counts of the drive, "
+            "which has 32 bits for them: check counts_per_turn, gear_ratio and the unit",
+        )
+    for name in type(axis).model_fields:
+        if not name.startswith(_TOLD_IN_COUNTS):
+            continue
+        counts = getattr(axis, name) * counts_per_unit
+        if not name.startswith("following_error"):
+            counts /= axis.drive.velocity_unit_counts_s
+        if not counts < _UNSIGNED_COUNTS:
+            yield (*at, name), f"is {counts:.3g} units of the drive, which has 32 bits for them"
 
 
 def _travel(axis: Axis) -> tuple[str, tuple[float, float]]:

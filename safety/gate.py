@@ -32,7 +32,7 @@ class Decision(NamedTuple):
     """What the gate made of a proposal."""
 
     step: PermittedStep | None
-    """None: nothing may be sent, and the drives stay at the end of their last step."""
+    """None: nothing may be sent, and the drives come to rest after the end of their last step."""
     scale: float
     """Share of the proposed change that is let through, of the axis that keeps least of it."""
     limits: tuple[str, ...]
@@ -60,8 +60,8 @@ class _Start(NamedTuple):
 class Gate:
     """Of one robot. Remembers the last step it permitted: the next one begins where that one is.
 
-    A velocity counts as going on until half a step after the end of its step, because frames come
-    early and late; after that the axis counts as standing, and starts from there.
+    Frames come early and late: a step begins from where the last one has led by then, and from the
+    velocity that it has there, which after its end is that of braking.
     """
 
     def __init__(
@@ -92,6 +92,8 @@ class Gate:
         self._latest_after_s = latest_after_s
         self._settled: tuple[int, ...] | None = None
         self._last: PermittedStep | None = None
+        self._before: PermittedStep | None = None
+        """The one before the last."""
 
     def settle(self, position_counts: Sequence[int]) -> None:
         """Begin anew, at rest, from where the axes are: whenever the drives did not follow.
@@ -100,7 +102,12 @@ class Gate:
         """
         if len(position_counts) != len(self._limits):
             raise ValueError(f"{len(position_counts)} positions for {len(self._limits)} axes")
-        self._settled, self._last = tuple(position_counts), None
+        self._settled, self._last, self._before = tuple(position_counts), None, None
+
+    def take_back(self, step: PermittedStep) -> None:
+        """The step, the last one permitted, was not sent: the axes still follow the one before."""
+        if step is self._last:
+            self._last = self._before
 
     def decide(
         self, targets: Sequence[float], measured: Measured, begins_ns: int, duration_ns: int
@@ -142,7 +149,7 @@ class Gate:
         """
         if not 0 <= axis < len(self._limits):
             raise ValueError(f"there is no axis {axis}")
-        return permit_homing(axis)
+        return permit_homing(axis, self._limits[axis])
 
     # Where a step begins.
 
@@ -165,15 +172,12 @@ class Gate:
                 AxisMotion(at, 0.0, duration_ns, duration_ns) for at in self._settled or positions
             ]
         else:
-            length_ns = last.ends_ns - last.begins_ns
-            per_s = 1e9 / length_ns if 2 * (begins_ns - last.ends_ns) < length_ns else 0.0
-            since_ns = max(0, begins_ns - last.begins_ns)
             motions = [
                 AxisMotion(
                     last.target(axis, begins_ns),
-                    (last.to_counts[axis] - last.from_counts[axis]) * per_s,
+                    last.velocity(axis, max(begins_ns, last.begins_ns)),
                     duration_ns,
-                    since_ns,
+                    last.unchanged_ns(axis, begins_ns),
                 )
                 for axis in range(len(positions))
             ]
@@ -283,7 +287,7 @@ class Gate:
         )
         if not isinstance(result, PermittedStep):
             return "; ".join(str(violation) for violation in result)
-        self._last = result
+        self._before, self._last = self._last, result
         return result
 
     def _brake(

@@ -1,6 +1,11 @@
 """What an axis may be asked to do, in the drive's own integer counts."""
 
 from dataclasses import dataclass
+from typing import Final
+
+LOWEST_COUNT: Final = -(1 << 31)
+HIGHEST_COUNT: Final = (1 << 31) - 1
+"""Drives take and tell positions as 32 bits with a sign (0x607A, 0x6064)."""
 
 
 @dataclass(frozen=True)
@@ -13,6 +18,14 @@ class CountLimits:
     max_acceleration: int
     max_lag: int
     """How far a target may be from where the axis was measured to be."""
+
+    def __post_init__(self) -> None:
+        """Raises ValueError where these are no limits."""
+        if not LOWEST_COUNT <= self.lowest <= self.highest <= HIGHEST_COUNT:
+            raise ValueError(f"a travel from {self.lowest} to {self.highest} is not one of 32 bits")
+        for name in ("max_velocity", "max_acceleration", "max_lag"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be above 0, not {getattr(self, name)}")
 
 
 @dataclass(frozen=True)

@@ -5,18 +5,81 @@ be sent, is made here, whatever the gate has computed before.
 """
 
 from collections.abc import Sequence
-from typing import final
+from math import copysign
+from typing import Final, NoReturn, final
+from weakref import WeakKeyDictionary
 
-from safety.limits import CountLimits, Violation
+from safety.limits import HIGHEST_COUNT, LOWEST_COUNT, CountLimits, Violation
 
 _SEAL = object()
+_FRESH_SHARE: Final = 0.5
+"""Of a step's duration: a target that comes later than that would be a jump on the bus."""
+
+
+class _Sealed:
+    """What only this module can make, and nobody can change, copy, pickle or derive from."""
+
+    __slots__ = ("__weakref__",)
+
+    def __init_subclass__(cls) -> None:
+        if cls.__module__ != __name__:
+            raise TypeError("nothing can be derived from a permit")
+
+    def __setattr__(self, name: str, value: object) -> None:
+        raise AttributeError(f"a permit cannot be changed: {name}")
+
+    def __delattr__(self, name: str) -> None:
+        raise AttributeError(f"a permit cannot be changed: {name}")
+
+    def __copy__(self) -> NoReturn:
+        raise TypeError("a permit cannot be copied")
+
+    def __deepcopy__(self, memo: object) -> NoReturn:
+        raise TypeError("a permit cannot be copied")
+
+    def __reduce_ex__(self, protocol: object) -> NoReturn:
+        raise TypeError("a permit cannot be pickled")
+
+
+_GIVEN: Final[WeakKeyDictionary[_Sealed, tuple[object, ...]]] = WeakKeyDictionary()
+"""Every permit that is still somewhere, and what it permitted when it was given."""
+
+
+def _give(made: _Sealed, seal: object, **contents: object) -> None:
+    """The only way to fill a permit."""
+    if seal is not _SEAL:
+        raise TypeError("only the gate permits motion")
+    for name, value in contents.items():
+        object.__setattr__(made, name, value)
+    _GIVEN[made] = tuple(contents.values())
+
+
+def is_genuine(permitted: "PermittedStep | PermittedHoming") -> bool:
+    """Whether it was given here, and still says what it said then."""
+    try:
+        names = type(permitted).__slots__
+        return _GIVEN[permitted] == tuple([getattr(permitted, name) for name in names])
+    except (KeyError, TypeError, AttributeError):
+        return False
 
 
 @final
-class PermittedStep:
-    """Targets for all axes, in counts, evenly reached between `begins_ns` and `ends_ns`."""
+class PermittedStep(_Sealed):
+    """Targets for all axes, in counts, evenly reached between `begins_ns` and `ends_ns`.
 
-    __slots__ = ("begins_ns", "ends_ns", "from_counts", "to_counts")
+    After its end an axis that is still told to move brakes at its highest acceleration, unless the
+    next step takes over: a late frame does not stop it at once.
+    """
+
+    __slots__ = ("begins_ns", "decelerations", "ends_ns", "from_counts", "rest_counts", "to_counts")
+    begins_ns: int
+    decelerations: tuple[int, ...]
+    """Counts/s², of the braking after the end."""
+    ends_ns: int
+    from_counts: tuple[int, ...]
+    rest_counts: tuple[int, ...]
+    """Where that braking ends."""
+    to_counts: tuple[int, ...]
 
     def __init__(
         self,
@@ -25,50 +88,103 @@ class PermittedStep:
         to_counts: tuple[int, ...],
         begins_ns: int,
         ends_ns: int,
+        limits: Sequence[CountLimits],
     ) -> None:
-        if seal is not _SEAL:
-            raise TypeError("only the gate permits a step")
-        self.from_counts = from_counts
-        self.to_counts = to_counts
-        self.begins_ns = begins_ns
-        self.ends_ns = ends_ns
+        rests = [
+            _rest(start, end, (ends_ns - begins_ns) * 1e-9, one)
+            for start, end, one in zip(from_counts, to_counts, limits, strict=True)
+        ]
+        _give(
+            self,
+            seal,
+            begins_ns=begins_ns,
+            decelerations=tuple([one.max_acceleration for one in limits]),
+            ends_ns=ends_ns,
+            from_counts=from_counts,
+            rest_counts=tuple(rests),
+            to_counts=to_counts,
+        )
 
     def target(self, axis: int, t_ns: int) -> int:
-        """Where `axis` is meant to be at `t_ns`; at the end of the step from its end on."""
+        """Where `axis` is meant to be at `t_ns`."""
         start, end = self.from_counts[axis], self.to_counts[axis]
-        if t_ns >= self.ends_ns:
-            return end
         if t_ns <= self.begins_ns:
             return start
-        return start + (end - start) * (t_ns - self.begins_ns) // (self.ends_ns - self.begins_ns)
+        if t_ns < self.ends_ns:
+            change = (end - start) * (t_ns - self.begins_ns)
+            return start + change // (self.ends_ns - self.begins_ns)
+        rest = self.rest_counts[axis]
+        left_s = self._braking_left_s(axis, t_ns)
+        way = int(self.decelerations[axis] * left_s * left_s / 2)
+        return max(end, rest - way) if rest > end else min(end, rest + way)
 
     def targets(self, t_ns: int) -> tuple[int, ...]:
         """Where all axes are meant to be at `t_ns`."""
         return tuple([self.target(axis, t_ns) for axis in range(len(self.to_counts))])
 
-    def velocity(self, axis: int, t_ns: int) -> int:
+    def velocity(self, axis: int, t_ns: int) -> float:
         """How fast `axis` is meant to move at `t_ns`, counts/s."""
-        if not self.begins_ns <= t_ns < self.ends_ns:
-            return 0
+        if t_ns < self.begins_ns:
+            return 0.0
+        if t_ns < self.ends_ns:
+            return self._even_velocity(axis)
+        speed = self.decelerations[axis] * self._braking_left_s(axis, t_ns)
+        return copysign(speed, self._even_velocity(axis))
+
+    def unchanged_ns(self, axis: int, t_ns: int) -> int:
+        """For how long, up to `t_ns`, the axis has been told not to change its velocity."""
+        even_ns = max(0, min(t_ns, self.ends_ns) - self.begins_ns)
+        brakes_ns = round(abs(self._even_velocity(axis)) / self.decelerations[axis] * 1e9)
+        return even_ns + max(0, t_ns - self.ends_ns - brakes_ns)
+
+    def is_fresh(self, t_ns: int) -> bool:
+        """Whether it may still be sent for the first time."""
+        latest_ns = self.begins_ns + (self.ends_ns - self.begins_ns) * _FRESH_SHARE
+        return self.begins_ns <= t_ns <= latest_ns
+
+    def _even_velocity(self, axis: int) -> float:
         change = self.to_counts[axis] - self.from_counts[axis]
-        return change * 1_000_000_000 // (self.ends_ns - self.begins_ns)
+        return change * 1e9 / (self.ends_ns - self.begins_ns)
+
+    def _braking_left_s(self, axis: int, t_ns: int) -> float:
+        """How long the braking after the end still takes."""
+        brakes_s = abs(self._even_velocity(axis)) / self.decelerations[axis]
+        return max(0.0, brakes_s - (t_ns - self.ends_ns) * 1e-9)
+
+
+def _rest(start: int, end: int, duration_s: float, limits: CountLimits) -> int:
+    """Where an axis comes to rest that brakes from the end of its step; inside its travel."""
+    velocity = (end - start) / duration_s
+    way = int(velocity * velocity / (2 * limits.max_acceleration))
+    if velocity > 0:
+        return max(end, min(end + way, limits.highest))
+    return min(end, max(end - way, limits.lowest))
 
 
 @final
-class PermittedHoming:
-    """Leave for one drive to look for its zero by itself, moving as it was set up to."""
+class PermittedHoming(_Sealed):
+    """Leave for one drive to look for its zero by itself, no faster than this."""
 
-    __slots__ = ("axis",)
+    __slots__ = ("axis", "max_acceleration", "max_velocity")
+    axis: int
+    max_acceleration: int
+    """Counts/s²."""
+    max_velocity: int
+    """Counts/s."""
 
-    def __init__(self, seal: object, axis: int) -> None:
-        if seal is not _SEAL:
-            raise TypeError("only the gate permits homing")
-        self.axis = axis
+    def __init__(self, seal: object, axis: int, limits: CountLimits) -> None:
+        _give(
+            self,
+            seal,
+            axis=axis,
+            max_acceleration=limits.max_acceleration,
+            max_velocity=limits.max_velocity,
+        )
 
 
-def permit_homing(axis: int) -> PermittedHoming:
+def permit_homing(axis: int, limits: CountLimits) -> PermittedHoming:
     """For the gate alone, like `permit`: the drive moves while nobody checks its targets."""
-    return PermittedHoming(_SEAL, axis)
+    return PermittedHoming(_SEAL, axis, limits)
 
 
 def permit(
@@ -108,9 +224,8 @@ def permit(
     ]
     if violations:
         return tuple(violations)
-    return PermittedStep(
-        _SEAL, tuple(from_counts), tuple(to_counts), begins_ns, begins_ns + duration_ns
-    )
+    ends_ns = begins_ns + duration_ns
+    return PermittedStep(_SEAL, tuple(from_counts), tuple(to_counts), begins_ns, ends_ns, limits)
 
 
 def _violations(
@@ -126,7 +241,11 @@ def _violations(
     rounding = 1 / duration_s
     velocity = (end - start) / duration_s
     acceleration = abs(velocity - velocity_before) / duration_s
-    found = []
+    found = [
+        Violation(axis, "32-bit counts", counts, HIGHEST_COUNT)
+        for counts in (start, end)
+        if not LOWEST_COUNT <= counts <= HIGHEST_COUNT
+    ]
     # An axis that is outside its travel may come back, and may not go further out.
     if end > max(limits.highest, start):
         found.append(Violation(axis, "highest position", end, limits.highest))

@@ -141,23 +141,34 @@ def believed(reading: RiskReading | None, latest_after_s: float) -> tuple[float,
     if reading is None:
         return MAXIMUM_RISK, "no answer"
     if reading.doubt:
-        return MAXIMUM_RISK, reading.doubt
-    if not 0.0 <= reading.contact_risk <= 1.0:
+        return MAXIMUM_RISK, str(reading.doubt)
+    if not _is_probability(reading.contact_risk):
         return MAXIMUM_RISK, f"{reading.contact_risk} is not a probability"
     if not 0.0 <= reading.took_s <= latest_after_s:
         return MAXIMUM_RISK, f"late: it took {reading.took_s * 1e3:.3g} ms"
-    return reading.contact_risk, ""
+    way = reading.leaving
+    if way is not None and not (_is_probability(way.at_start) and _is_probability(way.added)):
+        return MAXIMUM_RISK, f"of a way out, {way.at_start} and {way.added} are not probabilities"
+    return float(reading.contact_risk), ""
+
+
+def name_of(source: RiskSource) -> str:
+    """What the source calls itself, whatever goes wrong with that."""
+    try:
+        return str(source.name)
+    except Exception:  # a model must not end the loop
+        return "a source without a name"
 
 
 def room_of(source: RiskSource, u: Sequence[float], risk: float) -> Room | None:
     """What the source says of the room round (m,) u; None where it fails, or says no numbers."""
     try:
         room = source.room(u, risk)
+        if room is None or not len(room.u) == len(room.slope) == len(u):
+            return None
+        return room if all(map(isfinite, (room.room_mm, *room.u, *room.slope))) else None
     except Exception:  # a model must not end the loop
         return None
-    if room is None or not all(map(isfinite, (room.room_mm, *room.slope))):
-        return None
-    return room
 
 
 def ask(
@@ -169,16 +180,39 @@ def ask(
 ) -> RiskAnswer:
     """What the source says of one way, made safe: whatever goes wrong is the maximum risk."""
     try:
-        reading = source.assess(u_from, u_to, t_ns)
-        risk, doubt = believed(reading, latest_after_s)
+        return _answer(source.assess(u_from, u_to, t_ns), latest_after_s)
     except Exception as error:  # a model must not end the loop
-        doubt = f"{source.name} failed: {type(error).__name__}: {error}"
+        doubt = f"{name_of(source)} failed: {type(error).__name__}{_words_of(error)}"
         return RiskAnswer(MAXIMUM_RISK, None, 0.0, doubt, doubt)
+
+
+def _answer(reading: RiskReading | None, latest_after_s: float) -> RiskAnswer:
+    risk, doubt = believed(reading, latest_after_s)
     if reading is None:
         return RiskAnswer(risk, None, 0.0, doubt, doubt)
     beside = reading.body_point_risk
-    if beside is not None and not isfinite(beside):
-        beside = None
-    told = doubt or reading.detail
+    if beside is not None and not _is_probability(beside):
+        beside = None  # nothing is decided by it
+    told = doubt or str(reading.detail)
     leaving = None if doubt else reading.leaving
-    return RiskAnswer(risk, beside, reading.took_s, told, doubt, reading.nearest, leaving)
+    nearest = reading.nearest if _is_place(reading.nearest) else None
+    return RiskAnswer(risk, beside, float(reading.took_s), told, doubt, nearest, leaving)
+
+
+def _is_probability(value: float) -> bool:
+    return 0.0 <= value <= 1.0
+
+
+def _is_place(nearest: Nearest | None) -> bool:
+    """Whether it can be told to people and programs."""
+    if nearest is None or not len(nearest.place_mm) == len(nearest.obstacle_mm) == 3:
+        return False
+    numbers = (nearest.clearance_mm, nearest.arc_mm, *nearest.place_mm, *nearest.obstacle_mm)
+    return all(map(isfinite, (*numbers, *(part for mean in nearest.means_mm for part in mean))))
+
+
+def _words_of(error: Exception) -> str:
+    try:
+        return f": {error}"
+    except Exception:  # an error whose words fail
+        return ""

@@ -20,8 +20,9 @@ class AxisMotion(NamedTuple):
     """How fast it was last told to move, counts/s."""
     duration_ns: int
     """Of the step that begins."""
-    since_ns: int
-    """Since the last step began; frames that come in a burst must not add up to a jump."""
+    unchanged_ns: int
+    """For how long its velocity has not been changed; frames that come in a burst must not add up
+    to a jump."""
 
     @property
     def coasts(self) -> float:
@@ -40,14 +41,10 @@ def braking(limits: CountLimits, duration_ns: int) -> float:
 
 
 def within_acceleration(change: int, motion: AxisMotion, limits: CountLimits) -> int:
-    """The nearest change that the acceleration allows.
-
-    Slowing down may use the whole step; getting faster only the time that has truly passed.
-    """
-    coasts, slower = motion.coasts, braking(limits, motion.duration_ns)
-    faster = slower * min(motion.since_ns, motion.duration_ns) / motion.duration_ns
-    lowest = ceil(min(coasts - faster, max(0.0, coasts - slower)))
-    highest = floor(max(coasts + faster, min(0.0, coasts + slower)))
+    """The nearest change that the acceleration allows, in the time that has truly passed."""
+    coasts, most = motion.coasts, braking(limits, motion.duration_ns)
+    most *= min(motion.unchanged_ns, motion.duration_ns) / motion.duration_ns
+    lowest, highest = ceil(coasts - most), floor(coasts + most)
     if lowest > highest:  # no whole count lies between: the slower neighbour
         return min(lowest, highest, key=abs)
     return max(lowest, min(highest, change))

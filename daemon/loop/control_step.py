@@ -25,7 +25,7 @@ from drivers.clock import Clock
 from drivers.pose import Pose, Vector
 from safety.gate import RISK, RISK_UNAVAILABLE, Decision, Gate, Measured
 from safety.permit import PermittedStep
-from safety.risk_source import Nearest, RiskSource, Room, room_of
+from safety.risk_source import Nearest, RiskSource, Room, name_of, room_of
 from safety.states import Request
 
 FRAME_PERIOD_NS: Final = {"normal": 25_000_000, "fast": 15_151_515}
@@ -107,6 +107,7 @@ class ControlLoop:
         self._workspace = () if box is None else (box.x_mm, box.y_mm, box.z_mm)
         self._tendons = [tension_range_n(axis) is not None for axis in robot.axes]
         self._risk = risk
+        self._risk_name = name_of(risk)
         self._last_step: PermittedStep | None = None
         self._last_frame_ns: int | None = None
         self._begun = False
@@ -274,13 +275,19 @@ class ControlLoop:
         self.steps += 1
         self._look_round = self._looks_round
         if decision is not None and decision.step is not None:
-            self._last_step = decision.step
-            taken = [bus.write(decision.step) for bus in self._buses]
-            if not all(taken):
-                self.settle()  # an axis does not follow: what was permitted did not happen
+            self._send(decision.step)
         reference, running = self.reference, self._supervisor.running
         if running and reference is not None and reference.finished:
             self._supervisor.request(Request.FINISHED, self._clock.now_ns())
+
+    def _send(self, step: PermittedStep) -> None:
+        if not step.is_fresh(self._clock.now_ns()):
+            self._gate.take_back(step)  # its targets would be a jump: the one before ends by itself
+            return
+        self._last_step = step
+        taken = [bus.write(step) for bus in self._buses]
+        if not all(taken):
+            self.settle()  # an axis does not follow: what was permitted did not happen
 
     def _room_now(self) -> Room | None:
         """How near the body will be to something where it is told to go."""
@@ -355,7 +362,7 @@ class ControlLoop:
                 Risk(
                     sequence=self.steps,
                     t_ns=frame.t_ns,
-                    source=self._risk.name,
+                    source=self._risk_name,
                     contact_risk=decision.risk,
                     body_point_risk=decision.body_point_risk,
                     threshold=self._threshold,

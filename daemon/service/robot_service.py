@@ -33,6 +33,7 @@ from drivers.axis_scale import axis_scale, count_limits, tension_range_n
 from drivers.cia402.drive_bus import DriveBus
 from drivers.conditions import ConditionChange
 from safety.gate import Gate
+from safety.risk_source import name_of
 from safety.states import OperatingState, Request
 
 _STATUS_EVERY_NS: Final = 100_000_000
@@ -79,7 +80,7 @@ class RobotService:
             self.hardware.tracker,
             buses,
             self.loop,
-            surroundings.risk.name,
+            name_of(surroundings.risk),
             self.supervisor,
             self.timekeeping,
             surroundings.real_time,

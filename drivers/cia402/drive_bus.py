@@ -22,7 +22,7 @@ from drivers.cia402.pdo_plan import sends_steps_at_once
 from drivers.cia402.power_state import PowerGoal, PowerState
 from drivers.clock import Clock
 from drivers.conditions import Condition, ConditionChange, Conditions
-from safety.permit import PermittedHoming, PermittedStep
+from safety.permit import PermittedHoming, PermittedStep, is_genuine
 
 LinkOpener = Callable[[FrameReceiver], Awaitable[CanLink]]
 
@@ -122,8 +122,12 @@ class DriveBus:
             self._watch(link, t_ns)
 
     def write(self, step: PermittedStep) -> bool:
-        """Follow `step` from the next SYNC on. False: not all axes follow, and it is dropped."""
-        if not all(channel.following for channel in self.channels):
+        """Follow `step` from the next SYNC on. False: it is dropped, because not all axes follow or
+        because it comes too late. Raises TypeError for what the gate has not given.
+        """
+        if not is_genuine(step):
+            raise TypeError("only what the gate has permitted moves drives")
+        if not step.is_fresh(self._clock.now_ns()) or not self.following:
             return False
         self._step = step
         if self._sends_steps_at_once and self._link is not None:

@@ -109,3 +109,30 @@ def test_a_missing_or_unreadable_file_is_named(tmp_path: Path) -> None:
     (tmp_path / "binary.yaml").write_bytes(b"a: \xff\xfe")
     with pytest.raises(ConfigError, match="not UTF-8 text: byte 3"):
         load_robot(tmp_path / "binary.yaml")
+
+
+@pytest.mark.parametrize(
+    ("edit", "expected"),
+    [
+        (swap("[0.0, 50.0]", "[0.0, 5.0e+9]"), "axes[0].travel_mm: 5e+09 is "),
+        (swap("[0.0, 50.0]", "[-5.0e+9, 50.0]"), "axes[0].travel_mm: -5e+09 is -"),
+        (swap("error_mm: 1.0", "error_mm: 5.0e+9"), "axes[0].following_error_mm: "),
+        (
+            swap("max_velocity_mm_s: 10.0", "max_velocity_mm_s: 5.0e+9"),
+            "axes[0].max_velocity_mm_s: is",
+        ),
+        (
+            swap("max_acceleration_mm_s2: 100.0", "max_acceleration_mm_s2: 5.0e+9"),
+            "axes[0].max_acceleration_mm_s2: is ",
+        ),
+        (
+            swap("deceleration_mm_s2: 200.0", "deceleration_mm_s2: 5.0e+9"),
+            "axes[0].quick_stop_deceleration_mm_s2: is ",
+        ),
+    ],
+)
+def test_what_does_not_fit_into_the_drives_32_bits_is_found(
+    tmp_path: Path, edit: Edit, expected: str
+) -> None:
+    problems = problems_of(tmp_path, edit)
+    assert any(expected in problem and "32 bits" in problem for problem in problems), problems

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from itertools import cycle
 from math import inf, isfinite, nan
 
+import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -93,14 +94,9 @@ class Watched:
         return self.starts[axis] if self.last is None else self.last.target(axis, self.t_ns)
 
     def velocity(self, axis: int) -> float:
-        """As the gate counts it: going on until half a step after the step's end."""
+        """That of the last step, which after its end is that of braking."""
         last = self.last
-        if last is None:
-            return 0.0
-        length_ns = last.ends_ns - last.begins_ns
-        if self.t_ns >= last.ends_ns + length_ns / 2:
-            return 0.0
-        return (last.to_counts[axis] - last.from_counts[axis]) / (length_ns * 1e-9)
+        return 0.0 if last is None else last.velocity(axis, max(self.t_ns, last.begins_ns))
 
     def check(self, decision: Decision, moment: Moment) -> None:
         assert 0.0 <= decision.scale <= 1.0
@@ -118,8 +114,10 @@ class Watched:
             most = limits.max_acceleration * duration_s
             assert abs(after - before) <= most + 2 / duration_s
             if abs(after) > abs(before) or after * before < 0:
-                since_ns = self.t_ns - self.last.begins_ns if self.last else moment.duration_ns
-                gained_s = min(duration_s, since_ns * 1e-9)
+                unchanged_ns = moment.duration_ns
+                if self.last is not None:
+                    unchanged_ns = self.last.unchanged_ns(axis, self.t_ns)
+                gained_s = min(duration_s, unchanged_ns * 1e-9)
                 slowed = after * before > 0
                 gained = abs(after) - abs(before) if slowed else abs(after)
                 assert gained <= limits.max_acceleration * gained_s + 2 / duration_s
@@ -228,3 +226,52 @@ def test_a_wall_that_is_known_is_never_passed(wall: int, run_up: int, targets: l
     for _ in range(10):
         rig.hold()
         assert rig.at[0] <= wall
+
+
+@examples(150)
+@given(
+    limits=st.one_of(
+        st.just(LIMITS),
+        st.builds(
+            CountLimits,
+            lowest=st.integers(-2_000, 0),
+            highest=st.integers(1, 20_000),
+            max_velocity=st.integers(1_000, 100_000),
+            max_acceleration=st.integers(10_000, 1_000_000),
+            max_lag=st.just(1_000_000),
+        ),
+    ),
+    after_ms=st.lists(
+        st.one_of(st.just(25.0), st.floats(0.0, 60.0), st.sampled_from([0.0, 0.5, 37.4, 200.0])),
+        min_size=1,
+        max_size=40,
+    ),
+    wanted=st.lists(st.sampled_from([-1e9, -50.0, 0.0, 50.0, 1e9]), min_size=1, max_size=8),
+    cycle_ms=st.sampled_from([2, 5, 10]),
+)
+def test_limits_hold_on_the_targets_as_they_go_on_the_bus_whenever_frames_come(
+    limits: CountLimits, after_ms: list[float], wanted: list[float], cycle_ms: int
+) -> None:
+    """Velocities within any time differ by what the acceleration allows in it and in one step."""
+    gate = Gate([limits], [1.0], [None], ToldRisk(), THRESHOLD, LATEST_S)
+    gate.settle([max(0, limits.lowest)])
+    steps: list[PermittedStep] = []
+    t_ns, at = 0, max(0, limits.lowest)
+    for after, want in zip(after_ms, cycle(wanted), strict=False):
+        t_ns += round(after * MS)
+        at = steps[-1].target(0, t_ns) if steps else at
+        decision = gate.decide([at + want], Measured([at], [None]), t_ns, STEP_NS)
+        assert decision.step is not None
+        steps.append(decision.step)
+    times = np.arange(steps[0].begins_ns, t_ns + 2 * STEP_NS, cycle_ms * MS)
+    latest = np.searchsorted([step.begins_ns for step in steps], times, side="right") - 1
+    on_bus = np.array([steps[k].target(0, int(t)) for k, t in zip(latest, times, strict=True)])
+    assert limits.lowest <= on_bus.min() <= on_bus.max() <= limits.highest
+    cycle_s, step_s = cycle_ms * 1e-3, STEP_NS * 1e-9
+    velocities = np.diff(on_bus) / cycle_s
+    assert np.abs(velocities).max(initial=0.0) <= limits.max_velocity + 1 / step_s + 1 / cycle_s
+    apart_s = np.abs(times[:-1, None] - times[None, :-1]) * 1e-9
+    apart = np.abs(velocities[:, None] - velocities[None, :])
+    frames = np.abs(latest[:-1, None] - latest[None, :-1]) + 1
+    rounding = (frames + 1) / step_s + 4 / cycle_s
+    assert np.all(apart <= limits.max_acceleration * (apart_s + cycle_s + step_s) + rounding)

@@ -15,6 +15,7 @@ from safety.risk_source import (
     Room,
     ask,
     believed,
+    name_of,
     room_of,
 )
 
@@ -115,8 +116,6 @@ def test_where_something_is_near_is_passed_on() -> None:
         (Leaving(at_start=0.4, added=0.06), False),
         (Leaving(at_start=0.05, added=0.0), False),
         (Leaving(at_start=0.06, added=0.0), True),
-        (Leaving(at_start=nan, added=0.0), False),
-        (Leaving(at_start=0.4, added=nan), False),
     ],
 )
 def test_more_risk_is_bearable_on_the_way_out_of_it(
@@ -126,6 +125,111 @@ def test_more_risk_is_bearable_on_the_way_out_of_it(
     answer = ask(Source(told), [1.0], [2.0], 0, LATEST_S)
     assert answer.bearable(0.05) == bearable
     assert answer.bearable(0.3)
+
+
+@pytest.mark.parametrize(
+    "leaving",
+    [
+        Leaving(at_start=nan, added=0.0),
+        Leaving(at_start=0.4, added=nan),
+        Leaving(at_start=0.4, added=-5.0),
+        Leaving(at_start=7.0, added=0.0),
+        Leaving(at_start=inf, added=0.0),
+        Leaving(at_start=-0.1, added=0.0),
+        Leaving(at_start=0.4, added=1.1),
+    ],
+)
+def test_a_way_out_that_is_no_probability_makes_all_of_it_the_maximum(leaving: Leaving) -> None:
+    told = RiskReading(0.3, None, 0.001, "a model", leaving=leaving)
+    answer = ask(Source(told), [1.0], [2.0], 0, LATEST_S)
+    assert (answer.risk, answer.leaving) == (MAXIMUM_RISK, None)
+    assert not answer.bearable(0.99)
+    assert answer.doubt == (
+        f"of a way out, {leaving.at_start} and {leaving.added} are not probabilities"
+    )
+
+
+@pytest.mark.parametrize("edge", [0.0, 1.0])
+def test_a_way_out_may_be_certain_or_impossible(edge: float) -> None:
+    told = RiskReading(0.3, None, 0.001, "a model", leaving=Leaving(edge, edge))
+    assert ask(Source(told), [1.0], [2.0], 0, LATEST_S).doubt == ""
+
+
+@pytest.mark.parametrize("beside", [nan, inf, -0.1, 1.1])
+def test_the_risk_of_a_body_point_that_is_no_probability_is_left_out(beside: float) -> None:
+    answer = ask(Source(reading(0.1, 0.001, beside)), [1.0], [2.0], 0, LATEST_S)
+    assert (answer.risk, answer.body_point_risk) == (0.1, None)
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        "0.0",
+        {"contact_risk": 0.0},
+        RiskReading("low", None, 0.001, "a model"),  # type: ignore[arg-type]
+        RiskReading(0.0, "low", 0.001, "a model"),  # type: ignore[arg-type]
+        RiskReading(0.0, None, None, "a model"),  # type: ignore[arg-type]
+        RiskReading(0.0, None, 0.001, "a model", leaving=(0.4, 0.0)),  # type: ignore[arg-type]
+        RiskReading(0.0, None, 0.001, "a model", nearest="a wall"),  # type: ignore[arg-type]
+    ],
+)
+def test_an_answer_of_another_kind_is_the_maximum(answer: object) -> None:
+    told = ask(Source(answer), [1.0], [2.0], 0, LATEST_S)  # type: ignore[arg-type]
+    assert told.risk == MAXIMUM_RISK
+    assert told.doubt.startswith("a model failed: ")
+
+
+def test_words_of_another_kind_become_words() -> None:
+    told = RiskReading(0.0, None, 0.001, "a model", 7, doubt=8)  # type: ignore[arg-type]
+    assert ask(Source(told), [1.0], [2.0], 0, LATEST_S).doubt == "8"
+    told = RiskReading(0.0, None, 0.001, "a model", 7)  # type: ignore[arg-type]
+    assert ask(Source(told), [1.0], [2.0], 0, LATEST_S).detail == "7"
+
+
+@pytest.mark.parametrize(
+    "nearest",
+    [
+        Nearest(nan, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), ()),
+        Nearest(0.0, nan, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), ()),
+        Nearest(0.0, 0.0, (0.0, 0.0), (0.0, 0.0), ()),
+        Nearest(0.0, 0.0, (0.0, 0.0), (0.0, 0.0, 0.0), ()),
+        Nearest(0.0, 0.0, (0.0, 0.0, inf), (0.0, 0.0, 0.0), ()),
+        Nearest(0.0, 0.0, (0.0, 0.0, 0.0), (nan, 0.0, 0.0), ()),
+        Nearest(0.0, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), ((0.0, nan, 0.0),)),
+    ],
+)
+def test_a_place_that_is_none_is_left_out(nearest: Nearest) -> None:
+    told = RiskReading(0.1, None, 0.001, "a model", "as trained", nearest)
+    answer = ask(Source(told), [1.0], [2.0], 0, LATEST_S)
+    assert (answer.risk, answer.nearest) == (0.1, None)
+
+
+class Nameless(Source):
+    """Fails, and cannot even say what it is."""
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        raise ZeroDivisionError
+
+
+class WordlessError(RuntimeError):
+    """An error that cannot be told."""
+
+    def __str__(self) -> str:
+        raise ZeroDivisionError
+
+
+def test_a_source_that_cannot_say_its_name_is_the_maximum_too() -> None:
+    answer = ask(Nameless(ValueError("no body")), [1.0], [2.0], 0, LATEST_S)
+    assert answer.risk == MAXIMUM_RISK
+    assert answer.doubt == "a source without a name failed: ValueError: no body"
+    assert name_of(Nameless(None)) == "a source without a name"
+    assert name_of(Source(None)) == "a model"
+
+
+def test_an_error_that_cannot_be_told_is_the_maximum_too() -> None:
+    answer = ask(Source(WordlessError()), [1.0], [2.0], 0, LATEST_S)
+    assert (answer.risk, answer.doubt) == (MAXIMUM_RISK, "a model failed: WordlessError")
 
 
 def test_a_way_out_that_is_doubted_is_none() -> None:
@@ -138,7 +242,17 @@ def test_a_way_out_that_is_doubted_is_none() -> None:
 
 @pytest.mark.parametrize(
     "room",
-    [None, Room((0.0,), nan, (1.0,)), Room((0.0,), 1.0, (inf,)), ZeroDivisionError("no bodies")],
+    [
+        None,
+        Room((0.0,), nan, (1.0,)),
+        Room((0.0,), 1.0, (inf,)),
+        Room((nan,), 1.0, (1.0,)),
+        Room((0.0, 0.0), 1.0, (1.0,)),
+        Room((0.0,), 1.0, (1.0, 1.0)),
+        Room((0.0, 0.0), 1.0, (1.0, 1.0)),
+        Room((0.0,), "far", (1.0,)),  # type: ignore[arg-type]
+        ZeroDivisionError("no bodies"),
+    ],
 )
 def test_a_room_that_is_no_number_or_cannot_be_told_is_none(
     room: Room | Exception | None,

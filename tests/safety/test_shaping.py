@@ -19,9 +19,11 @@ LIMITS = CountLimits(
 STEP_NS = 25_000_000
 
 
-def motion(last_change: float = 0.0, *, start: int = 50_000, since_ns: int = STEP_NS) -> AxisMotion:
+def motion(
+    last_change: float = 0.0, *, start: int = 50_000, unchanged_ns: int = STEP_NS
+) -> AxisMotion:
     """An axis whose last step, as long as this one, had `last_change`."""
-    return AxisMotion(start, last_change * 40.0, STEP_NS, since_ns)
+    return AxisMotion(start, last_change * 40.0, STEP_NS, unchanged_ns)
 
 
 def test_the_highest_velocity_gives_the_largest_change() -> None:
@@ -53,26 +55,25 @@ def test_a_motion_coasts_at_its_velocity() -> None:
         (0, 100, 1.0, 0),
         (-500, 100, 1.0, -25),
         (500, -100, 1.0, 25),
-        # Half the time has passed: half the gain, but still all of the braking.
+        # Half the time has passed: half the change.
         (500, 0, 0.5, 62),
         (-500, 0, 0.5, -62),
         (500, 300, 0.5, 362),
-        (0, 300, 0.5, 175),
-        (0, -300, 0.5, -175),
-        # ... which ends at rest: turning round is gaining speed.
-        (-500, 100, 0.5, 0),
+        (0, 300, 0.5, 238),
+        (0, -300, 0.5, -238),
+        (-500, 100, 0.5, 38),
         (-500, 50, 0.5, -12),
-        (500, -100, 0.5, 0),
+        (500, -100, 0.5, -38),
         (500, -50, 0.5, 12),
-        # No time has passed: no faster, but slower.
+        # No time has passed: no change.
         (500, 300, 0.0, 300),
-        (0, 300, 0.0, 175),
+        (0, 300, 0.0, 300),
         # More time than the step has: no more gain than the step allows.
         (500, 0, 9.0, 125),
     ],
 )
 def test_acceleration(wanted: int, last_change: int, since: float, allowed: int) -> None:
-    at = motion(last_change, since_ns=round(since * STEP_NS))
+    at = motion(last_change, unchanged_ns=round(since * STEP_NS))
     assert shaping.within_acceleration(wanted, at, LIMITS) == allowed
 
 

@@ -18,7 +18,7 @@ from drivers.canopen.object_dictionary import ObjectDictionary
 from drivers.cia402.drive_bus import DriveBus
 from drivers.cia402.power_state import PowerGoal
 from drivers.conditions import ConditionChange
-from safety.permit import PermittedStep, permit
+from safety.permit import PermittedHoming, PermittedStep, permit, permit_homing
 from sim_backends.device import Pump
 from sim_backends.devices.can.bus import CanBus
 from sim_backends.devices.can.faults import BusFaults
@@ -196,6 +196,10 @@ class Rig:
         )
         assert isinstance(permitted, PermittedStep), permitted
         return permitted
+
+    def homing(self, axis: int) -> PermittedHoming:
+        """Leave for an axis to look for its zero."""
+        return permit_homing(axis, count_limits(self.axes[axis]))
 
 
 def _loose(axis: Axis, past_ends: bool) -> Any:

@@ -335,3 +335,28 @@ def test_what_an_earlier_set_up_found_is_forgotten_when_the_next_does_not_find_i
         assert rig.holding() == set()
 
     on_a_rig(test)
+
+
+def test_a_step_that_comes_too_late_is_dropped() -> None:
+    async def test(rig: Rig) -> None:
+        await rig.enabled()
+        late = rig.step(1000, 0.1)
+        await asyncio.sleep(0.06)
+        assert not rig.master.write(late)
+        await asyncio.sleep(0.2)
+        assert rig.positions() == [0, 0]
+
+    on_a_rig(test)
+
+
+def test_what_the_gate_has_not_given_moves_nothing() -> None:
+    async def test(rig: Rig) -> None:
+        await rig.enabled()
+        changed = rig.step(100, 0.1)
+        object.__setattr__(changed, "to_counts", (9000, 9000))
+        with pytest.raises(TypeError, match="only what the gate has permitted"):
+            rig.master.write(changed)
+        await asyncio.sleep(0.2)
+        assert rig.positions() == [0, 0]
+
+    on_a_rig(test)

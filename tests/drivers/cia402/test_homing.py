@@ -7,7 +7,6 @@ import pytest
 from config.axis import Axis
 from drivers.cia402.homing import HomingError, HomingProgress, homing_progress
 from drivers.cia402.power_state import PowerState
-from safety.permit import permit_homing
 from tests.drivers.cia402.rig import Rig, axes, on_a_rig
 
 
@@ -39,7 +38,7 @@ def test_where_it_stands_becomes_zero_and_the_axis_can_be_used_afterwards() -> N
         rig.master.write(rig.step(4000, 0.5))
         await rig.until(lambda: rig.positions()[0] == 4000)
         rig.master.set_goal(None)
-        await rig.master.home(permit_homing(0))
+        await rig.master.home(rig.homing(0))
         await rig.until(lambda: rig.master.channels[0].state is PowerState.SWITCH_ON_DISABLED)
         assert rig.positions()[0] == 0
         assert rig.positions()[1] == 4000
@@ -54,7 +53,7 @@ def test_an_index_pulse_is_looked_for() -> None:
     async def test(rig: Rig) -> None:
         await rig.operational()
         rig.drives[0].axes[0].drag_to(1500.0)
-        await rig.master.home(permit_homing(0))
+        await rig.master.home(rig.homing(0))
         zero = rig.drives[0].axes[0].position_counts - rig.positions()[0]
         assert (zero + 2000) % 4000 == pytest.approx(2000, abs=2)
 
@@ -65,7 +64,7 @@ def test_a_zero_that_is_not_found_is_an_error() -> None:
     async def test(rig: Rig) -> None:
         await rig.operational()
         with pytest.raises(HomingError, match="axis_0: "):
-            await rig.master.home(permit_homing(0))
+            await rig.master.home(rig.homing(0))
         await rig.until(lambda: not rig.drives[0].axes[0].shaft.energised)
 
     on_a_rig(test, robot_axes=homing_axes(method=17, timeout_s=3.0))
@@ -75,7 +74,7 @@ def test_a_method_that_the_drive_does_not_have_is_an_error() -> None:
     async def test(rig: Rig) -> None:
         await rig.operational()
         with pytest.raises(HomingError):
-            await rig.master.home(permit_homing(0))
+            await rig.master.home(rig.homing(0))
 
     on_a_rig(test, robot_axes=homing_axes(method=99, timeout_s=3.0))
 
@@ -85,6 +84,6 @@ def test_a_drive_that_faults_while_homing_ends_it() -> None:
         await rig.operational()
         rig.inject("drive.can0/1.blocked")
         with pytest.raises(HomingError):
-            await rig.master.home(permit_homing(0))
+            await rig.master.home(rig.homing(0))
 
     on_a_rig(test, robot_axes=homing_axes(method=33, timeout_s=5.0))
