@@ -16,6 +16,9 @@ from drivers.serial_port import serial_port_opener
 class RealConnections:
     """Connections of a process to devices outside it."""
 
+    listens_first_s = 0.25
+    """Any master's SYNC comes every 0.1 s at the latest, and so do the heartbeats of most."""
+
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
 

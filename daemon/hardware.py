@@ -2,7 +2,6 @@
 
 import asyncio
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -12,6 +11,7 @@ from config.tracker import Tracker
 from daemon.periodic_timer import PeriodicTimer, Tick
 from drivers.aurora.frame import TrackerFrame
 from drivers.aurora.tracker import AuroraTracker
+from drivers.bounded import end_tasks
 from drivers.byte_stream import StreamOpener
 from drivers.can.traffic_tap import TrafficTap
 from drivers.canopen.object_dictionary import ObjectDictionary
@@ -24,6 +24,9 @@ _TEARDOWN_S = 2.0
 
 class Connections(Protocol):
     """How devices are reached: over real ports, or within this process in virtual time."""
+
+    listens_first_s: float
+    """How long another master on a bus is listened for, before a word is said."""
 
     def tracker(self, config: Tracker) -> StreamOpener:
         """Opens the tracker's line."""
@@ -82,6 +85,7 @@ class Hardware:
                 clock,
                 on_change=to.on_condition,
                 tap=to.can_taps.get(name),
+                listens_first_s=connections.listens_first_s,
             )
             for name, bus in robot.buses.items()
         ]
@@ -90,7 +94,7 @@ class Hardware:
         self._on_cycle = to.on_cycle or self._plain_cycle
 
     async def run(self) -> None:
-        """Keep all devices connected until cancelled; then leave them at rest."""
+        """Keep all devices connected until cancelled; then leave them at rest, in bounded time."""
         timers = [self._start_cycle(bus) for bus in self.buses]
         tasks = [asyncio.create_task(bus.run()) for bus in self.buses]
         tasks.append(asyncio.create_task(self.tracker.run()))
@@ -101,14 +105,18 @@ class Hardware:
             for task in ended:
                 task.result()
         finally:
-            with suppress(TimeoutError):
-                async with asyncio.timeout(_TEARDOWN_S):
-                    await asyncio.gather(*(bus.close() for bus in self.buses))
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
-            for timer in timers:
-                timer.stop()
+            try:
+                await self._close_buses()
+            finally:
+                # What does not end by now is left behind: the drives' own watchdogs are next.
+                await end_tasks(tasks, _TEARDOWN_S)
+                for timer in timers:
+                    timer.stop()
+
+    async def _close_buses(self) -> None:
+        closing = [asyncio.create_task(bus.close()) for bus in self.buses]
+        await asyncio.wait(closing, timeout=_TEARDOWN_S)
+        await end_tasks(closing, _TEARDOWN_S)
 
     def _start_cycle(self, bus: DriveBus) -> PeriodicTimer:
         period_ns = round(bus.bus.cycle_period_s * 1e9)

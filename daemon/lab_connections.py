@@ -17,6 +17,9 @@ from sim_backends.lab import Lab
 class LabConnections:
     """Connections to the devices of a `Lab` that was started in this process."""
 
+    listens_first_s = 0.0
+    """Nobody else can be there."""
+
     def __init__(self, lab: Lab, clock: Clock) -> None:
         self._lab = lab
         self._clock = clock

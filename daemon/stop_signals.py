@@ -1,21 +1,70 @@
-"""Ctrl-C and SIGTERM as an event, so that there is one way down."""
+"""Ctrl-C, SIGTERM and SIGHUP, so that there is one way down whoever wants it."""
 
 import asyncio
+import os
 import signal
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Final
+
+_STDOUT: Final = 1
+_STDERR: Final = 2
 
 
 class StopSignals:
-    """From its making on, Ctrl-C and SIGTERM are remembered and no longer end the process."""
+    """From its making on, these signals are remembered and no longer end the process."""
 
     def __init__(self) -> None:
         self._told = asyncio.Event()
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, self._told.set)
+        if _hang_ups_count():
+            hang_up = _for_a_terminal_that_goes(self._told.set)
+            loop.add_signal_handler(signal.SIGHUP, hang_up)
 
     async def wait(self, duration_s: float | None) -> None:
         """Wait for one of them, or the end of `duration_s`."""
         with suppress(TimeoutError):
             async with asyncio.timeout(duration_s):
                 await self._told.wait()
+
+
+@contextmanager
+def all_like_ctrl_c() -> Iterator[None]:
+    """While the block lasts, SIGTERM and SIGHUP do what Ctrl-C does: for work that is not told of
+    signals but interrupted by them, and keeps what it has. Main thread only."""
+    interrupt = _for_a_terminal_that_goes(lambda: signal.raise_signal(signal.SIGINT))
+    numbers = [signal.SIGTERM, *([signal.SIGHUP] if _hang_ups_count() else [])]
+    before = {number: signal.signal(number, lambda *_: interrupt()) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _hang_ups_count() -> bool:
+    """Not where somebody wants us to survive them, as `nohup` does."""
+    return signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN
+
+
+def _for_a_terminal_that_goes(stop: Callable[[], None]) -> Callable[[], None]:
+    """Stops; before that, what is printed goes nowhere if it went to a terminal that is gone: an
+    error of a `print` must not come between a robot and its quick stop."""
+    on_terminal = [number for number in (_STDOUT, _STDERR) if _is_terminal(number)]
+
+    def told() -> None:
+        lost = [number for number in on_terminal if not _is_terminal(number)]
+        if lost:
+            nowhere = os.open(os.devnull, os.O_WRONLY | os.O_CLOEXEC)
+            for number in lost:
+                os.dup2(nowhere, number)
+            os.close(nowhere)
+        stop()
+
+    return told
+
+
+def _is_terminal(number: int) -> bool:
+    return os.isatty(number)  # a terminal that has been hung up is none any more

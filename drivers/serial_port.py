@@ -20,6 +20,7 @@ from struct import unpack
 
 import serial
 
+from drivers.bounded import in_own_thread
 from drivers.byte_stream import ByteReceiver, ByteStream, StreamError, StreamOpener
 from drivers.clock import Clock
 
@@ -43,7 +44,7 @@ def serial_port_opener(path: str, clock: Clock, hardware_handshake: bool = False
     async def open_port(receiver: ByteReceiver) -> ByteStream:
         # The lock of a port that is still being closed would look like another program's.
         if closing:
-            await asyncio.get_running_loop().run_in_executor(None, _wait_for_all, set(closing))
+            await in_own_thread(_wait_for_all, set(closing), unwanted=lambda _: None)
         port = await _open_in_thread(path, hardware_handshake)
         return SerialPort(port, receiver, clock, closing)
 
@@ -197,24 +198,19 @@ def _wait_for_all(closing: set[threading.Event]) -> None:
 
 
 async def _open_in_thread(path: str, hardware_handshake: bool) -> serial.Serial:
-    opening = asyncio.get_running_loop().run_in_executor(None, _open, path, hardware_handshake)
     try:
-        return await asyncio.wait_for(asyncio.shield(opening), _OPEN_TIMEOUT_S)
+        async with asyncio.timeout(_OPEN_TIMEOUT_S):
+            return await in_own_thread(_open, path, hardware_handshake, unwanted=_close_unwanted)
     except TimeoutError:
-        opening.add_done_callback(_close_unwanted)
         raise StreamError(
             errno.ETIMEDOUT,
             f"{path} does not open within {_OPEN_TIMEOUT_S:g} s",
             "unplug the adapter and plug it in again",
         ) from None
-    except asyncio.CancelledError:
-        opening.add_done_callback(_close_unwanted)
-        raise
 
 
-def _close_unwanted(opening: "asyncio.Future[serial.Serial]") -> None:
-    if not opening.cancelled() and opening.exception() is None:
-        opening.result().close()
+def _close_unwanted(port: serial.Serial) -> None:
+    port.close()
 
 
 def _open(path: str, hardware_handshake: bool) -> serial.Serial:

@@ -88,6 +88,10 @@ CAUSES: Final[tuple[Cause, ...]] = (
     Cause("node_not_ready", _N, 0.0, _SELF,
           "a drive is not set up",
           "see the detail; check its power, its plug and its node number"),
+    Cause("drive_settings_changed", _N, 0.0, _SELF,
+          "a drive's settings, its own safety reactions among them, are not what they were set to",
+          "see which one and find out who writes to it; the drive is set up anew by itself when "
+          "nobody else commands it; then arm again"),
     Cause("bus_not_open", _N, 0.0, _SELF,
           "the CAN interface is not open",
           "plug the adapter in and bring the interface up; see the detail"),
@@ -154,6 +158,9 @@ CAUSES: Final[tuple[Cause, ...]] = (
           "the drives did not all come on in time",
           "see which one; look at its display, then arm again"),
 
+    Cause("foreign_master", _F, 0.0, _CLEAR,
+          "somebody else commands the drives on the bus",
+          "end the other program, or take its adapter off the bus; then clear"),
     Cause("bus_gone", _F, 0.0, _CLEAR,
           "the CAN interface went away while the drives were on",
           "plug the adapter in again; it is reopened by itself; then clear"),

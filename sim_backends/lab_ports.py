@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from drivers.clock import WallClock
+from drivers.exclusive_name import ExclusiveName, NameTakenError
 from sim_backends.control_server import ControlServer, Request
 from sim_backends.devices.aurora.on_pty import PtyAurora
 from sim_backends.devices.can.slcan_adapter import SlcanAdapter
@@ -37,6 +38,7 @@ class LabPorts:
         self._aurora: PtyAurora | None = None
         self._sockets: dict[str, SocketServer] = {}
         self._adapters: dict[str, SlcanAdapter] = {}
+        self._taken: ExclusiveName | None = None
         self._control = ControlServer(
             {
                 "state": self._state,
@@ -56,8 +58,7 @@ class LabPorts:
                 f"{_LONGEST_SOCKET_PATH} characters; choose a folder with a shorter name"
             )
         self._directory.mkdir(parents=True, exist_ok=True)
-        if _somebody_answers(self._directory / CONTROL_SOCKET):
-            raise LabError(f"another lab is running in {self._directory}: choose another folder")
+        self._take_directory()
         self._aurora = PtyAurora(self._lab.tracker, self._clock, self._directory / AURORA)
         for name, bus in self._lab.buses.items():
             pump = self._lab.pumps[name]
@@ -71,7 +72,9 @@ class LabPorts:
         _write_whole(self._directory / LAB_FILE, json.dumps(self._description(), indent=2) + "\n")
 
     async def close(self) -> None:
-        """Take everything away again."""
+        """Take everything away again, unless the folder is another lab's."""
+        if self._taken is None:
+            return
         await self._control.close()
         for server in self._sockets.values():
             server.close()
@@ -81,6 +84,23 @@ class LabPorts:
             self._aurora.close()
         for name in (CONTROL_SOCKET, LAB_FILE):
             (self._directory / name).unlink(missing_ok=True)
+        self._taken.release()
+        self._taken = None
+
+    def _take_directory(self) -> None:
+        """Raises LabError where another lab lives in it."""
+        status = self._directory.stat()
+        try:
+            taken = ExclusiveName(f"lab {status.st_dev} {status.st_ino}")
+        except NameTakenError as error:
+            raise LabError(
+                f"another lab is running in {self._directory} ({error.holder or 'unknown'}): "
+                "choose another folder"
+            ) from None
+        if _somebody_answers(self._directory / CONTROL_SOCKET):  # from within a container
+            taken.release()
+            raise LabError(f"another lab is running in {self._directory}: choose another folder")
+        self._taken = taken
 
     def _description(self) -> Mapping[str, Any]:
         robot, emulation = self._lab.robot, self._lab.robot.emulation

@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
         return EXIT_FAILED
     try:
         run_in_real_time(_emulate(checked, arguments))
-    except (LabError, ConfigError) as error:
+    except (LabError, ConfigError, OSError) as error:
         print(error, file=sys.stderr)
         return EXIT_FAILED
     return EXIT_OK

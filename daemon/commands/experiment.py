@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from config.problems import ConfigError
-from daemon.cli import EXIT_FAILED, EXIT_OK
+from daemon.cli import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
 from daemon.collector_pause import imported_for_good
 from daemon.experiment.experiment_file import ExperimentFile, load_experiment
 from daemon.experiment.pretrained import with_model
@@ -14,6 +14,7 @@ from daemon.recording.error_table import table_text
 from daemon.recording.report_beside import ReportBeside
 from daemon.recording.result import Result
 from daemon.recording.run_reader import UnreadableRunError
+from daemon.stop_signals import all_like_ctrl_c
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,10 +38,14 @@ def run(arguments: argparse.Namespace) -> int:
     seed = file.experiment.seed if arguments.seed is None else arguments.seed
     try:
         arguments.out.mkdir(parents=True)
-        _experiment(file, seed, arguments)
+        with all_like_ctrl_c():
+            _experiment(file, seed, arguments)
     except FileExistsError:
         print(f"{arguments.out} is there already: name a new folder", file=sys.stderr)
         return EXIT_FAILED
+    except KeyboardInterrupt:
+        print(f"ended early: what was recorded is in {arguments.out}", file=sys.stderr)
+        return EXIT_INTERRUPTED
     except BrokenPipeError:  # of our output: no matter of the experiment's
         raise
     except (TrialError, UnreadableRunError, OSError) as error:

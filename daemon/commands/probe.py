@@ -1,6 +1,7 @@
 """`tentacled probe ROBOT.yaml`: tracker and drives through the real drivers, live.
 
-Drives are set up and read, never energised.
+Drives are set up and read, never energised. Where the buses have a master already, as beside a
+running daemon, nothing is sent: what is shown is what the daemon says.
 """
 
 import argparse
@@ -8,7 +9,6 @@ import asyncio
 import json
 import sys
 from collections import deque
-from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
@@ -18,16 +18,21 @@ from rich.live import Live
 from daemon.capture import CanCapture
 from daemon.cli import EXIT_FAILED, EXIT_OK
 from daemon.clock import MonotonicClock, run_in_real_time
+from daemon.probe.beside_daemon import folder_of_master, show_what_it_says
 from daemon.probe.session import ProbeSession
 from daemon.probe.snapshot import Json
 from daemon.probe.view import event_line, view
+from daemon.remote.client_errors import ClientError
 from daemon.robot_argument import CheckedRobot, add_robot_argument, robot_or_explain
-from daemon.runtime_directory import default_runtime_directory
+from daemon.runtime_directory import default_runtime_directory, with_lab_ports
 from daemon.stop_signals import StopSignals
+from drivers.bounded import end_tasks
+from drivers.can.bus_lock import BusTakenError, check_buses_are_free
 from drivers.canopen.object_dictionary import EdsError
 
 _SHOW_EVERY_S: Final = 0.25
 _EVENTS_SHOWN: Final = 6
+_ENDS_WITHIN_S: Final = 2.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
         return EXIT_FAILED
     try:
         healthy = run_in_real_time(_probe(checked, arguments))
-    except (EdsError, OSError) as error:
+    except (EdsError, ClientError, OSError) as error:
         print(error, file=sys.stderr)
         return EXIT_FAILED
     return EXIT_OK if healthy else EXIT_FAILED
@@ -65,6 +70,10 @@ async def _probe(checked: CheckedRobot, arguments: argparse.Namespace) -> bool:
     """Probe until told to end. Returns whether everything was there and well at the end."""
     stop, clock = StopSignals(), MonotonicClock()
     lab = arguments.runtime_dir or default_runtime_directory(checked.file.robot.robot)
+    try:
+        check_buses_are_free(with_lab_ports(checked.file.robot, lab).buses.values())
+    except BusTakenError as taken:
+        return await _ask_the_master(taken, lab, checked.file.robot.robot, arguments)
     capture = CanCapture(arguments.capture, clock) if arguments.capture else None
     output = _JsonLines(arguments.every) if arguments.json else _LiveTable()
     session = ProbeSession(checked, lab, clock, output.event, capture)
@@ -72,13 +81,25 @@ async def _probe(checked: CheckedRobot, arguments: argparse.Namespace) -> bool:
         async with session.running():
             showing = asyncio.create_task(output.show(session))
             await stop.wait(arguments.duration)
-            showing.cancel()
-            with suppress(asyncio.CancelledError):
-                await showing
+            await end_tasks([showing], _ENDS_WITHIN_S)
             return session.healthy
     finally:
         if capture is not None:
             capture.close()
+
+
+async def _ask_the_master(
+    taken: BusTakenError, directory: Path, robot: str, arguments: argparse.Namespace
+) -> bool:
+    """Raises BusTakenError where the master is none that can be asked, or where frames are wanted,
+    ClientError where it does not answer."""
+    folder = folder_of_master(taken, robot, directory)
+    if folder is None or arguments.capture is not None:
+        raise taken
+    every_s = arguments.every if arguments.json else _SHOW_EVERY_S
+    return await show_what_it_says(
+        taken, folder, StopSignals(), arguments.duration, every_s, as_json=arguments.json
+    )
 
 
 class _JsonLines:

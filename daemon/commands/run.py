@@ -25,6 +25,7 @@ from daemon.service.robot_service import RobotService
 from daemon.service.run_recording import MakeFolder, RunRecording
 from daemon.service.surroundings import Surroundings
 from daemon.stop_signals import StopSignals
+from drivers.can.bus_lock import BusTakenError, check_buses_are_free
 from drivers.canopen.object_dictionary import EdsError
 from drivers.clock import WallClock
 from safety.risk_source import RiskSource
@@ -58,7 +59,14 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         risk = make_risk_source(checked.file, MonotonicClock())
         run_in_real_time(_serve(checked, arguments, risk))
-    except (RiskFilesError, EdsError, SecondDaemonError, FolderError, RemoteOpenError) as error:
+    except (
+        RiskFilesError,
+        EdsError,
+        SecondDaemonError,
+        BusTakenError,
+        FolderError,
+        RemoteOpenError,
+    ) as error:
         print(error, file=sys.stderr)
         return EXIT_FAILED
     return EXIT_OK
@@ -98,6 +106,7 @@ async def _serve(checked: CheckedRobot, arguments: argparse.Namespace, risk: Ris
     await server.open()
     surroundings.listeners.add(server.publish)
     try:
+        check_buses_are_free(with_lab_ports(robot, directory).buses.values())
         await _live(service, recording, stop, f"{robot.robot} in {directory}")
     finally:
         await server.close()

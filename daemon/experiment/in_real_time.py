@@ -19,6 +19,7 @@ from daemon.recording.result import Result, read_result
 from daemon.recording.run_folder import robot_yaml
 from daemon.runtime_directory import with_lab_ports
 from daemon.service.surroundings import Surroundings
+from drivers.can.bus_lock import check_buses_are_free
 
 
 def carry_out_in_real_time(file: ExperimentFile, seed: int, folder: Path, tell: Tell) -> Result:
@@ -95,4 +96,5 @@ async def _carry_out(
         return await asyncio.to_thread(describe)
 
     robot, lab = with_lab_ports(file.robot, directory), _RunningLab(directory, tell)
+    check_buses_are_free(robot.buses.values())
     await carry_out(file, robot, surroundings, make_folder, lab, None, seed, tell)

@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
+from typing import Final
 
 from daemon.capture import CanCapture
 from daemon.connections import RealConnections
@@ -13,8 +14,12 @@ from daemon.probe.snapshot import Json, conditions_of, event, snapshot
 from daemon.robot_argument import CheckedRobot
 from daemon.runtime_directory import with_lab_ports
 from drivers.aurora.tracker import TrackerState
+from drivers.bounded import end_tasks
 from drivers.clock import WallClock
 from drivers.conditions import ConditionChange
+
+_ENDS_WITHIN_S: Final = 8.0
+"""Longer than hardware takes at the most."""
 
 
 class ProbeSession:
@@ -46,8 +51,7 @@ class ProbeSession:
         try:
             yield
         finally:
-            task.cancel()
-            await asyncio.gather(task, return_exceptions=True)
+            await end_tasks([task], _ENDS_WITHIN_S)
 
     def snapshot(self) -> Json:
         """Everything as it is now."""

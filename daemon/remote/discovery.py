@@ -1,7 +1,9 @@
 """How a running daemon is found on its machine, and that there is only one per robot."""
 
 import fcntl
+import grp
 import os
+import pwd
 import stat
 from contextlib import suppress
 from pathlib import Path
@@ -61,13 +63,17 @@ class RuntimeFolder:
         if self._lock >= 0:
             return
         self._make()
-        lock = os.open(self.path / LOCK_FILE, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            os.close(lock)
-            raise SecondDaemonError(self._who_runs()) from None
-        self._lock = lock
+        while self._lock < 0:
+            lock = os.open(self.path / LOCK_FILE, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                os.close(lock)
+                raise SecondDaemonError(self._who_runs()) from None
+            if _is_file(lock, self.path / LOCK_FILE):
+                self._lock = lock
+            else:  # another one was giving it back, and has removed what we have locked
+                os.close(lock)
 
     def announce(self, daemon: RunningDaemon) -> None:
         """Let it be found."""
@@ -91,8 +97,11 @@ class RuntimeFolder:
             self.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
             self.path.mkdir(exist_ok=True, mode=mode)
             found = self.path.stat()
+            moved_by = who_may_move(self.path)
         except OSError as error:
             raise FolderError(f"no runtime folder {self.path}: {error.strerror}") from None
+        if moved_by:
+            raise FolderError(f"{self.path} is not safe: {moved_by}; or name another folder")
         if found.st_uid not in (os.getuid(), 0):
             raise FolderError(f"{self.path} belongs to somebody else: name another runtime folder")
         if found.st_mode & stat.S_IWOTH:
@@ -102,6 +111,49 @@ class RuntimeFolder:
         daemon = read_daemon(self.path)
         who = f"process {daemon.pid}" if daemon else "another process"
         return f"a daemon is running in {self.path} ({who}): only one may, end that one first"
+
+
+def who_may_move(path: Path) -> str:
+    """Why another user could put another folder in the place of `path`; empty: none could.
+
+    Whoever may write to a folder may rename what is in it, unless it is sticky as /tmp is; and
+    whoever owns a folder or a link may change it. Root could do anything. Raises OSError.
+    """
+    trusted = (0, os.getuid())
+    absolute, real = path.absolute(), path.resolve()
+    for link in (absolute, *absolute.parents):
+        if link.is_symlink() and link.lstat().st_uid not in trusted:
+            return f"somebody else's link, {link}, leads there"
+    for folder in sorted({*absolute.parents, *real.parents}, key=lambda one: len(one.parts)):
+        found = folder.stat()
+        if found.st_uid not in trusted:
+            return f"{folder} belongs to somebody else"
+        if found.st_mode & stat.S_ISVTX:
+            continue
+        if found.st_mode & stat.S_IWOTH:
+            return f"anybody can move it out of {folder}: chmod +t {folder}"
+        if found.st_mode & stat.S_IWGRP and not _private_group(found.st_gid):
+            return f"its group can move it out of {folder}: chmod g-w {folder}"
+    return ""
+
+
+def _private_group(number: int) -> bool:
+    """Whether only one user is in the group, as where each has one of the same name."""
+    if number == 0:
+        return True
+    try:
+        group, user = grp.getgrgid(number), pwd.getpwuid(os.getuid())
+    except KeyError:
+        return False
+    return group.gr_name == user.pw_name and set(group.gr_mem) <= {user.pw_name}
+
+
+def _is_file(descriptor: int, path: Path) -> bool:
+    """Whether the open file is still the one at `path`."""
+    try:
+        return os.path.samestat(os.fstat(descriptor), path.stat())
+    except FileNotFoundError:
+        return False
 
 
 def read_daemon(folder: Path) -> RunningDaemon | None:

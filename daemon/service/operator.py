@@ -161,6 +161,7 @@ class Operator:
         self._check_can_arm()
         self._preparing, stops_before = True, self._stops
         try:
+            await self._check_settings()
             await self._recording.begin()
         except RecordingError as error:
             raise RefusedError("not_recording", str(error)) from None
@@ -178,6 +179,14 @@ class Operator:
         if not supervisor.state.energised:
             raise RefusedError("not_armed", "the drives were not enabled", supervisor.blocking)
         return self._answer(command)
+
+    async def _check_settings(self) -> None:
+        """What the drives would do by themselves must still be what they were told."""
+        wrong = await self._service.check_settings()
+        if wrong:
+            reasons = self._service.supervisor.blocking
+            raise RefusedError("settings_differ", "; ".join(wrong), reasons)
+        self._check_possible(Request.ARM)
 
     def _check_can_arm(self) -> None:
         if self._preparing:

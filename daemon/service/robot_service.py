@@ -40,6 +40,8 @@ _STATUS_EVERY_NS: Final = 100_000_000
 _LOOP_EVERY_NS: Final = 1_000_000_000
 _AT_REST_WITHIN_S: Final = 3.5
 _LOOK_EVERY_S: Final = 0.002
+_CHECKS_WITHIN_S: Final = 3.0
+"""Some fifteen objects of each drive, all drives at once; the slowest take 0.1 s for each."""
 
 
 class RobotService:
@@ -125,6 +127,12 @@ class RobotService:
         except TimeoutError:
             return False  # at the end of `run` the buses are closed, and the drives' watchdogs act
         return power.confirmed
+
+    async def check_settings(self) -> list[str]:
+        """Read back what the drives' own safety depends on; what is wrong with it. Bounded."""
+        buses = self.hardware.buses
+        found = await asyncio.gather(*(bus.check_settings(_CHECKS_WITHIN_S) for bus in buses))
+        return [wrong for of_bus in found for wrong in of_bus]
 
     def hurry(self) -> None:
         """Ask the operating system for what moving drives need."""

@@ -10,6 +10,11 @@ CANNOT_OPEN: Final = Condition(
     "check interface and channel in the robot file; on Linux: ip link show, and bring it up with "
     "ip link set can0 up type can bitrate 1000000 restart-ms 100",
 )
+TAKEN: Final = Condition(
+    "bus_taken",
+    "another program of this machine is the master of this bus",
+    "it is named; a bus has one master: end that one, and the bus is opened by itself",
+)
 GONE: Final = Condition(
     "bus_gone",
     "the CAN interface has disappeared",
@@ -51,6 +56,11 @@ OVERFLOW: Final = Condition(
     "bus_overflow",
     "frames were lost because the CAN interface or this machine was too slow",
     "lower the cycle rate, or use a faster adapter",
+)
+FOREIGN_MASTER: Final = Condition(
+    "bus_foreign_master",
+    "somebody else commands the drives on this bus",
+    "a bus has one master: end the other program, or take its adapter off the bus",
 )
 FOREIGN_FRAMES: Final = Condition(
     "bus_foreign_frames",

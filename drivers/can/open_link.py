@@ -2,6 +2,7 @@
 
 import asyncio
 import errno
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, cast
 
@@ -10,6 +11,8 @@ from can.interfaces.slcan import slcanBus
 from serial import SerialException
 
 from config.bus import Bus
+from drivers.bounded import in_own_thread
+from drivers.can.bus_lock import take_bus
 from drivers.can.conditions import QUEUE_SHORT
 from drivers.can.fd_link import FdLink
 from drivers.can.link import CanLink, FrameReceiver, LinkError
@@ -17,10 +20,13 @@ from drivers.can.preflight import check_interface
 from drivers.can.python_can_link import PythonCanLink
 from drivers.can.slcan_link import SlcanLink, abandon
 from drivers.clock import Clock
+from drivers.exclusive_name import ExclusiveName
 
 _SOCKETCAN: Final = "socketcan"
 _SLCAN: Final = "slcan"
 _SLCAN_SETTLES_S: Final = 0.1
+_OPENS_WITHIN_S: Final = 10.0
+"""Slow vendors' libraries take about two; an adapter that hangs would take for ever."""
 
 _REMEDIES: Final = {
     errno.ENOENT: "check the channel in the robot file; is the adapter plugged in?",
@@ -33,25 +39,63 @@ _REMEDIES: Final = {
 
 
 async def open_link(bus: Bus, receiver: FrameReceiver, clock: Clock) -> CanLink:
-    """Open the interface of `bus`. Raises LinkError."""
+    """Open the interface of `bus`, as its one master on this machine, until the link is closed.
+
+    Raises LinkError; where the bus has a master already BusTakenError, and nothing is opened.
+    """
     if bus.interface == _SOCKETCAN:
         queue = check_interface(bus.channel).tx_queue_frames
         if queue < bus.tx_queue_frames:
             receiver.condition_seen(QUEUE_SHORT, True, f"it takes {queue} frames")
     elif bus.interface == _SLCAN:
         _check_serial_port(bus.channel)
-    opened = await asyncio.to_thread(_open, bus)  # adapters take their time
+    try:
+        async with asyncio.timeout(_OPENS_WITHIN_S):
+            opened, lock = await in_own_thread(_open_locked, bus, unwanted=_let_go)
+    except TimeoutError:
+        raise LinkError(
+            f"{bus.channel} does not open within {_OPENS_WITHIN_S:g} s",
+            "unplug the adapter and plug it in again",
+        ) from None
     if isinstance(opened, slcanBus):
-        try:
-            opened.serialPortOrig.exclusive = True
-        except (OSError, SerialException) as error:
-            abandon(opened)
-            raise LinkError(f"{bus.channel} is in use", _REMEDIES[errno.EBUSY]) from error
-        return SlcanLink(opened, receiver, clock)
+        return SlcanLink(opened, receiver, clock, lock.release)
     if bus.interface == _SOCKETCAN or getattr(opened, "carries_can_frames", False):
         # The link keeps the bus: python-can closes the socket of one that nobody keeps.
-        return FdLink(opened.socket, opened.shutdown, receiver, clock)  # type: ignore[attr-defined]
-    return PythonCanLink(opened, receiver, clock)
+        return FdLink(opened.socket, partial(_let_go, (opened, lock)), receiver, clock)  # type: ignore[attr-defined]
+    return PythonCanLink(opened, receiver, clock, lock.release)
+
+
+def _open_locked(bus: Bus) -> tuple[can.BusABC, ExclusiveName]:
+    """Whatever opening sends to an adapter, it must not be sent to another master's."""
+    lock = take_bus(bus)
+    try:
+        opened = _open(bus)
+        if isinstance(opened, slcanBus):
+            _keep_others_out(opened, bus.channel)
+    except BaseException:
+        lock.release()
+        raise
+    return opened, lock
+
+
+def _let_go(opened_and_lock: tuple[can.BusABC, ExclusiveName]) -> None:
+    opened, lock = opened_and_lock
+    try:
+        if isinstance(opened, slcanBus):
+            abandon(opened)
+        else:
+            opened.shutdown()
+    finally:
+        lock.release()
+
+
+def _keep_others_out(opened: slcanBus, channel: str) -> None:
+    """Programs that are not ours."""
+    try:
+        opened.serialPortOrig.exclusive = True
+    except (OSError, SerialException) as error:
+        abandon(opened)
+        raise LinkError(f"{channel} is in use", _REMEDIES[errno.EBUSY]) from error
 
 
 def _open(bus: Bus) -> can.BusABC:

@@ -6,7 +6,7 @@ and where the interface cannot be polled a thread that does nothing but wait.
 
 import asyncio
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import can
@@ -22,8 +22,16 @@ _THREAD_WAKES_S: Final = 0.1
 class PythonCanLink:
     """A `can.BusABC` as a link."""
 
-    def __init__(self, bus: can.BusABC, receiver: FrameReceiver, clock: Clock) -> None:
+    def __init__(
+        self,
+        bus: can.BusABC,
+        receiver: FrameReceiver,
+        clock: Clock,
+        on_closed: Callable[[], None] = lambda: None,
+    ) -> None:
+        """on_closed: called when the interface has been let go of, in a thread of its own."""
         self._bus = bus
+        self._on_closed = on_closed
         self._receiver = receiver
         self._clock = clock
         self._loop = asyncio.get_running_loop()
@@ -62,7 +70,8 @@ class PythonCanLink:
             self._open = False
             if self._fd >= 0:
                 self._loop.remove_reader(self._fd)
-                self._bus.shutdown()
+                # A vendor's library may take its time, for ever where its adapter is dead.
+                threading.Thread(target=self._shut_down, name="can-close", daemon=True).start()
 
     def _readable(self) -> None:
         t_ns = self._clock.now_ns()
@@ -89,7 +98,13 @@ class PythonCanLink:
         except RuntimeError:  # the loop has closed before us
             pass
         finally:
+            self._shut_down()
+
+    def _shut_down(self) -> None:
+        try:
             self._bus.shutdown()
+        finally:
+            self._on_closed()
 
     def _deliver(self, message: can.Message, t_ns: int) -> None:
         if not self._open:
@@ -97,7 +112,7 @@ class PythonCanLink:
         if message.is_error_frame:
             self._receiver.condition_seen(ERRORS, True, f"error frame {message.data.hex()}")
             self._receiver.condition_seen(ERRORS, False, "")
-        elif not message.is_remote_frame and not message.is_extended_id:
+        elif message.is_rx and not message.is_remote_frame and not message.is_extended_id:
             self._receiver.frame_received(message.arbitration_id, bytes(message.data), t_ns)
 
     def _queue_full(self, full: bool, detail: str) -> None:

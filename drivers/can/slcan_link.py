@@ -11,7 +11,9 @@ import errno
 import fcntl
 import os
 import termios
-from collections.abc import Sequence
+import threading
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Final
 
 import can
@@ -41,6 +43,8 @@ from drivers.conditions import Condition
 _READ_BYTES: Final = 4096
 _BACKLOG_BYTES: Final = 512  # about one cycle of twelve axes: behind more, targets grow old
 _ASK_EVERY_S: Final = 0.5
+_CLOSING_LOOKS: Final = 20
+_CLOSING_LOOK_S: Final = 0.01  # 0.2 s in all: 512 bytes at 57 600 baud take half of it
 _CONTROL_CHARACTERS: Final = 6
 _REFUSALS_OF_BUS_OFF: Final = 8
 _NOT_DATA: Final = EXTENDED_FLAG | REMOTE_FLAG
@@ -54,8 +58,16 @@ _CONDITION_OF_FLAG: Final = (
 class SlcanLink:
     """An open SLCAN adapter."""
 
-    def __init__(self, bus: slcanBus, receiver: FrameReceiver, clock: Clock) -> None:
+    def __init__(
+        self,
+        bus: slcanBus,
+        receiver: FrameReceiver,
+        clock: Clock,
+        on_closed: Callable[[], None] = lambda: None,
+    ) -> None:
+        """on_closed: called when the port has been let go of, in a thread of its own."""
         self._bus = bus
+        self._on_closed = on_closed
         self._receiver = receiver
         self._clock = clock
         self._lines = LineReader()
@@ -79,7 +91,7 @@ class SlcanLink:
         if not self._open or self._off:
             return 0
         lines = b"".join([encode_frame(CanFrame(can_id, data)) for can_id, data in frames])
-        sent = self._backlog() < _BACKLOG_BYTES and self._write(lines)
+        sent = _backlog(self._fd) < _BACKLOG_BYTES and self._write(lines)
         if sent is self._full:
             self._full = not sent
             self._receiver.condition_seen(QUEUE_FULL, self._full, "serial line")
@@ -99,16 +111,17 @@ class SlcanLink:
             self._asking.cancel()
             self._loop.remove_reader(self._fd)
             self._write(encode_command(Close()))
-            abandon(self._bus)
+            # What a dead adapter never takes would hold up its closing for half a minute.
+            threading.Thread(target=self._let_go, name="slcan close", daemon=True).start()
 
-    def _backlog(self) -> int:
-        """Bytes that the operating system has not put on the line yet."""
-        waiting = array.array("i", [0])
+    def _let_go(self) -> None:
         try:
-            fcntl.ioctl(self._fd, termios.TIOCOUTQ, waiting)
-        except OSError:
-            return 0
-        return waiting[0]
+            with suppress(OSError, termios.error):
+                _wait_until_sent(self._fd)
+                termios.tcflush(self._fd, termios.TCOFLUSH)
+            abandon(self._bus)
+        finally:
+            self._on_closed()
 
     def _write(self, line: bytes) -> bool:
         """Write lines, behind what is left of those before. False: nothing of them was taken."""
@@ -198,6 +211,25 @@ class SlcanLink:
         if self._open:
             self.close()
             self._receiver.link_lost(error)
+
+
+def _backlog(fd: int) -> int:
+    """Bytes that the operating system has not put on the line yet."""
+    waiting = array.array("i", [0])
+    try:
+        fcntl.ioctl(fd, termios.TIOCOUTQ, waiting)
+    except OSError:
+        return 0
+    return waiting[0]
+
+
+def _wait_until_sent(fd: int) -> None:
+    """For the last command, at most; in a thread that may wait."""
+    pause = threading.Event()
+    for _ in range(_CLOSING_LOOKS):
+        if not _backlog(fd):
+            return
+        pause.wait(_CLOSING_LOOK_S)
 
 
 def abandon(bus: slcanBus) -> None:

@@ -35,6 +35,8 @@ from drivers.cia402.pdo_plan import PdoPlan, axis_pdos
 from drivers.conditions import Condition
 
 _PDO_PARAMETERS: Final = RPDO_MAPPING - RPDO_COMMUNICATION
+_PDO_OBJECTS: Final = range(RPDO_COMMUNICATION, TPDO_COMMUNICATION + 2 * _PDO_PARAMETERS)
+_WHOLE_CONFIGURATION: Final = (objects.STORE_PARAMETERS, objects.RESTORE_DEFAULTS)
 _NO_OBJECT: Final = (AbortCode.NO_OBJECT, AbortCode.NO_SUBINDEX)
 
 Remark = Callable[[Condition, str], None]
@@ -77,9 +79,11 @@ class NodeSetUp:
         self._dictionary = dictionary
         self._sdo = sdo
         self._remark = remark
+        self._applied: dict[tuple[int, int], Setting] = {}
 
     async def run(self) -> Identity:
         """Do it all, with the node in pre-operational. Raises BringUpError."""
+        self._applied.clear()
         try:
             identity = await self._identify()
             await self._check_modes()
@@ -95,6 +99,30 @@ class NodeSetUp:
         except CodecError as error:
             raise BringUpError(WRONG_DEVICE, str(error)) from error
         return identity
+
+    async def differences(self) -> list[str]:
+        """Read back what the node's safety depends on; what differs from what was set.
+
+        Raises SdoError, EdsError, CodecError.
+        """
+        differences = []
+        for setting in self._applied.values():
+            if setting.need is Need.OPTIONAL:
+                continue
+            read = await self._number(setting.index, setting.subindex)
+            if read not in setting.values:
+                wanted = " or ".join(map(str, setting.values))
+                differences.append(f"{setting} reads {read}, not {wanted}")
+        return differences
+
+    def meaning_of(self, index: int, subindex: int) -> str | None:
+        """What an object is that we have set; None for one that we have not."""
+        setting = self._applied.get((index, subindex))
+        if setting is not None:
+            return str(setting)
+        if index in _PDO_OBJECTS or index in _WHOLE_CONFIGURATION:
+            return f"0x{index:04X}:{subindex:02X}"
+        return None
 
     async def _identify(self) -> Identity:
         device_type = await self._number(objects.DEVICE_TYPE)
@@ -144,6 +172,7 @@ class NodeSetUp:
         if read not in setting.values:
             wrote = " or ".join(map(str, setting.values))
             raise BringUpError(SETTING_REFUSED, f"{setting}: wrote {wrote}, reads {read}{refusal}")
+        self._applied[setting.index, setting.subindex] = setting
 
     def _without(self, setting: Setting, why: str) -> None:
         if setting.need is Need.REQUIRED:

@@ -44,6 +44,12 @@ SAFETY_MISSING: Final = Condition(
     "the node has no object for one of its own safety reactions",
     "know what it will not do by itself, and rely on the hardware for it",
 )
+SETTINGS_CHANGED: Final = Condition(
+    "node_settings_changed",
+    "settings of the node are not, or may not be, what they were set to",
+    "the object is named; find out who writes to it; the node is set up anew by itself when its "
+    "drives are off and nobody else commands them",
+)
 SDO_SILENT: Final = Condition(
     "node_sdo_silent",
     "the node does not answer requests",

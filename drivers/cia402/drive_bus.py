@@ -7,14 +7,17 @@ from typing import Final
 
 from config.axis import Axis
 from config.bus import Bus
+from drivers.bounded import end_tasks
 from drivers.can.bits import worst_case_bits
-from drivers.can.conditions import CANNOT_OPEN, FOREIGN_FRAMES, GONE
+from drivers.can.bus_lock import BusTakenError
+from drivers.can.conditions import CANNOT_OPEN, GONE, TAKEN
 from drivers.can.link import CanLink, FrameReceiver, LinkError
 from drivers.can.traffic_tap import TrafficTap
 from drivers.canopen.codec import cob_ids
 from drivers.canopen.codec.nmt import NmtCommand, NmtState, encode_heartbeat, encode_nmt_command
 from drivers.canopen.object_dictionary import ObjectDictionary
 from drivers.cia402.axis_channel import AxisChannel
+from drivers.cia402.foreign_frames import ForeignFrames
 from drivers.cia402.homing import Homing
 from drivers.cia402.modes import CYCLIC_MODES
 from drivers.cia402.node import Node, NodeState
@@ -28,6 +31,7 @@ LinkOpener = Callable[[FrameReceiver], Awaitable[CanLink]]
 
 _SYNC: Final = (cob_ids.SYNC, b"")
 _OPEN_AGAIN_S: Final = 0.1
+_LIVES_END_WITHIN_S: Final = 1.0
 _WATCH_EVERY_NS: Final = 10_000_000
 _LAST_FRAMES_S: Final = 0.01  # until what was sent has left the interface's queue
 _WAITS_FOR_OTHERS: Final = (PowerState.OPERATION_ENABLED, PowerState.SWITCHED_ON)
@@ -43,7 +47,7 @@ class Traffic:
     refused: int = 0
     """Frames that the interface did not take; a newer one follows in the next cycle."""
     foreign: int = 0
-    """Frames of nodes that are not in the robot file."""
+    """Frames that neither we nor the nodes in the robot file have sent."""
     bits: int = 0
     """Of all of these, at their longest."""
 
@@ -66,16 +70,26 @@ class DriveBus:
         *,
         on_change: Callable[[ConditionChange], None] | None = None,
         tap: TrafficTap | None = None,
+        listens_first_s: float = 0.0,
     ) -> None:
         """axes: those of this bus, with their places in the actuation vector.
 
-        dictionaries: by node. tap: sees every data frame, sent or received.
+        dictionaries: by node. tap: sees every data frame, sent or received. listens_first_s: how
+        long it listens for another master, each time that the link is open, before it says a word.
         """
         self.name = name
         self.bus = bus
         self.traffic = Traffic()
         self.conditions = Conditions(on_change)
         self.channels = [AxisChannel(axis, index) for index, axis in axes]
+        self._foreign_frames = ForeignFrames(
+            name,
+            bus.master_node,
+            [channel.rpdo_id for channel in self.channels],
+            self.conditions,
+            self._written_by_others,
+        )
+        self._listens_first_s = listens_first_s
         self.nodes = self._make_nodes(dictionaries, clock)
         self._open_link = open_link
         self._clock = clock
@@ -159,6 +173,11 @@ class DriveBus:
             if channel.state is PowerState.FAULT:
                 channel.begin_fault_reset(self._clock.now_ns())
 
+    async def check_settings(self, within_s: float) -> list[str]:
+        """Read back what the drives' own safety depends on: what is wrong with it, in words."""
+        found = await asyncio.gather(*(n.check_settings(within_s) for n in self.nodes.values()))
+        return [wrong for wrong in found if wrong]
+
     async def home(self, permitted: PermittedHoming) -> None:
         """Let one axis of this bus look for its zero. Raises HomingError."""
         channel = next(one for one in self.channels if one.index == permitted.axis)
@@ -214,9 +233,7 @@ class DriveBus:
             try:
                 await self._lost.wait()
             finally:
-                for life in lives:
-                    life.cancel()
-                await asyncio.gather(*lives, return_exceptions=True)
+                await end_tasks(lives, _LIVES_END_WITHIN_S)
                 for node in self.nodes.values():
                     node.link_lost()
 
@@ -259,7 +276,8 @@ class DriveBus:
         if handler is not None:
             handler(data, t_ns)
         else:
-            self._foreign(can_id, t_ns)
+            traffic.foreign += 1
+            self._foreign_frames.received(can_id, data, t_ns)
 
     def condition_seen(self, condition: Condition, present: bool, detail: str) -> None:
         now_ns = self._clock.now_ns()
@@ -270,6 +288,7 @@ class DriveBus:
 
     def link_lost(self, error: OSError) -> None:
         self._link = None
+        self._foreign_frames.forget()
         now_ns = self._clock.now_ns()
         self.conditions.clear_subject(self.name, now_ns)
         self.conditions.set(GONE, self.name, now_ns, str(error))
@@ -300,6 +319,7 @@ class DriveBus:
 
     def _watch(self, link: CanLink, t_ns: int) -> None:
         """Look after the nodes; once all are well, their frames need not wake us one by one."""
+        self._foreign_frames.watch(t_ns)
         in_cycle = True
         for node in self.nodes.values():
             node.watch(t_ns)
@@ -309,9 +329,12 @@ class DriveBus:
             self._reads_in_cycle = in_cycle
             link.read_in_cycle(in_cycle)
 
-    def _foreign(self, can_id: int, t_ns: int) -> None:
-        self.traffic.foreign += 1
-        self.conditions.set(FOREIGN_FRAMES, self.name, t_ns, f"identifier 0x{can_id:X}")
+    def _bus_is_ours(self) -> bool:
+        return not self._foreign_frames.master_present
+
+    def _written_by_others(self, node: int, index: int, subindex: int) -> None:
+        if node in self.nodes:
+            self.nodes[node].written(index, subindex)
 
     def _current_step(self) -> PermittedStep | None:
         """The step, unless an axis has stopped following: none may move on without the others."""
@@ -333,14 +356,31 @@ class DriveBus:
             link = await self._open_link(self)
         except LinkError as error:
             now_ns = self._clock.now_ns()
-            self.conditions.set(CANNOT_OPEN, self.name, now_ns, str(error))
+            why, other = TAKEN, CANNOT_OPEN
+            if not isinstance(error, BusTakenError):
+                why, other = other, why
+            self.conditions.clear(other, self.name, now_ns)
+            self.conditions.set(why, self.name, now_ns, str(error))
             return False
+        try:
+            await self._listen()
+        except asyncio.CancelledError:
+            link.close()
+            raise
         if self._lost.is_set():
             return False
         self._link, self._reads_in_cycle = link, False
-        for condition in (CANNOT_OPEN, GONE):
+        for condition in (CANNOT_OPEN, TAKEN, GONE):
             self.conditions.clear(condition, self.name, self._clock.now_ns())
         return True
+
+    async def _listen(self) -> None:
+        """Say nothing before the bus is known to have no other master: its robot may be moving."""
+        if self._listens_first_s:
+            await asyncio.sleep(self._listens_first_s)
+        while not self._bus_is_ours() and not self._lost.is_set():
+            await asyncio.sleep(_OPEN_AGAIN_S)
+            self._foreign_frames.watch(self._clock.now_ns())
 
     async def _reach(self, goal: PowerGoal) -> None:
         self.set_goal(goal)
@@ -362,6 +402,7 @@ class DriveBus:
                 self.send,
                 clock,
                 self.conditions,
+                self._bus_is_ours,
             )
             for number, channels in by_node.items()
         }

@@ -11,7 +11,7 @@ from drivers.canopen.codec.emcy import Emergency, decode_emergency
 from drivers.canopen.codec.error import CodecError
 from drivers.canopen.codec.nmt import NmtCommand, NmtState, encode_nmt_command
 from drivers.canopen.heartbeat_monitor import HeartbeatMonitor
-from drivers.canopen.object_dictionary import ObjectDictionary
+from drivers.canopen.object_dictionary import EdsError, ObjectDictionary
 from drivers.canopen.sdo_client import SdoClient, SdoError
 from drivers.cia402 import conditions as c
 from drivers.cia402 import objects
@@ -57,7 +57,10 @@ class Node:
         send: Send,
         clock: Clock,
         conditions: Conditions,
+        bus_is_ours: Callable[[], bool] = lambda: True,
     ) -> None:
+        """bus_is_ours: False while another master commands on the bus. No node is set up then:
+        its drives may be moving at the other's command."""
         drive = channels[0].axis.drive
         self.number = drive.node
         self.subject = subject
@@ -83,6 +86,10 @@ class Node:
         """When each axis that is held back by a limit last said so."""
         self._malformed_ns: int | None = None
         """When a state last came in another form; None: not for a while."""
+        self._bus_is_ours = bus_is_ours
+        self._set_up_by: NodeSetUp | None = None
+        self._must_be_rewritten = False
+        """Somebody may have changed what we had set."""
         self._heard = asyncio.Event()
         self._trouble = asyncio.Event()
 
@@ -141,6 +148,9 @@ class Node:
         """Look for what has not come. Called every cycle."""
         if self.state is not NodeState.OPERATIONAL:
             return
+        if self._must_be_rewritten and self._may_be_rewritten:
+            self._in_trouble()
+            return
         if self.heartbeat.is_lost(t_ns):
             self._conditions.set(c.LOST, self.subject, t_ns)
             self._in_trouble()
@@ -177,6 +187,45 @@ class Node:
             del self._limited_ns[subject]
             self._conditions.clear(c.LIMIT_ACTIVE, subject, t_ns)
 
+    # What it was set to.
+
+    def written(self, index: int, subindex: int) -> None:
+        """Somebody else has written to one of its objects."""
+        meaning = self._set_up_by.meaning_of(index, subindex) if self._set_up_by else None
+        if meaning is not None:
+            self._settings_changed(f"somebody else wrote to {meaning}")
+
+    async def check_settings(self, within_s: float) -> str:
+        """Read back what the drives' own safety depends on. Never raises.
+
+        Returns what is wrong with it, in words; empty: nothing, or the node is not operational,
+        which is told as such. Where a setting differs the node is set up anew.
+        """
+        set_up, wrong = self._set_up_by, ""
+        if self.state is not NodeState.OPERATIONAL or set_up is None:
+            return ""
+        try:
+            async with asyncio.timeout(within_s):
+                differences = await set_up.differences()
+        except TimeoutError:
+            wrong = f"has not shown its settings within {within_s:g} s"
+        except (SdoError, EdsError, CodecError) as error:
+            wrong = f"does not show its settings: {error}"
+        else:
+            if differences:
+                wrong = ", ".join(differences)
+                self._settings_changed(wrong)
+        return f"{self.subject} {wrong}" if wrong and self.state is NodeState.OPERATIONAL else ""
+
+    def _settings_changed(self, detail: str) -> None:
+        self._must_be_rewritten = True
+        self._remark(c.SETTINGS_CHANGED, detail)
+
+    @property
+    def _may_be_rewritten(self) -> bool:
+        """Setting it up resets its communication, at which drives with torque would stop."""
+        return self._bus_is_ours() and not any(one.state.energised for one in self.channels)
+
     # Its life.
 
     async def life(self) -> None:
@@ -184,6 +233,8 @@ class Node:
         while True:
             self.state = NodeState.SETTING_UP
             self._forget()
+            while not self._bus_is_ours():
+                await asyncio.sleep(_TRY_AGAIN_S)
             try:
                 await self._set_up()
                 await self._start()
@@ -233,6 +284,7 @@ class Node:
         boot_ups = self.heartbeat.boot_ups
         axes = [channel.axis for channel in self.channels]
         set_up = NodeSetUp(self._bus, axes, self.dictionary, self.sdo, self._remark)
+        self._set_up_by, self._must_be_rewritten = set_up, False
         try:
             self.identity = await set_up.run()
         except BringUpError:

@@ -52,6 +52,7 @@ ROWS = [
     Row(DRIVE + "sync_loss=0.5s", "node_pdo_silent"),
     Row(DRIVE + "emergency=0x7305", "drive_fault", "axis_0", says="0x7305"),
     Row(DRIVE + "short_emergency=0x1000", "drive_emergency", says="0x1000", stops=False),
+    Row(DRIVE + "setting=0x605A,0,5", "node_settings_changed", says="0x605A:00"),
     Row(DRIVE + "warning=0.5s", "drive_warning", "axis_0", stops=False),
     Row(DRIVE + "blocked=1s", "drive_following_error", says="0x8611", moving=True),
     Row(DRIVE + "over_temperature=0.5s", "drive_fault", "axis_0", says="0x4310"),
@@ -77,6 +78,9 @@ ROWS = [
     Row(BUS_ + "drop=0.9,0.5s", "node_pdo_silent"),
     Row(BUS_ + "corrupt=0.5,0.5s", "bus_error_passive", "can0", stops=False),
     Row(BUS_ + "babble=12000,0.5s", "bus_foreign_frames", "can0", stops=False),
+    Row(BUS_ + "foreign_master=0.5s", "bus_foreign_master", "can0", "SYNC", stops=False),
+    Row(BUS_ + "foreign_master=0.5s,nmt", "bus_foreign_master", "can0", "enter pre operational"),
+    Row(BUS_ + "foreign_write=1,0x605A,0,5", "node_settings_changed", says="0x605A:00"),
     Row(BUS_ + "delay=0.1s,0.6s", "node_pdo_silent"),
 ]
 
@@ -103,7 +107,14 @@ def test_a_fault_is_named_and_recovered_from(row: Row) -> None:
                 rig.master.channels[0].set_goal(PowerGoal.OFF, rig.clock.now_ns())
                 await asyncio.sleep(0.2)
                 rig.master.channels[0].set_goal(PowerGoal.ENABLED, rig.clock.now_ns())
+        if row.fault == "setting":  # nobody could notice before the drives are asked
+            (wrong,) = await rig.master.check_settings(1.0)
+            assert wrong == "can0/1 0x605A:00 (end of a quick stop) reads 5, not 6"
         await rig.until(lambda: row.condition in rig.names(), within_s=5.0)
+        if row.condition == "node_settings_changed":
+            await asyncio.sleep(3.0)
+            assert rig.master.operational, "a node is not set up anew while its drive has torque"
+            rig.master.set_goal(PowerGoal.OFF)
         told = next(t for t in rig.told if t.name == row.condition)
         assert told.subject == row.subject
         assert row.says in told.detail
@@ -131,7 +142,7 @@ async def recovered(rig: Rig, row: Row) -> None:
     await asyncio.sleep(0.5)
     await rig.enabled()
     await asyncio.sleep(0.1)
-    left = {name for name, _ in rig.holding()} - {"drive_emergency", "bus_foreign_frames"}
+    left = {name for name, _ in rig.holding()} - {"drive_emergency"}
     assert left == set()
 
 

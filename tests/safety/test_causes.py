@@ -9,13 +9,14 @@ from safety.causes import CAUSES, Cause, ClearRule, Severity, cause, causes_as_m
 BY_SEVERITY = {
     Severity.WARNING: "tracker_warning bus_degraded drive_warning drive_limit loop_slow "
     "real_time_degraded recording_dropped",
-    Severity.NOT_READY: "tracker_not_ready node_not_ready bus_not_open recorder_failed disk_low",
+    Severity.NOT_READY: "tracker_not_ready node_not_ready "
+    "drive_settings_changed bus_not_open recorder_failed disk_low",
     Severity.HOLD: "tracker_late tracker_quality bus_queue_full drive_emergency loop_late "
     "lease_lost setpoint_late risk_too_high risk_unavailable gate_refused controller_failed "
     "out_of_workspace tendon_slack disk_full operator_hold",
     Severity.DISARM: "tracker_gone lease_abandoned arming_failed",
-    Severity.FAULT: "bus_gone bus_off drive_fault drive_following_error drive_not_enabled "
-    "node_lost node_reset loop_stalled tendon_over_tension internal_error",
+    Severity.FAULT: "foreign_master bus_gone bus_off drive_fault drive_following_error "
+    "drive_not_enabled node_lost node_reset loop_stalled tendon_over_tension internal_error",
     Severity.ESTOP: "drive_no_voltage",
 }
 ARE_OVER_BEFORE_ANYBODY_LOOKS = {

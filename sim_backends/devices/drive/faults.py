@@ -10,7 +10,7 @@ from sim_backends.devices.can.bus import CanBus
 from sim_backends.devices.drive.axis import AXIS_OFFSET, Axis
 from sim_backends.devices.drive.communication import Communication
 from sim_backends.devices.drive.emergency import SHORT_EMERGENCY_BYTES
-from sim_backends.devices.drive.object_dictionary import ObjectDictionary
+from sim_backends.devices.drive.object_dictionary import ObjectDictionary, SdoAbortError
 from sim_backends.faults import FOREVER_S, FaultError, FaultKind, Parameter, Value
 
 
@@ -31,6 +31,15 @@ DRIVE_FAULTS: Final = (
     _lasting("sync_loss", "hears no SYNC"),
     FaultKind("emergency", "has a fault", (Parameter("code", "code"),)),
     FaultKind("short_emergency", "sends an EMCY of 3 bytes", (Parameter("code", "code", 0x1000),)),
+    FaultKind(
+        "setting",
+        "one of its objects is changed over its own service port, not over the bus",
+        (
+            Parameter("index", "code"),
+            Parameter("subindex", "code", 0),
+            Parameter("value", "number", 0.0),
+        ),
+    ),
     _lasting("warning", "shows the warning bit"),
     _lasting("blocked", "its shaft is jammed"),
     _lasting("over_temperature", "is too hot: fault 0x4310"),
@@ -129,6 +138,7 @@ class DriveFaults:
             "wrong_identity": self._wrong_identity,
             "emergency": self._emergency,
             "short_emergency": self._short_emergency,
+            "setting": self._setting,
             "sdo_late": self._sdo_late,
             "sdo_abort": self._sdo_abort,
             "sdo_toggle": self._sdo_toggle,
@@ -182,6 +192,13 @@ class DriveFaults:
         code = int(arguments["code"]) & 0xFFFF
         emergency = self._drive.communication.emergency
         emergency.send(Emergency(code), t_ns, SHORT_EMERGENCY_BYTES)
+
+    def _setting(self, arguments: Mapping[str, Value], t_ns: int) -> None:
+        index, subindex = int(arguments["index"]), int(arguments["subindex"])
+        try:
+            self._drive.objects.look_up(index, subindex).write(int(arguments["value"]), t_ns)
+        except SdoAbortError as error:
+            raise FaultError(f"0x{index:04X}:{subindex:02X}: {error}") from None
 
     def _sdo_late(self, arguments: Mapping[str, Value], t_ns: int) -> None:
         self._drive.communication.sdo.trouble.late_ns = nanoseconds(arguments["delay"])

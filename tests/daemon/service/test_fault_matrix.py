@@ -13,7 +13,7 @@ import pytest
 from rich.console import Console
 
 from daemon.control.controller import ControllerError
-from daemon.remote.messages import Acquire, Arm, Clear, Hold, Inject, Resume, Status
+from daemon.remote.messages import Acquire, Arm, Clear, Disarm, Hold, Inject, Resume, Status
 from daemon.remote.status_view import status_view
 from drivers.cia402.power_state import PowerState
 from safety.causes import Severity, cause
@@ -40,6 +40,12 @@ WHILE_RUNNING = (
     Row("tracker_late", "tracker.reset"),
     Row("tracker_gone", "tracker.missing=5s"),
     Row("tracker_warning", "tracker.partially_out_of_volume=2s"),
+    Row("foreign_master", "bus.can0.foreign_master=2s"),
+    Row("foreign_master", "bus.can0.foreign_master=2s,heartbeat"),
+    Row("foreign_master", "bus.can0.foreign_master=2s,nmt"),
+    Row("foreign_master", "bus.can0.foreign_master=2s,sdo"),
+    Row("foreign_master", "bus.can0.foreign_master=2s,setpoint"),
+    Row("drive_settings_changed", "bus.can0.foreign_write=3,0x605A,0,5"),
     Row("bus_gone", "bus.can0.unplug=1s"),
     Row("bus_off", "bus.can0.down=1s"),
     Row("bus_off", "bus.can0.off"),
@@ -68,6 +74,9 @@ async def look_at_outcome(rig: Rig, name: str) -> None:
     if severity is Severity.HOLD:
         await rig.until(lambda: bool(rig.events("state", S.HOLD.value)))
         return
+    if name == "drive_settings_changed":  # whoever changes them is what stops the robot
+        name, severity = "foreign_master", cause("foreign_master").severity
+        assert rig.events("cause", name)
     wanted = {Severity.DISARM: S.STANDBY, Severity.FAULT: S.FAULT, Severity.ESTOP: S.ESTOP}
     states = {wanted[severity], S.FAULT} if severity is Severity.ESTOP else {wanted[severity]}
     await rig.until_state(*states, within_s=5.0)
@@ -105,6 +114,41 @@ def test_a_fault_while_running(row: Row) -> None:
         assert told.text == cause(row.cause).text
         await look_at_outcome(rig, row.cause)
         await recover(rig, row)
+
+    on_a_rig(scene)
+
+
+def test_arming_reads_the_drives_safety_objects_back_and_names_what_differs() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.armed()
+        await rig.do(Disarm)
+        await rig.do(Inject, fault="drive.can0/3.setting=0x6085,0,1")
+        await asyncio.sleep(1.0)
+        assert rig.in_state(S.READY), "nothing on the bus tells of it"
+        began_ns = rig.service.clock.now_ns()
+        refused = await rig.refused(Arm)
+        assert rig.service.clock.now_ns() - began_ns < 3_500_000_000
+        assert refused.name == "settings_differ"
+        assert refused.text.startswith("can0/3 0x6085:00 (quick stop ramp) reads 1, not ")
+        await rig.until(lambda: "drive_settings_changed" in rig.causes)
+        assert rig.power <= {PowerState.SWITCH_ON_DISABLED, PowerState.UNKNOWN}
+        await rig.until_state(S.READY)
+        await rig.do(Arm)
+
+    on_a_rig(scene)
+
+
+def test_arming_is_refused_in_bounded_time_where_a_drive_does_not_show_its_settings() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.do(Acquire)
+        await rig.do(Inject, fault="drive.can0/2.sdo_silent=10s")
+        began_ns = rig.service.clock.now_ns()
+        refused = await rig.refused(Arm)
+        assert rig.service.clock.now_ns() - began_ns < 3_500_000_000
+        assert refused.name == "settings_differ"
+        assert refused.text.startswith("can0/2 does not show its settings: ")
+        await asyncio.sleep(10.0)
+        await rig.do(Arm)
 
     on_a_rig(scene)
 

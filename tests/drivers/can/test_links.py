@@ -1,6 +1,7 @@
 """Links opened by configuration: python-can's own interfaces, serial adapters, the emulated bus."""
 
 import asyncio
+import fcntl
 import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -11,12 +12,14 @@ import pytest
 
 from config.bus import Bus
 from daemon.clock import MonotonicClock, run_in_real_time
+from drivers.can.bus_lock import BusTakenError, bus_name
 from drivers.can.conditions import OFF
 from drivers.can.fd_link import FdLink
 from drivers.can.link import CanLink, LinkError
 from drivers.can.open_link import open_link
 from drivers.can.python_can_link import PythonCanLink
 from drivers.can.slcan_link import SlcanLink
+from drivers.exclusive_name import is_taken
 from sim_backends.device import Pump
 from sim_backends.devices.can.bus import CanBus
 from sim_backends.devices.can.faults import BusFaults
@@ -177,12 +180,43 @@ def test_a_serial_adapter_that_says_nothing_is_lost(tmp_path: Path) -> None:
     run_in_real_time(test())
 
 
-def test_a_serial_adapter_is_not_shared(tmp_path: Path) -> None:
+@pytest.mark.parametrize("interface", ["tentacled", "slcan"])
+def test_a_bus_has_one_master_and_is_free_again_when_its_link_is_closed(
+    tmp_path: Path, interface: str
+) -> None:
     async def test() -> None:
-        async with bench(tmp_path, "slcan") as one:
+        async with bench(tmp_path, interface) as one:
+            assert one.link is not None
+            channel = tmp_path / ("can0.sock" if interface == "tentacled" else "can0")
+            link = tmp_path / "another name"
+            link.symlink_to(channel)
+            one.heard.clear()
+            for name in (channel, link):
+                with pytest.raises(BusTakenError, match="is taken: this process has it open"):
+                    await open_link(config(interface, name), Receiver(), one.clock)
+            await settle()
+            assert one.link.send(0x80, b"")
+            await one.until(lambda: one.heard)
+            assert one.heard == [(0x80, b"")], "not a byte has gone to the adapter"
+            assert one.receiver.lost == []
+            one.link.close()
+            await one.until(lambda: not is_taken(bus_name(config(interface, channel))))
+            one.link = await open_link(config(interface, link), one.receiver, one.clock)
+
+    run_in_real_time(test())
+
+
+def test_a_serial_adapter_that_another_kind_of_program_has_is_not_shared(tmp_path: Path) -> None:
+    async def test() -> None:
+        one = Bench(tmp_path)
+        with (tmp_path / "can0").open("rb", buffering=0) as theirs:
+            fcntl.flock(theirs, fcntl.LOCK_EX)
             with pytest.raises(LinkError, match="in use"):
                 await open_link(config("slcan", tmp_path / "can0"), Receiver(), one.clock)
-            assert one.receiver.lost == []
+        assert not is_taken(bus_name(config("slcan", tmp_path / "can0")))
+        one.adapter.close()
+        one.server.close()
+        one.pump.stop()
 
     run_in_real_time(test())
 

@@ -47,14 +47,45 @@ class Rig:
 def test_every_fault_can_be_ordered_and_ends() -> None:
     rig = Rig()
     for fault in BUS_FAULTS:
-        arguments = [str(p.default) for p in fault.parameters if p.name != "duration"]
-        lasting = any(p.name == "duration" for p in fault.parameters)
-        rig.order(f"{fault.name}={','.join([*arguments, '10ms'] if lasting else arguments)}")
+        arguments = [
+            "10ms" if p.name == "duration" else "1" if p.default is None else str(p.default)
+            for p in fault.parameters
+        ]
+        rig.order(f"{fault.name}={','.join(arguments)}")
         rig.run(300)
     rig.drive.heard.clear()
     assert rig.master.port.send(0x181, b"", rig.bus.now_ns)
     rig.run(1)
     assert rig.drive.ids == [0x181]
+
+
+@pytest.mark.parametrize(
+    ("frames", "can_id"),
+    [("sync", 0x080), ("heartbeat", 0x77F), ("nmt", 0x000), ("sdo", 0x601), ("setpoint", 0x201)],
+)
+def test_another_master_says_one_thing_again_and_again_while_it_is_there(
+    frames: str, can_id: int
+) -> None:
+    rig = Rig()
+    rig.order(f"foreign_master=500ms,{frames}")
+    rig.run(499)
+    assert set(rig.drive.ids) == {can_id}
+    assert 8 <= len(rig.drive.ids) <= 11
+    rig.run(1000)
+    assert len(rig.drive.ids) <= 11
+    with pytest.raises(FaultError, match="sends sync, heartbeat"):
+        rig.order("foreign_master=500ms,telegrams")
+
+
+def test_another_master_writes_one_object_once() -> None:
+    rig = Rig()
+    rig.order("foreign_write=3,0x605A,0,-2")
+    rig.run(1000)
+    assert rig.drive.ids == [0x603]
+    assert rig.drive.heard[0][1] == bytes.fromhex("225a6000feffffff")
+    for wrong in ("200,0x605A", "3,0x1605A", "3,0x605A,300", "3,0x605A,0,1e12"):
+        with pytest.raises(FaultError, match="no such object can be written"):
+            rig.order(f"foreign_write={wrong}")
 
 
 def test_off_takes_adapters_off_the_bus_but_no_drives() -> None:
