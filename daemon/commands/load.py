@@ -3,6 +3,7 @@
 import argparse
 import sys
 from pathlib import Path
+from typing import Any
 
 from config.problems import ConfigError
 from config.yaml_document import read_yaml
@@ -14,6 +15,7 @@ from daemon.remote.command_line import (
     run_command,
 )
 from daemon.remote.messages import Load
+from daemon.remote.wire import encode, most_bytes
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -48,8 +50,58 @@ def run(arguments: argparse.Namespace) -> int:
             print(model, file=sys.stderr)
             return EXIT_FAILED
         controller = {**controller, **model}
-    command = Load(trajectory=trajectory, controller=controller, cycles=arguments.cycles)
+    try:
+        command = Load(
+            trajectory=_with_points(trajectory, arguments.file.parent),
+            controller=controller,
+            cycles=arguments.cycles,
+            robot=_robot_name(content.get("robot"), arguments.file),
+        )
+    except LoadError as error:
+        print(error, file=sys.stderr)
+        return EXIT_FAILED
+    if len(encode(command)) > most_bytes(Load):
+        text = "more than a message holds: keep them in the daemon's own folder (`run --files`)"
+        print(f"{arguments.file}: its waypoints are {text}", file=sys.stderr)
+        return EXIT_FAILED
     return run_command(arguments, command)
+
+
+class LoadError(ValueError):
+    """A file that cannot be loaded; the text says which, and why."""
+
+
+def _with_points(trajectory: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """With the points of its waypoint file as data: the daemon reads no files of ours.
+
+    Raises LoadError.
+    """
+    name = trajectory.get("file")
+    if trajectory.get("kind") != "waypoints" or not isinstance(name, str):
+        return trajectory
+    # Nobody else who loads a trajectory has to wait for numpy.
+    from daemon.control.waypoints import WaypointError, read_waypoints
+
+    try:
+        times, points = read_waypoints(folder / name, closed=False)
+    except WaypointError as error:
+        raise LoadError(str(error)) from None
+    rows = [[t, *point] for t, point in zip(times.tolist(), points.tolist(), strict=True)]
+    return {**{key: value for key, value in trajectory.items() if key != "file"}, "points": rows}
+
+
+def _robot_name(named: object, path: Path) -> str:
+    """The robot that an experiment is for, by the robot file that it names. Raises LoadError."""
+    if not isinstance(named, str):
+        return ""
+    from daemon.experiment.experiment_file import robot_path
+
+    robot_file = robot_path(named, path)
+    content = read_yaml(robot_file).value if robot_file.is_file() else None
+    name = content.get("robot") if isinstance(content, dict) else None
+    if not isinstance(name, str):
+        raise LoadError(f"{path}: its `robot` names {robot_file}, which is no robot file")
+    return name
 
 
 def _pretrained(path: Path) -> dict[str, str] | str:

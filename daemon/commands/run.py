@@ -9,6 +9,7 @@ from pathlib import Path
 from daemon.cli import EXIT_FAILED, EXIT_OK
 from daemon.clock import MonotonicClock, run_in_real_time
 from daemon.connections import RealConnections
+from daemon.files import models_directory
 from daemon.lab_client import LabRefusedError, LabUnreachableError, ask
 from daemon.learning.warm_up import warm_up
 from daemon.loop.real_time import RealTime
@@ -20,6 +21,7 @@ from daemon.remote.server import RemoteOpenError, RemoteServer
 from daemon.risk.body_risk_source import RiskFilesError, make_risk_source
 from daemon.robot_argument import CheckedRobot, add_robot_argument, robot_or_explain
 from daemon.runtime_directory import default_runtime_directory, uses_lab, with_lab_ports
+from daemon.service.asked import in_a_thread
 from daemon.service.operator import Operator
 from daemon.service.robot_service import RobotService
 from daemon.service.run_recording import MakeFolder, RunRecording
@@ -43,6 +45,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--runs", type=Path, default=Path("runs"), metavar="DIR", help="where recordings go"
     )
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of controllers")
+    parser.add_argument(
+        "--files",
+        type=Path,
+        metavar="DIR",
+        help="whose files clients may name, models and waypoints (default: where models are kept)",
+    )
     parser.add_argument(
         "--no-real-time",
         action="store_true",
@@ -93,7 +101,8 @@ async def _serve(checked: CheckedRobot, arguments: argparse.Namespace, risk: Ris
     make_folder = _folder_maker(checked, arguments.runs, clock, arguments.seed)
     recording = RunRecording(service, make_folder, arguments.seed)
     inject = _injector(directory) if simulated else None
-    operator = Operator(service, recording, arguments.seed, inject)
+    files = arguments.files or models_directory()
+    operator = Operator(service, recording, arguments.seed, inject, files, in_a_thread)
     server = RemoteServer(
         robot.robot,
         robot.remote,

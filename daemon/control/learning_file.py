@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from config.robot import Robot
+from daemon.files import MOST_MODEL_BYTES, open_regular
 from daemon.learning import pretrained_model
 from daemon.learning.lwpr import Lwpr
 from daemon.learning.lwpr_settings import LwprSettings
@@ -61,7 +62,10 @@ def save_learnt(path: Path, learnt: LearntFile, robot: Robot) -> None:
 def load_learnt(path: Path, controller: str, robot: Robot) -> LearntFile:
     """Raises ModelError for a file that is none, or not for this controller and robot; OSError."""
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+        with (
+            open_regular(path, MOST_MODEL_BYTES) as file,
+            np.load(file, allow_pickle=False) as stored,
+        ):
             told = json.loads(str(stored[_METADATA]))
             if told["kind"] == pretrained_model.KIND:
                 return LearntFile("", PretrainedModel.load(path, robot))

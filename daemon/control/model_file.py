@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from config.robot import Robot
+from daemon.files import MOST_MODEL_BYTES, open_regular
 from daemon.learning.npz_file import ModelError, save_npz
 from daemon.learning.robot_fit import whose
 from drivers.pose import Vector
@@ -35,7 +36,10 @@ def load_model(
     Raises ModelError that names what does not fit, OSError for a file that cannot be opened.
     """
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+        with (
+            open_regular(path, MOST_MODEL_BYTES) as file,
+            np.load(file, allow_pickle=False) as stored,
+        ):
             text = str(stored[_METADATA])
             arrays = {name: np.asarray(stored[name], dtype=np.float64) for name in shapes}
         found = json.loads(text)

@@ -1,18 +1,24 @@
 """Whether a trajectory can be followed at all, asked before anything moves."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from config.control import Workspace
+from daemon.control.axis_ranges import AxisRanges
 from daemon.control.trajectories import Trajectory
 from drivers.pose import Vector
 
 MODEL_SAMPLES = 240
 """Places along one cycle at which the model is asked."""
 BOX_SAMPLES = 2000
-"""Places at which the workspace is, besides all corners."""
+"""Places at which workspace and speed are looked at, besides all corners."""
+_SAMPLES_AT_ONCE = 200
+_SPEED_MARGIN = 1.25
+"""A model's axes are searched place by place, each near the last: their speed is no better known.
+"""
 
 
 class KinematicModel(Protocol):
@@ -36,42 +42,90 @@ class HasKinematics(Protocol):
     def kinematics(self) -> KinematicModel: ...
 
 
-def unreachable(
-    trajectory: Trajectory, workspace: Workspace | None, model: KinematicModel | None
-) -> str | None:
+@dataclass(frozen=True)
+class Bounds:
+    """What a trajectory must keep to, as far as it is known."""
+
+    workspace: Workspace | None = None
+    model: KinematicModel | None = None
+    tip_speed_mm_s: float | None = None
+    """The fastest that the controller asks of the tip."""
+    axes: AxisRanges | None = None
+    """How fast the axes go, for a model that says where they are."""
+
+
+def unreachable(trajectory: Trajectory, bounds: Bounds) -> str | None:
     """The first place where the trajectory leaves what can be reached, as a sentence, or None."""
-    return next((found for found in looks(trajectory, workspace, model) if found), None)
+    return next((found for found in looks(trajectory, bounds) if found), None)
 
 
-def looks(
-    trajectory: Trajectory, workspace: Workspace | None, model: KinematicModel | None
-) -> Iterator[str | None]:
+def looks(trajectory: Trajectory, bounds: Bounds) -> Iterator[str | None]:
     """The same in pieces of a few milliseconds, for who has something else to do in between.
 
     The first that is not None is the answer; without one everything can be reached.
     """
-    if workspace is not None:
-        yield _outside(trajectory, workspace)
-    if model is None:
-        return
-    u: Vector | None = None
+    times = np.union1d(np.linspace(0.0, trajectory.cycle_s, BOX_SAMPLES + 1), trajectory.corners_s)
+    for first in range(0, len(times), _SAMPLES_AT_ONCE):
+        yield _out_of_bounds(trajectory, times[first : first + _SAMPLES_AT_ONCE], bounds)
+    if bounds.model is not None:
+        yield from _looks_of_model(trajectory, bounds.model, bounds.axes)
+
+
+def _looks_of_model(
+    trajectory: Trajectory, model: KinematicModel, axes: AxisRanges | None
+) -> Iterator[str | None]:
+    before: Vector | None = None
+    dt_s = trajectory.cycle_s / MODEL_SAMPLES
     for t_s in np.linspace(0.0, trajectory.cycle_s, MODEL_SAMPLES + 1):
         point = trajectory.in_cycle(t_s)[0]
-        u, miss_mm = model.reach(point, u)
-        yield (
-            None
-            if miss_mm <= model.tolerance_mm
-            else (
-                f"{_where(trajectory, t_s, point)}, and the axes' travel ends {miss_mm:.1f} mm "
+        u, miss_mm = model.reach(point, before)
+        where = _where(trajectory, t_s, point)
+        if miss_mm > model.tolerance_mm:
+            yield (
+                f"{where}, and the axes' travel ends {miss_mm:.1f} mm "
                 f"before it, by the controller's model"
             )
-        )
+        elif before is not None and axes is not None:
+            yield _too_fast(axes, np.abs(u - before) / dt_s, where)
+        else:
+            yield None
+        before = u
 
 
-def _outside(trajectory: Trajectory, workspace: Workspace) -> str | None:
-    even = np.linspace(0.0, trajectory.cycle_s, BOX_SAMPLES + 1)
-    times = np.union1d(even, trajectory.corners_s)
-    points = np.array([trajectory.in_cycle(t_s)[0] for t_s in times])
+def _too_fast(axes: AxisRanges, speeds: Vector, where: str) -> str | None:
+    share = speeds / axes.max_velocity
+    worst = int(np.argmax(share))
+    if share[worst] <= _SPEED_MARGIN:
+        return None
+    return (
+        f"{where}, and {axes.names[worst]} would have to go {speeds[worst]:.1f} per second, where "
+        f"{axes.max_velocity[worst]:g} is the most, by the controller's model"
+    )
+
+
+def _out_of_bounds(trajectory: Trajectory, times: Vector, bounds: Bounds) -> str | None:
+    motions = [trajectory.in_cycle(t_s) for t_s in times]
+    points = np.array([point for point, _ in motions])
+    with np.errstate(over="ignore"):
+        speeds = np.linalg.norm([velocity for _, velocity in motions], axis=1)
+    if bounds.workspace is not None:
+        outside = _outside(trajectory, times, points, bounds.workspace)
+        if outside:
+            return outside
+    most = np.inf if bounds.tip_speed_mm_s is None else bounds.tip_speed_mm_s * (1.0 + 1e-6)
+    fast = np.flatnonzero(~(speeds <= most))
+    if not fast.size:
+        return None
+    first = int(fast[0])
+    return (
+        f"{_where(trajectory, times[first], points[first])}, at {speeds[first]:.1f} mm/s, and the "
+        f"tip may go {most:.4g} mm/s: go slower, or raise the controller's max_tip_speed_mm_s"
+    )
+
+
+def _outside(
+    trajectory: Trajectory, times: Vector, points: Vector, workspace: Workspace
+) -> str | None:
     box = {"x_mm": workspace.x_mm, "y_mm": workspace.y_mm, "z_mm": workspace.z_mm}
     lowest, highest = np.array(list(box.values())).T
     beyond = np.maximum(lowest - points, points - highest)

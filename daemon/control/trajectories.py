@@ -11,6 +11,7 @@ import numpy as np
 
 from config.model import Vector3
 from config.trajectory import (
+    LONGEST_S,
     Circle,
     Helix,
     Hold,
@@ -20,7 +21,7 @@ from config.trajectory import (
     TrajectoryOptions,
     Waypoints,
 )
-from daemon.control.waypoints import read_waypoints
+from daemon.control.waypoints import checked_waypoints, read_waypoints
 from drivers.pose import Vector
 
 Motion = tuple[Vector, Vector]
@@ -80,8 +81,16 @@ def make_trajectory(
     """The trajectory that `options` describe.
 
     base: where relative file names start. cycles: instead of the options' own number; a hold is
-    that many times as long. Raises WaypointError for a file that cannot be used.
+    that many times as long. Raises WaypointError for waypoints that cannot be used, ValueError for
+    what would never end.
     """
+    trajectory = _trajectory(options, base, cycles)
+    if not trajectory.duration_s <= LONGEST_S:
+        raise ValueError(f"all cycles together take longer than {LONGEST_S:g} s")
+    return trajectory
+
+
+def _trajectory(options: TrajectoryOptions, base: Path, cycles: int | None) -> Trajectory:
     if cycles is not None and cycles < 1:
         raise ValueError(f"a trajectory has 1 cycle or more, not {cycles}")
     if isinstance(options, Hold):
@@ -89,7 +98,11 @@ def make_trajectory(
         return Trajectory("hold", _stay(place), options.duration_s, cycles or 1)
     repeated = cycles or options.cycles
     if isinstance(options, Waypoints):
-        times, points = read_waypoints(base / options.file, closed=repeated > 1)
+        closed = repeated > 1
+        if options.file is not None:
+            times, points = read_waypoints(base / options.file, closed=closed)
+        else:
+            times, points = checked_waypoints(options.points or (), closed=closed)
         return Trajectory("waypoints", _polyline(times, points), float(times[-1]), repeated)
     return Trajectory(options.kind, _periodic(options), options.cycle_s, repeated)
 

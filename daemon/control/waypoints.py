@@ -1,21 +1,32 @@
-"""Waypoint files: CSV with the header `t, x, y, z`, in s and mm."""
+"""Waypoints: a CSV file with the header `t, x, y, z`, in s and mm, or rows of the same four."""
 
+import time
+from collections.abc import Iterable, Sequence
 from math import isfinite
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
+from config.trajectory import FARTHEST_MM, LONGEST_S
+from daemon.files import read_regular
 from drivers.pose import Vector
 
 HEADER = ("t", "x", "y", "z")
 LINES_AT_MOST = 20_000
+_MOST_BYTES: Final = 200 * LINES_AT_MOST
 _CLOSED_WITHIN_MM = 0.01
+_LINES_IN_A_ROW: Final = 50
+"""After so many lines other threads get their turn: one of them may be the control loop's."""
+
+Row = tuple[float, ...]
 
 
 class WaypointError(ValueError):
-    """A waypoint file that cannot be used: one `file:line: what` per problem."""
+    """Waypoints that cannot be used: one `where: what` per problem. Never quotes what it read:
+    whoever named a file may not be somebody who may read it."""
 
-    def __init__(self, problems: list[str]) -> None:
+    def __init__(self, problems: Sequence[str]) -> None:
         self.problems = tuple(problems)
         super().__init__("\n".join(problems))
 
@@ -26,64 +37,95 @@ def read_waypoints(path: Path, *, closed: bool) -> tuple[Vector, Vector]:
     closed: the last point must be the first. Raises WaypointError with every bad line.
     """
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        text = read_regular(path, _MOST_BYTES).decode("utf-8-sig")
     except OSError as error:
         raise WaypointError([f"{path}: {error.strerror or error}"]) from None
     except UnicodeDecodeError as error:
         raise WaypointError([f"{path}: not UTF-8 text at byte {error.start}"]) from None
+    lines = text.splitlines()
     if len(lines) > LINES_AT_MOST:
         raise WaypointError([f"{path}: {len(lines)} lines are more than {LINES_AT_MOST}"])
-    problems: list[str] = []
-    rows: list[tuple[float, ...]] = []
+    return _table(str(path), _numbered(lines), closed)
+
+
+def checked_waypoints(rows: Iterable[Row], *, closed: bool) -> tuple[Vector, Vector]:
+    """The same for rows that came as data."""
+    return _table("points", list(enumerate(rows, start=1)), closed)
+
+
+def _numbered(lines: list[str]) -> list[tuple[int, Row | str]]:
+    """What each line is that counts: numbers, or what is wrong with it."""
+    rows: list[tuple[int, Row | str]] = []
     header = False
     for number, line in enumerate(lines, start=1):
+        if number % _LINES_IN_A_ROW == 0:
+            time.sleep(0)
         words = [word.strip() for word in line.split(",")]
         if not any(words) or line.lstrip().startswith("#"):
             continue
-        if not header:
-            header = True
-            if tuple(words) != HEADER:
-                problems.append(f"{path}:{number}: the header must be `t, x, y, z`, not `{line}`")
+        if header:
+            rows.append((number, _row(words)))
             continue
-        row = _row(words)
-        if isinstance(row, str):
-            problems.append(f"{path}:{number}: {row}")
-        elif rows and row[0] <= rows[-1][0]:
-            problems.append(f"{path}:{number}: t = {row[0]:g} is not after {rows[-1][0]:g}")
+        header = True
+        if tuple(words) != HEADER:
+            rows.append((number, f"the header must be `{', '.join(HEADER)}`"))
+    return rows
+
+
+def _row(words: list[str]) -> Row | str:
+    """Four numbers, or what is wrong."""
+    if len(words) != len(HEADER):
+        return f"needs {len(HEADER)} numbers, and has {len(words)}"
+    values: list[float] = []
+    for name, word in zip(HEADER, words, strict=True):
+        try:
+            values.append(float(word))
+        except ValueError:
+            return f"{name} is not a number"
+    return tuple(values)
+
+
+def _table(
+    where: str, found: Sequence[tuple[int, Row | str]], closed: bool
+) -> tuple[Vector, Vector]:
+    problems: list[str] = []
+    rows: list[Row] = []
+    for number, row in found:
+        why = row if isinstance(row, str) else _why_not(row, rows)
+        if why:
+            problems.append(f"{where}:{number}: {why}")
         else:
+            assert not isinstance(row, str)
             rows.append(row)
-    problems += _problems_of_all(path, len(lines), rows, closed) if not problems else []
+    end = found[-1][0] if found else 1
+    problems += _problems_of_all(f"{where}:{end}", rows, closed) if not problems else []
     if problems:
         raise WaypointError(problems)
     table = np.array(rows)
     return table[:, 0] - table[0, 0], table[:, 1:]
 
 
-def _row(words: list[str]) -> tuple[float, ...] | str:
-    """Four finite numbers, or what is wrong."""
-    if len(words) != len(HEADER):
-        return f"needs {len(HEADER)} numbers, and has {len(words)}"
-    values: list[float] = []
-    for name, word in zip(HEADER, words, strict=True):
-        try:
-            value = float(word)
-        except ValueError:
-            return f"{name} = '{word}' is not a number"
+def _why_not(row: Row, before: list[Row]) -> str:
+    """What is wrong with a row of numbers, or nothing."""
+    for name, value in zip(HEADER, row, strict=True):
         if not isfinite(value):
-            return f"{name} = {word} is not finite"
-        values.append(value)
-    return tuple(values)
+            return f"{name} is not finite"
+    if max(map(abs, row[1:])) > FARTHEST_MM:
+        return f"more than {FARTHEST_MM:g} mm from the origin"
+    if before and row[0] <= before[-1][0]:
+        return "t is not after the one before"
+    if before and row[0] - before[0][0] > LONGEST_S:
+        return f"more than {LONGEST_S:g} s after the first"
+    return ""
 
 
-def _problems_of_all(
-    path: Path, end: int, rows: list[tuple[float, ...]], closed: bool
-) -> list[str]:
+def _problems_of_all(where: str, rows: list[Row], closed: bool) -> list[str]:
     if len(rows) < 2:
-        return [f"{path}:{max(end, 1)}: needs two points or more, and has {len(rows)}"]
+        return [f"{where}: needs two points or more, and has {len(rows)}"]
     gap_mm = max(abs(a - b) for a, b in zip(rows[0][1:], rows[-1][1:], strict=True))
     if closed and gap_mm > _CLOSED_WITHIN_MM:
         return [
-            f"{path}:{end}: the last point must be the first one, as it is gone round several "
+            f"{where}: the last point must be the first one, as it is gone round several "
             f"times: they are {gap_mm:.2f} mm apart"
         ]
     return []

@@ -50,10 +50,10 @@ def load_experiment(path: Path) -> ExperimentFile:
 
 
 def _with_robot(path: Path, document: YamlDocument, experiment: Experiment) -> ExperimentFile:
-    robot_path = _robot_path(experiment.robot, path)
-    if not robot_path.is_file():
-        raise ConfigError([document.problem(("robot",), f"there is no file {robot_path}")])
-    file = check_robot(robot_path).file
+    named = robot_path(experiment.robot, path)
+    if not named.is_file():
+        raise ConfigError([document.problem(("robot",), f"there is no file {named}")])
+    file = check_robot(named).file
     if file.robot.emulation is None:
         text = "experiments need an emulated robot, and this one has no 'emulation'"
         raise ConfigError([document.problem(("robot",), text)])
@@ -62,7 +62,8 @@ def _with_robot(path: Path, document: YamlDocument, experiment: Experiment) -> E
     return ExperimentFile(path, experiment, file, robot)
 
 
-def _robot_path(name: str, path: Path) -> Path:
+def robot_path(name: str, path: Path) -> Path:
+    """The robot file that the experiment at `path` names so."""
     if name.startswith(_BUILTIN):
         return Path(str(files("config") / "robots" / f"{name.removeprefix(_BUILTIN)}.yaml"))
     return path.parent / name

@@ -6,7 +6,6 @@ was made. Where any of this changes, there is another model.
 
 import hashlib
 import json
-import os
 import tempfile
 from dataclasses import asdict
 from importlib.metadata import version
@@ -17,6 +16,7 @@ from config.exploration import WaypointExploration
 from config.loader import RobotFile
 from daemon.experiment.trial import Tell
 from daemon.exploration.explore import config_sha256, explore
+from daemon.files import models_directory
 from daemon.learning.npz_file import ModelError
 from daemon.learning.pretrained_model import KIND, PretrainedModel
 from daemon.learning.pretraining import PretrainingSettings, pretrain
@@ -24,12 +24,6 @@ from daemon.learning.pretraining import PretrainingSettings, pretrain
 _RECIPE: Final = 1
 """Another number for models that come out otherwise from the same settings."""
 _KEY_DIGITS: Final = 16
-
-
-def models_directory() -> Path:
-    """Where models are kept."""
-    base = os.environ.get("XDG_DATA_HOME")
-    return (Path(base) if base else Path.home() / ".local" / "share") / "tentacled" / "models"
 
 
 def pretrained(

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from config.robot import Robot
 from daemon.control.axis_ranges import AxisRanges
+from daemon.files import MOST_MODEL_BYTES, open_regular
 from daemon.learning.motion_samples import MotionSampler, SamplingSettings
 from daemon.learning.motion_table import MotionTable
 from daemon.learning.npz_file import save_npz
@@ -106,7 +107,10 @@ class Dataset:
     def load(cls, path: Path, robot: Robot) -> Self:
         """Raises DatasetError for a file that is none or another robot's, OSError."""
         try:
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+            with (
+                open_regular(path, MOST_MODEL_BYTES) as file,
+                np.load(file, allow_pickle=False) as stored,
+            ):
                 provenance = json.loads(str(stored[_PROVENANCE]))
                 arrays = {name: np.asarray(stored[name]) for name in _FRAMES}
             if provenance.pop("kind") != _KIND:

@@ -14,6 +14,7 @@ from typing import Any, Self
 import numpy as np
 
 from config.robot import Robot
+from daemon.files import MOST_MODEL_BYTES, open_regular
 from daemon.learning.dataset import Dataset
 from daemon.learning.forward_model import receptive_fields
 from daemon.learning.lwpr import Lwpr
@@ -86,7 +87,10 @@ class PretrainedModel:
     def load(cls, path: Path, robot: Robot) -> Self:
         """Raises ModelError for a file that is none, or another robot's; OSError."""
         try:
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+            with (
+                open_regular(path, MOST_MODEL_BYTES) as file,
+                np.load(file, allow_pickle=False) as stored,
+            ):
                 arrays = {name: stored[name] for name in stored.files}
             told = json.loads(str(arrays.pop(_METADATA)))
             if told.pop("kind") != KIND:

@@ -24,6 +24,8 @@ STOP: Final = verb(Stop)
 _KINDS: Final[dict[str, type[Command]]] = {verb(kind): kind for kind in COMMANDS}
 _MOST_IN_HAND: Final = 8
 _REFUSALS_EVERY_S: Final = 0.5
+_ERRORS_EVERY_S: Final = 5.0
+_MOST_KINDS_OF_ERRORS: Final = 64
 
 
 class CommandHandler(Protocol):
@@ -54,9 +56,11 @@ class CommandDesk:
         handler: CommandHandler,
         operators: Iterable[str],
         publish: Callable[[SetpointRefused], None],
+        errors: "ErrorReports",
     ) -> None:
         self._handler = handler
         self._publish = publish
+        self._errors = errors
         self._in_hand: dict[str, set[asyncio.Task[None]]] = {user: set() for user in operators}
         self._refused: dict[str, tuple[str, float]] = {}
 
@@ -80,7 +84,7 @@ class CommandDesk:
         except WireError as error:
             refused = SetpointRefused(sequence=sequence, reason=str(error))
         except Exception as error:
-            report(f"a set-point of {user}", error)
+            self._errors.tell(f"a set-point of {user}", error)
             refused = SetpointRefused(sequence=sequence, reason=f"internal: {error!r}")
         if refused is not None:
             self._tell(user, msgspec.structs.replace(refused, user=user))
@@ -105,7 +109,7 @@ class CommandDesk:
             question.refuse("closing", "the daemon is ending", request)
             raise
         except Exception as error:
-            report(question.key, error)
+            self._errors.tell(question.key, error)
             question.refuse("internal", f"{type(error).__name__}: {error}", request)
         else:
             question.answer(outcome)
@@ -128,8 +132,23 @@ def _read(question: Question) -> Command:
     return decode(question.payload, kind, question.payload_format)
 
 
-def report(what: str, error: Exception) -> None:
-    """An error of ours, for the log; whoever asked is told too."""
-    asyncio.get_running_loop().call_exception_handler(
-        {"message": f"remote: {what}", "exception": error}
-    )
+class ErrorReports:
+    """Errors of ours, for the log: whoever asked is told too, and may ask again at once."""
+
+    def __init__(self) -> None:
+        self._told_s: dict[str, float] = {}
+        self._unsaid: dict[str, int] = {}
+
+    def tell(self, what: str, error: Exception) -> None:
+        """One and the same is told now and then, with how often it came meanwhile. On the loop."""
+        loop = asyncio.get_running_loop()
+        key = f"{what}: {type(error).__name__}"
+        if key not in self._told_s and len(self._told_s) >= _MOST_KINDS_OF_ERRORS:
+            key = "others"
+        if loop.time() - self._told_s.get(key, -_ERRORS_EVERY_S) < _ERRORS_EVERY_S:
+            self._unsaid[key] = self._unsaid.get(key, 0) + 1
+            return
+        self._told_s[key] = loop.time()
+        unsaid = self._unsaid.pop(key, 0)
+        more = f" (and {unsaid} times more before)" if unsaid else ""
+        loop.call_exception_handler({"message": f"remote: {what}{more}", "exception": error})

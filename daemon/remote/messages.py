@@ -271,6 +271,8 @@ class Load(Command, frozen=True, kw_only=True, tag="load/1"):
     trajectory: dict[str, Any]
     controller: dict[str, Any] | None = None
     cycles: int | None = None
+    robot: str = ""
+    """The robot that it is meant for; empty: whichever this is."""
 
 
 class Start(Command, frozen=True, kw_only=True, tag="start/1"):

@@ -8,7 +8,6 @@ import asyncio
 import json
 import os
 from collections.abc import Callable
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -18,7 +17,7 @@ import zenoh
 from config.remote import LOCAL_USER, Remote
 from daemon.remote.access import TLS, UNIX, User, daemon_config, server_tls, unix_endpoint
 from daemon.remote.bounded import call_bounded, close_session, open_until_exit
-from daemon.remote.command_desk import STOP, CommandDesk, CommandHandler, report
+from daemon.remote.command_desk import STOP, CommandDesk, CommandHandler, ErrorReports
 from daemon.remote.discovery import STOP_SOCKET, UNIX_SOCKET, RunningDaemon, RuntimeFolder
 from daemon.remote.inbox import Inbox
 from daemon.remote.keys import TELEMETRY_KEYS, Keys
@@ -83,11 +82,12 @@ class RemoteServer:
         self._robot_file_dir = robot_file_dir
         self._folder = RuntimeFolder(runtime_dir, group=settings.group_may_connect)
         self._users = _users(settings)
+        self._errors = ErrorReports()
         operators = [user.name for user in self._users if user.may_command]
-        self._desk = CommandDesk(handler, operators, self.publish)
+        self._desk = CommandDesk(handler, operators, self.publish, self._errors)
         askers = [_reader(user.name) for user in self._users]
         self._inbox = Inbox[tuple[Question, Answering]]([*operators, *askers, _READERS])
-        self._stop_desk = StopDesk(handler)
+        self._stop_desk = StopDesk(handler, self._errors)
         self._stop_socket: LocalStopSocket | None = None
         self._session: zenoh.Session | None = None
         self._replies: ReplyThread | None = None
@@ -104,8 +104,12 @@ class RemoteServer:
             return
         if not isinstance(message, SetpointRefused):
             self._last[_KEY_OF[type(message)]] = message
-        with suppress(zenoh.ZError):
+        try:
             publisher.put(encode(message))
+        except zenoh.ZError:
+            pass
+        except Exception as error:  # what cannot be written must not stop who tells it
+            self._errors.tell(f"publishing {_KEY_OF[type(message)]}", error)
 
     # The life.
 
@@ -228,7 +232,7 @@ class RemoteServer:
         try:
             last = self._handler.status() if name == "state" else self._last.get(name)
         except Exception as error:
-            report(question.key, error)
+            self._errors.tell(question.key, error)
             question.refuse("internal", f"{type(error).__name__}: {error}")
             return
         if last is None:

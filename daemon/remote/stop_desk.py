@@ -16,6 +16,7 @@ from typing import Final, NamedTuple, Protocol
 
 import msgspec
 
+from daemon.remote.command_desk import ErrorReports
 from daemon.remote.messages import Answer, Command, Refusal, Stop
 from daemon.remote.wire import Format, encode, request_in
 
@@ -50,8 +51,9 @@ class _Waiting(NamedTuple):
 class StopDesk:
     """Obeys at once; answers when the drives confirm, all who wait together."""
 
-    def __init__(self, handler: StopHandler) -> None:
+    def __init__(self, handler: StopHandler, errors: ErrorReports) -> None:
         self._handler = handler
+        self._errors = errors
         self._waiting: dict[Hashable, _Waiting] = {}
         """By sender: one that sends many gets one answer for all that came meanwhile."""
         self._answering: asyncio.Task[None] | None = None
@@ -61,7 +63,7 @@ class StopDesk:
         try:
             self._handler.stop_now()
         except Exception as error:
-            _report(error)
+            self._errors.tell("STOP", error)
         if sender in self._waiting or len(self._waiting) < _MOST_WAITING:
             self._waiting[sender] = _Waiting(user, request_in(payload), reply)
         if self._answering is None or self._answering.done():
@@ -80,7 +82,7 @@ class StopDesk:
             try:
                 outcome = await self._handler.handle(waiting[0].user, Stop())
             except Exception as error:
-                _report(error)
+                self._errors.tell("STOP", error)
                 text = f"{type(error).__name__}: {error}"
                 outcome = Refusal(request="", state="", name="internal", text=text)
             for one in waiting:
@@ -134,9 +136,3 @@ class LocalStopSocket:
         if sender:
             with suppress(OSError):
                 self._socket.sendto(answer, sender)
-
-
-def _report(error: Exception) -> None:
-    asyncio.get_running_loop().call_exception_handler(
-        {"message": "remote: STOP", "exception": error}
-    )

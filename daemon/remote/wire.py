@@ -17,6 +17,8 @@ _MOST_BYTES: Final[dict[type[Message], int]] = {Load: 65536, Teleoperate: 16384,
 _MOST_COMMAND_BYTES: Final = 4096
 LARGEST_MESSAGE_BYTES: Final = 65536
 _DEEPEST: Final = 16
+_LARGEST_INT: Final = 2**63 - 1
+"""In JSON a number may have any size; in msgpack, and in most languages, it may not."""
 
 
 class Format(Enum):
@@ -74,7 +76,7 @@ def decode_one_of(
 ) -> Message:
     """The message in `payload`, which is one of these kinds. Raises WireError."""
     raw = _raw(payload, max(most_bytes(kind) for kind in kinds), form)
-    request = str(raw.get("request", ""))[:64]
+    request = _request(raw)
     kind = _kind(raw.get("type"), kinds, request)
     for path, problem in _problems(raw):
         raise WireError("bad_payload", f"{problem} at {path}", request)
@@ -88,8 +90,14 @@ def request_in(payload: bytes) -> str:
     """The sender's identifier of the request, where there is one in whatever was sent."""
     for form in (Format.JSON, Format.MSGPACK):
         with suppress(WireError):
-            return str(_raw(payload, _MOST_COMMAND_BYTES, form).get("request", ""))[:64]
+            return _request(_raw(payload, _MOST_COMMAND_BYTES, form))
     return ""
+
+
+def _request(raw: dict[str, Any]) -> str:
+    """It comes back in the answer, and so must be something that can be written."""
+    request = raw.get("request", "")
+    return request[:64] if isinstance(request, str) and _is_text(request) else ""
 
 
 def _raw(payload: bytes, most: int, form: Format) -> dict[str, Any]:
@@ -114,7 +122,7 @@ def _kind(told: object, kinds: tuple[type[Message], ...], request: str) -> type[
         if told == tag(kind):
             return kind
     spoken = " or ".join(f"'{tag(kind)}'" for kind in kinds)
-    if not isinstance(told, str):
+    if not isinstance(told, str) or not _is_text(told):
         raise WireError("bad_payload", f"$.type is missing: {spoken} belongs here", request)
     name, _, version = told[:64].partition("/")
     for kind in kinds:
@@ -133,17 +141,33 @@ def _problems(raw: object) -> Iterator[tuple[str, str]]:
         if isinstance(value, float):
             if not math.isfinite(value):
                 yield path, f"{value} is not a finite number"
+        elif isinstance(value, int):
+            if not -_LARGEST_INT <= value <= _LARGEST_INT:
+                yield path, "a number with so many digits has no place"
+        elif isinstance(value, str):
+            if not _is_text(value):
+                yield path, "it is not text"
         elif isinstance(value, dict):
             for key, inner in value.items():
-                if not isinstance(key, str):
+                if not isinstance(key, str) or not _is_text(key):
                     yield path, "a map's keys are words, which is not so"
+                    continue
                 waiting.append((f"{path}.{key}", inner, depth + 1))
         elif isinstance(value, list):
             waiting.extend((f"{path}[{n}]", inner, depth + 1) for n, inner in enumerate(value))
-        elif value is not None and not isinstance(value, (bool, int, str)):
+        elif value is not None:
             yield path, f"a {type(value).__name__} has no place"
         if depth > _DEEPEST:
             yield path, "nested too deeply"
+
+
+def _is_text(value: str) -> bool:
+    """Whether it can be written again: halves of surrogate pairs cannot."""
+    try:
+        value.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def json_schema(kind: type[Message]) -> dict[str, Any]:

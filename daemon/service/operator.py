@@ -2,12 +2,12 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from config.controllers import ControllerOptions
-from daemon.control.controller import Controller, ControllerError
-from daemon.control.make_controller import make_controller
-from daemon.control.reachability import HasKinematics, looks
+from daemon.control.controller import Controller
+from daemon.control.reachability import Bounds, looks
 from daemon.control.trajectories import Trajectory
 from daemon.loop.reference import TrajectoryReference
 from daemon.recording.flight_recorder import RecordingError
@@ -34,7 +34,7 @@ from daemon.remote.messages import (
     Teleoperate,
     verb,
 )
-from daemon.service.asked import asked_controller, asked_trajectory
+from daemon.service.asked import Asked, OffTheLoop, at_once
 from daemon.service.refused import RefusedError
 from daemon.service.robot_service import RobotService
 from daemon.service.run_recording import RunRecording
@@ -64,12 +64,17 @@ class Operator:
         recording: RunRecording,
         seed: int,
         inject: Callable[[str], Awaitable[None]] | None,
+        files: Path | None = None,
+        off_the_loop: OffTheLoop = at_once,
     ) -> None:
-        """seed: of controllers. inject: makes an emulated device misbehave; raises ValueError."""
+        """seed: of controllers. inject: makes an emulated device misbehave; raises ValueError.
+
+        files: the folder whose files commands may name. off_the_loop: how such files are read.
+        """
         self.loaded: Loaded | None = None
         self._service = service
         self._recording = recording
-        self._seed = seed
+        self._asked = Asked(service.robot, seed, files, off_the_loop)
         self._inject_fault = inject
         self._preparing = False
         """An `arm` is under way, and nothing is energised yet."""
@@ -128,16 +133,18 @@ class Operator:
 
     async def load(self, trajectory: Trajectory, options: ControllerOptions) -> None:
         """Make ready what `start` will follow. Raises RefusedError."""
-        robot = self._service.robot
-        try:
-            controller = make_controller(options, robot, self._seed)
-        except ControllerError as error:
-            raise RefusedError("bad_controller", str(error)) from None
-        model = controller.kinematics if isinstance(controller, HasKinematics) else None
-        for why in looks(trajectory, robot.workspace, model):
+        controller = self._asked.make_controller(options)
+        await self._load_checked(trajectory, controller, self._asked.bounds(options, controller))
+
+    async def _load_checked(
+        self, trajectory: Trajectory, controller: Controller, bounds: Bounds
+    ) -> None:
+        for why in looks(trajectory, bounds):
             if why is not None:
                 raise RefusedError("unreachable", why)
             await asyncio.sleep(0)  # the bus cycle goes on in between
+        if self._service.supervisor.running:
+            raise RefusedError("wrong_state", "the robot was started meanwhile")
         self.loaded = Loaded(trajectory, controller)
 
     # The verbs.
@@ -205,8 +212,8 @@ class Operator:
         del user
         if self._service.supervisor.running:
             raise RefusedError("wrong_state", "the robot is moving: hold or stop it first")
-        trajectory = asked_trajectory(command)
-        await self.load(trajectory, asked_controller(command.controller))
+        trajectory, controller, bounds = await self._asked.to_follow(command)
+        await self._load_checked(trajectory, controller, bounds)
         return self._answer(command, text=f"{trajectory.kind}, {trajectory.duration_s:g} s")
 
     async def _start(self, user: str, command: Start) -> Answer:
@@ -227,13 +234,14 @@ class Operator:
         self._service.supervisor.request(Request.START, self._service.clock.now_ns())
 
     async def _teleoperate(self, user: str, command: Teleoperate) -> Answer:
-        del user
         self._check_possible(Request.START)
-        options = asked_controller(command.controller)
-        try:
-            controller = make_controller(options, self._service.robot, self._seed)
-        except ControllerError as error:
-            raise RefusedError("bad_controller", str(error)) from None
+        stops_before = self._stops
+        controller = await self._asked.controller(command.controller)
+        # Reading a model takes a while, in which anything may have happened.
+        if self._stops != stops_before:
+            raise RefusedError("stopped", "it was stopped meanwhile")
+        self._check_lease(user, command)
+        self._check_possible(Request.START)
         now_ns = self._service.clock.now_ns()
         self._setpoints = Setpoints(self._service.robot.workspace, now_ns)
         self._following = None

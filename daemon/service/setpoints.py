@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 
 from config.control import Workspace
+from config.trajectory import FARTHEST_MM
 from daemon.loop.reference import TeleoperationReference
 from daemon.remote.messages import Setpoint
 
@@ -44,6 +45,8 @@ class Setpoints:
             return "position and velocity have three numbers"
         if not all(map(isfinite, [*setpoint.position_mm, *(velocity or ())])):
             return "it is not finite"
+        if max(map(abs, [*setpoint.position_mm, *(velocity or ())])) > FARTHEST_MM:
+            return f"nothing here is {FARTHEST_MM:g} mm away, or so fast"
         if not 0.0 < setpoint.valid_s <= _LONGEST_VALIDITY_S:
             return f"valid_s must be more than 0 and at most {_LONGEST_VALIDITY_S:g}"
         return self._outside(setpoint)

@@ -34,7 +34,7 @@ def test_everything_wrong_is_told_at_once_and_by_name() -> None:
     wrong = {**RECTANGLE, "width_mm": -1, "plane": "zx", "heigth_mm": 3, "cycle_s": float("nan")}
     text = "\n".join(complaints(wrong))
     for part in (
-        "trajectory.width_mm: should be greater than 0",
+        "trajectory.width_mm: should be greater than or equal to 0.01",
         "trajectory.plane: must be 'xy', 'xz' or 'yz'",
         "trajectory.heigth_mm: unknown key (did you mean 'height_mm'?)",
         "trajectory.cycle_s: should be a finite number",
@@ -92,3 +92,36 @@ def test_controllers_are_chosen_by_kind() -> None:
 def test_wrong_controller_options_are_told_by_name() -> None:
     with pytest.raises(OptionsError, match=r"controller\.gain_per_s: should be greater than 0"):
         load_controller_options({"kind": "broyden", "gain_per_s": 0})
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"kind": "helix", "turns": 1e300},
+        {"kind": "circle", "cycle_s": 1e300},
+        {"kind": "circle", "cycle_s": 1e-300},
+        {"kind": "circle", "cycles": 10**400},
+        {"kind": "circle", "radius_mm": 1e-300},
+        {"kind": "circle", "radius_mm": 1e300},
+        {"kind": "circle", "center_mm": [1e300, 0.0, 0.0]},
+        {"kind": "rectangle", "width_mm": 1e-300, "height_mm": 1e-300},
+        {"kind": "lissajous", "frequencies": [10**9, 1, 1]},
+        {"kind": "hold", "duration_s": 1e300},
+    ],
+    ids=str,
+)
+def test_what_nobody_can_mean_is_refused(wrong: dict[str, Any]) -> None:
+    sound: dict[str, dict[str, Any]] = {
+        "helix": {"center_mm": ORIGIN, "radius_mm": 5.0, "rise_mm": 5.0, "cycle_s": 10.0},
+        "circle": {"center_mm": ORIGIN, "radius_mm": 5.0, "cycle_s": 10.0},
+        "rectangle": {"center_mm": ORIGIN, "width_mm": 5.0, "height_mm": 5.0, "cycle_s": 10.0},
+        "lissajous": {"center_mm": ORIGIN, "amplitude_mm": [5.0, 5.0, 5.0], "cycle_s": 10.0},
+        "hold": {"position_mm": ORIGIN, "duration_s": 1.0},
+    }
+    kind = {"kind": wrong["kind"], **sound[wrong["kind"]]}
+    load_trajectory_options(kind)
+    with pytest.raises(OptionsError):
+        load_trajectory_options({**kind, **wrong})
+
+
+ORIGIN = [0.0, 0.0, 185.0]

@@ -1,5 +1,6 @@
 """What is refused before anything moves, and the sentence that says why."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -7,10 +8,15 @@ import pytest
 from config.control import Workspace
 from config.controllers import Broyden, ConstantCurvature
 from config.trajectory import Circle, Hold, TrajectoryOptions, Waypoints
+from daemon.control.axis_ranges import AxisRanges
 from daemon.control.make_controller import make_controller
-from daemon.control.reachability import HasKinematics, KinematicModel, looks, unreachable
+from daemon.control.reachability import Bounds, HasKinematics, KinematicModel, looks, unreachable
 from daemon.control.trajectories import make_trajectory
+from daemon.experiment.experiment_file import load_experiment
+from tests import SOFT_ARM
 from tests.daemon.control.closed_loop import ROBOT, rectangle
+
+EXPERIMENTS = SOFT_ARM.parent.parent / "experiments"
 
 BOX = Workspace(x_mm=(-40.0, 40.0), y_mm=(-60.0, 60.0), z_mm=(150.0, 210.0))
 
@@ -24,7 +30,7 @@ def model() -> KinematicModel:
 def asked(
     options: TrajectoryOptions, box: Workspace | None, kinematics: KinematicModel | None = None
 ) -> str | None:
-    return unreachable(make_trajectory(options, Path()), box, kinematics)
+    return unreachable(make_trajectory(options, Path()), Bounds(box, kinematics))
 
 
 def test_what_is_within_the_workspace_and_the_travel_is_reachable() -> None:
@@ -60,7 +66,7 @@ def test_every_waypoint_is_looked_at(tmp_path: Path) -> None:
     lines = [f"{k * 0.01:.2f}, 0, {61 if k == 5001 else 0}, 185" for k in range(10_000)]
     (tmp_path / "way.csv").write_text("\n".join(["t, x, y, z", *lines]))
     trajectory = make_trajectory(Waypoints(kind="waypoints", file="way.csv"), tmp_path)
-    text = unreachable(trajectory, BOX, None)
+    text = unreachable(trajectory, Bounds(BOX))
     assert text is not None
     assert text.startswith(
         "at 50.0 s the waypoints trajectory is at (0, 61, 185) mm, 1.0 mm beyond"
@@ -69,7 +75,7 @@ def test_every_waypoint_is_looked_at(tmp_path: Path) -> None:
 
 def test_the_looks_can_be_spread_over_time() -> None:
     trajectory = make_trajectory(rectangle(60.0), Path())
-    answers = list(looks(trajectory, BOX, model()))
+    answers = list(looks(trajectory, Bounds(BOX, model())))
     assert len(answers) > 100
     assert not any(answers)
 
@@ -91,3 +97,41 @@ def test_a_controller_without_a_model_is_not_asked() -> None:
 @pytest.mark.parametrize("z_mm", [170.0, 200.0])
 def test_what_the_arm_is_known_to_follow_is_not_refused(z_mm: float) -> None:
     assert asked(rectangle(60.0, z_mm), None, model()) is None
+
+
+def test_what_is_faster_than_the_tip_may_go_is_told_with_both_speeds() -> None:
+    circle = Circle(kind="circle", center_mm=(0.0, 0.0, 185.0), radius_mm=20.0, cycle_s=1.0)
+    trajectory = make_trajectory(circle, Path())
+    text = unreachable(trajectory, Bounds(tip_speed_mm_s=25.0))
+    assert text is not None
+    assert "at 125.7 mm/s, and the tip may go 25 mm/s" in text
+    assert unreachable(trajectory, Bounds(tip_speed_mm_s=126.0)) is None
+
+
+def test_a_single_leg_that_is_too_fast_is_found(tmp_path: Path) -> None:
+    lines = [f"{k * 0.01:.2f}, 0, {k // 5001 * 0.3}, 185" for k in range(10_000)]
+    (tmp_path / "way.csv").write_text("\n".join(["t, x, y, z", *lines]))
+    trajectory = make_trajectory(Waypoints(kind="waypoints", file="way.csv"), tmp_path)
+    text = unreachable(trajectory, Bounds(tip_speed_mm_s=25.0))
+    assert text is not None
+    assert text.startswith("at 50.0 s the waypoints trajectory")
+    assert "at 30.0 mm/s" in text
+
+
+def test_an_axis_that_would_have_to_be_too_fast_is_named() -> None:
+    axes = AxisRanges.of(ROBOT)
+    trajectory = make_trajectory(rectangle(60.0), Path())
+    assert unreachable(trajectory, Bounds(BOX, model(), 25.0, axes)) is None
+    slow = replace(axes, max_velocity=axes.max_velocity * 0.01)
+    text = unreachable(trajectory, Bounds(BOX, model(), 25.0, slow))
+    assert text is not None
+    assert "where" in text
+    assert any(name in text for name in axes.names)
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in EXPERIMENTS.glob("*.yaml")))
+def test_shipped_experiments_keep_to_all_bounds(name: str) -> None:
+    file = load_experiment(EXPERIMENTS / f"{name}.yaml")
+    trajectory = make_trajectory(file.experiment.trajectory, file.path.parent)
+    speed = getattr(file.experiment.controller, "max_tip_speed_mm_s", None)
+    assert unreachable(trajectory, Bounds(file.robot.workspace, None, speed)) is None

@@ -128,6 +128,8 @@ def test_cycles_can_be_asked_for_otherwise() -> None:
     assert make_trajectory(RECTANGLE, HERE, cycles=7).duration_s == 350.0
     with pytest.raises(ValueError, match="1 cycle or more"):
         make_trajectory(RECTANGLE, HERE, cycles=0)
+    with pytest.raises(ValueError, match="take longer than"):
+        make_trajectory(RECTANGLE, HERE, cycles=10**300)
 
 
 def test_waypoints_are_met_at_their_times(tmp_path: Path) -> None:

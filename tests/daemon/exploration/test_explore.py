@@ -12,8 +12,9 @@ from config.exploration import WaypointExploration
 from config.loader import RobotFile, load_robot
 from daemon.cli import EXIT_FAILED, EXIT_OK, EXIT_USAGE, main
 from daemon.exploration.explore import config_sha256, dataset_of_run, explore
-from daemon.exploration.model_cache import models_directory, pretrained
+from daemon.exploration.model_cache import pretrained
 from daemon.exploration.recorded_frames import frames_of_run
+from daemon.files import models_directory
 from daemon.learning.dataset import Dataset, DatasetError
 from daemon.learning.motion_samples import SamplingSettings
 from daemon.learning.pretrained_model import PretrainedModel

@@ -446,3 +446,56 @@ def test_commands_of_all_kinds_reach_the_handler(tmp_path: Path) -> None:
         return kind(**{key: value for key, value in content.items() if key in fields})
 
     run_in_real_time(test())
+
+
+def test_set_points_that_nobody_can_write_again_are_refused_and_not_reported(
+    tmp_path: Path,
+) -> None:
+    async def test() -> None:
+        async with serving(tmp_path) as (server, robot), raw(address(tmp_path)) as client:
+            told: list[object] = []
+            asyncio.get_running_loop().set_exception_handler(lambda _, what: told.append(what))
+            came = await heard(client, server, f"{KEY}/event", event())
+            for number in range(200):
+                text = json.dumps({**JSON_SETPOINT, "sequence": 2**64 + number})
+                client.session.put(client.keys.setpoint("local"), text, encoding="application/json")
+                await asyncio.sleep(0.001)
+            await until(lambda: any(b"so many digits" in message for message in came))
+            client.stream("local", setpoint(1))
+            await until(lambda: robot.setpoints)
+            assert told == []
+
+    run_in_real_time(test())
+
+
+def test_an_error_that_comes_again_and_again_is_reported_now_and_then(tmp_path: Path) -> None:
+    async def test() -> None:
+        async with serving(tmp_path) as (_, robot), raw(address(tmp_path)) as client:
+            told: list[object] = []
+            asyncio.get_running_loop().set_exception_handler(lambda _, what: told.append(what))
+            robot.fails = True
+            for _ in range(50):
+                (reply,) = await client.ask("local", Arm())
+                assert reply.refusal.name == "internal"
+            assert len(told) == 1
+
+    run_in_real_time(test())
+
+
+def test_what_cannot_be_written_does_not_stop_who_publishes_it(tmp_path: Path) -> None:
+    async def test() -> None:
+        async with serving(tmp_path) as (server, _):
+            told: list[object] = []
+            asyncio.get_running_loop().set_exception_handler(lambda _, what: told.append(what))
+            server.publish(SetpointRefused(sequence=2**70, reason="it is too large"))
+            assert len(told) == 1
+
+    run_in_real_time(test())
+
+
+JSON_SETPOINT = {
+    "type": "setpoint/1",
+    "token": "",
+    "position_mm": [0.0, 0.0, 190.0],
+    "valid_s": 0.2,
+}

@@ -16,11 +16,13 @@ from daemon.remote.messages import (
     Event,
     Load,
     Message,
+    Refusal,
     Setpoint,
     SetpointRefused,
     Status,
     Stop,
     Tip,
+    tag,
     verb,
 )
 from daemon.remote.wire import (
@@ -225,3 +227,53 @@ def test_each_command_has_a_verb_of_its_own() -> None:
     assert len({verb(kind) for kind in COMMANDS}) == len(COMMANDS)
     assert verb(Stop()) == "stop"
     assert Status in TELEMETRY
+
+
+odd = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.sampled_from([2**63, 2**64 - 1, 2**64, -(2**63), -(2**64), 10**400])
+    | st.floats()
+    | st.text(st.characters(), max_size=8)
+    | st.sampled_from(["\ud800", "\x00", "1e400"]),
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=4), inner, max_size=3)
+    ),
+    max_leaves=8,
+)
+
+
+@given(st.data(), st.sampled_from([*COMMANDS, Setpoint]))
+def test_what_is_believed_can_be_said_again_and_what_is_not_can_be_refused(
+    data: st.DataObject, kind: type[Message]
+) -> None:
+    """Whatever stands in whichever field: what was let in is answered, recorded and published."""
+    fields = {name: data.draw(odd) for name in kind.__struct_fields__ if data.draw(st.booleans())}
+    payload = json.dumps({"type": tag(kind), **fields}).encode()
+    try:
+        message = decode(payload, kind, Format.JSON)
+    except WireError as error:
+        refusal = Refusal(request=error.request, state="", name=error.name, text=str(error))
+        for form in FORMATS:
+            assert decode(encode(refusal, form), Refusal, form) == refusal
+    else:
+        for form in FORMATS:
+            assert decode(encode(message, form), kind, form) == message
+
+
+@pytest.mark.parametrize("sequence", [2**63, 2**64, 10**30, -(2**63) - 1])
+def test_a_number_that_msgpack_cannot_hold_is_refused_by_its_place(sequence: int) -> None:
+    payload = json.dumps(
+        {"type": "setpoint/1", "token": "", "sequence": sequence, "position_mm": [], "valid_s": 1}
+    ).encode()
+    error = problem(payload, Setpoint, Format.JSON)
+    assert error.name == "bad_payload"
+    assert str(error).endswith("at $.sequence")
+
+
+def test_an_integer_of_thousands_of_digits_is_refused() -> None:
+    payload = b'{"type": "setpoint/1", "sequence": ' + b"9" * 900 + b"}"
+    assert problem(payload, Setpoint, Format.JSON).name == "bad_payload"
+    payload = b'{"type": "load/1", "trajectory": {"n": ' + b"9" * 5000 + b"}}"
+    assert problem(payload, Load, Format.JSON).name == "bad_payload"

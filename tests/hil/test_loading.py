@@ -1,0 +1,56 @@
+"""What is loaded comes from files of one folder, and the loop itself opens none."""
+
+import os
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from safety.states import OperatingState as S
+from tests.hil.daemon_rig import MODEL, PATIENT, rig
+
+
+def opened(path: Path, from_ns: int) -> list[str]:
+    """The files that the loop's thread has opened since."""
+    lines = [line.split(" ", 1) for line in path.read_text().splitlines()]
+    return [name for at_ns, name in lines if int(at_ns) >= from_ns]
+
+
+def test_from_arming_to_the_end_the_loop_opens_no_file(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    files = tmp_path / "tentacled" / "models"
+    files.mkdir(parents=True)
+    rows = [f"{k * 0.1:.1f}, {20.0 * (k % 2)}, 0, 190" for k in range(0, 4000, 20)]
+    (files / "way.csv").write_text("\n".join(["t, x, y, z", *rows]))
+    out = tmp_path / "opened"
+    program = [sys.executable, "-m", "tests.hil.watched_files", str(out)]
+    with rig(PATIENT, program=program) as one:
+        assert opened(out, 0), "the watch itself works"
+        one.armed()
+        from_ns = time.monotonic_ns()
+        way = {"kind": "waypoints", "file": "way.csv"}
+        one.user.do(one.client.load(way, MODEL))
+        one.user.do(one.client.start())
+        one.until_state(S.RUNNING)
+        time.sleep(2.0)
+        one.status()
+        assert one.user.do(one.client.hold()).state == S.HOLD.value
+        to_ns = time.monotonic_ns()
+        one.user.do(one.client.stop())
+        assert opened(out, from_ns) == opened(out, to_ns)
+
+
+def test_a_pipe_or_a_file_of_the_system_is_refused_and_the_loop_goes_on() -> None:
+    with rig(PATIENT) as one:
+        one.armed()
+        pipe = one.folder / "pipe"
+        os.mkfifo(pipe)
+        for name in (str(pipe), "/etc/passwd", "/dev/zero", "/proc/self/mem"):
+            refusal = one.user.refused(one.client.load({"kind": "waypoints", "file": name}, MODEL))
+            assert refusal.name == "bad_trajectory"
+            assert "root" not in refusal.text.replace(str(Path.home()), "")
+        assert one.state is S.ARMED
+        assert one.user.do(one.client.stop()).confirmed
