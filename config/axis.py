@@ -33,6 +33,9 @@ class Drive(ConfigModel):
     heartbeat_timeout_s: Positive = 0.25
     """The drive counts as lost when not heard for this long."""
 
+    state_timeout_s: Positive = 0.1
+    """... or when it has not sent its state (TPDO) for this long, and for at least five cycles."""
+
     mode: Literal["csp", "csv", "pp", "pv"] = "csp"
     """Cyclic position unless the drive is too old for it."""
 

@@ -1,10 +1,13 @@
 """A CAN bus and the rhythm that the master keeps on it."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
 from config.model import ConfigModel, NodeId, Positive
+
+LAB: Final = "lab:"
+"""What the name of a port begins with where it is one of an emulated lab."""
 
 BitRate = Literal[1_000_000, 800_000, 500_000, 250_000, 125_000]
 
@@ -34,3 +37,8 @@ class Bus(ConfigModel):
 
     tx_queue_frames: Annotated[int, Field(ge=1)] = 128
     """Frames the interface must be able to queue (`ip link set can0 txqueuelen 128`)."""
+
+    @property
+    def emulated(self) -> bool:
+        """Whether it is one of an emulated lab."""
+        return self.channel.startswith(LAB)

@@ -11,8 +11,10 @@ from pydantic import TypeAdapter, ValidationError
 
 from config.axis import Axis, Drive, LinearAxis, LinearStepper, TendonMotor, TubeRotation
 from config.bus import Bus
+from config.control import Supervision
 from config.emulated_plants import SoftArmPlant, TendonArmPlant
 from config.emulation import Emulation
+from config.patience import impatience
 from config.problems import did_you_mean
 from config.schema_errors import location_in_file
 from config.tracker import Tracker
@@ -31,7 +33,14 @@ _TOLD_IN_COUNTS = (
     "following_error_mm",
     "following_error_rad",
 )
-_NODE_WIDE = ("eds", "vendor_id", "product_code", "heartbeat_period_s", "heartbeat_timeout_s")
+_NODE_WIDE = (
+    "eds",
+    "vendor_id",
+    "product_code",
+    "heartbeat_period_s",
+    "heartbeat_timeout_s",
+    "state_timeout_s",
+)
 
 
 @dataclass(frozen=True)
@@ -46,6 +55,7 @@ class Parts:
     tool_roles: list[str] | None
     """The roles that the tracker's tools have, sound or not; None where there are no tools."""
     tracker: Tracker | None
+    supervision: Supervision | None
     emulation: Emulation | None
 
     @classmethod
@@ -59,6 +69,7 @@ class Parts:
             [_sound(_AXIS, axis) for axis in axes],
             _roles(_mapping(data.get("tracker")).get("tools")),
             _sound(Tracker, data.get("tracker")),
+            _sound(Supervision, data.get("supervision", {})),
             _sound(Emulation, data.get("emulation")),
         )
 
@@ -102,7 +113,7 @@ def findings(parts: Parts) -> Iterator[Finding]:
     yield from _tracker_findings(parts)
     for name, bus in parts.buses.items():
         if bus is not None:
-            yield from _bus_findings(("buses", name), bus)
+            yield from _bus_findings(("buses", name), bus, parts)
     for index, named in enumerate(parts.named_buses):
         if isinstance(named, str) and named not in parts.buses:
             hint = did_you_mean(named, parts.buses)
@@ -145,7 +156,7 @@ def _tracker_findings(parts: Parts) -> Iterator[Finding]:
             yield ("emulation", "tracker", "tools", index, "port"), "this port is already taken"
 
 
-def _bus_findings(at: Location, bus: Bus) -> Iterator[Finding]:
+def _bus_findings(at: Location, bus: Bus, parts: Parts) -> Iterator[Finding]:
     period_ms = bus.cycle_period_s * 1e3
     if abs(period_ms - round(period_ms)) > 1e-6:
         yield (*at, "cycle_period_s"), f"must be whole milliseconds, not {period_ms:g} ms"
@@ -155,6 +166,9 @@ def _bus_findings(at: Location, bus: Bus) -> Iterator[Finding]:
             (*at, "master_heartbeat_timeout_s"),
             f"must be at least twice master_heartbeat_period_s: {least:g} s or more",
         )
+    if parts.supervision is not None:
+        for text in impatience(parts.supervision, bus, parts.emulation):
+            yield (*at, "master_heartbeat_timeout_s"), text
 
 
 def _drive_findings(at: Location, drive: Drive, parts: Parts) -> Iterator[Finding]:

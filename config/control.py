@@ -126,8 +126,8 @@ class Supervision(ConfigModel):
     """A gap in the bus cycle of this length: HOLD."""
 
     loop_fault_after_s: Positive = 0.15
-    """... of this length: FAULT. Best shorter than the drives' own watchdogs: what they do by
-    themselves then says less about why."""
+    """... of this length: FAULT. Shorter than the drives' own patience with their master: what they
+    do by themselves says less about why."""
 
     lease_s: Positive = 2.0
     """A client that has not renewed its lease for this long has lost it."""

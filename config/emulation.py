@@ -17,6 +17,11 @@ class Emulation(ConfigModel):
     tracker: EmulatedTracker
     drives: EmulatedDrives = EmulatedDrives()
     seed: Annotated[int, Field(ge=0)] = 0
+    patience_s: NotNegative = 0.4
+    """In real time the daemon and the emulated drives wait at least this long for each other before
+    one takes the other for lost: on a busy computer a program may stand still for tenths of a
+    second. It holds for buses whose channel is one of the lab; 0: the times of a rig hold there
+    too."""
     plant_period_s: Positive = 0.025
     """Time between two solutions of the body's statics."""
     tip_load_g: NotNegative = 0.0

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:  # `tentacled stop` must be quick, and needs no schema
     from config.robot import Robot
 
-LAB: Final = "lab:"
 CONTROL_SOCKET: Final = "control.sock"
 LAB_FILE: Final = "lab.json"
 
@@ -24,12 +23,21 @@ def lab_directories() -> list[Path]:
 
 def uses_lab(robot: "Robot") -> bool:
     """Whether the robot file names anything of an emulated lab."""
+    from config.bus import LAB
+
     names = [robot.tracker.port, *(bus.channel for bus in robot.buses.values())]
     return any(name.startswith(LAB) for name in names)
 
 
 def with_lab_ports(robot: "Robot", directory: Path) -> "Robot":
-    """The robot with its `lab:` names turned into paths in `directory`."""
+    """The robot as it runs beside a lab: `lab:` names are paths in `directory`, and it is patient.
+
+    What is not emulated stays as the robot file says.
+    """
+    from config.bus import LAB
+    from config.patience import patient
+
+    robot = patient(robot)
 
     def path(name: str) -> str:
         return str(directory / name.removeprefix(LAB)) if name.startswith(LAB) else name

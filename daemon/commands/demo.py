@@ -74,7 +74,8 @@ async def _guide(processes: OwnProcesses, directory: Path, cycle_s: float, model
     """Returns the folder of the recording."""
     print("starting the emulated lab and the daemon (the first time, physics is compiled: 10 s)")
     await processes.start()
-    return await Tour(directory, cycle_s, model).run()
+    controller = {"kind": "reward_weighted", "model": str(model)}
+    return await Tour(directory, cycle_s, controller).run()
 
 
 def _tell_result(folder: Path) -> None:

@@ -4,6 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from config.patience import patient
 from config.problems import ConfigError
 from daemon.cli import EXIT_FAILED, EXIT_OK
 from daemon.clock import MonotonicClock, run_in_real_time
@@ -41,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 async def _emulate(checked: CheckedRobot, arguments: argparse.Namespace) -> None:
     stop = StopSignals()
-    robot, clock = checked.file.robot, MonotonicClock()
+    robot, clock = patient(checked.file.robot), MonotonicClock()
     directory = arguments.runtime_dir or default_runtime_directory(robot.robot)
     lab = Lab(robot, checked.file.path, clock, arguments.seed)
     scenario = load_scenario(arguments.scenario, lab) if arguments.scenario else None

@@ -3,6 +3,7 @@
 import asyncio
 import math
 import sys
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Final
@@ -36,11 +37,11 @@ class TourError(RuntimeError):
 class Tour:
     """Once round the rectangle of 25 × 100 mm, learning on the way."""
 
-    def __init__(self, directory: Path, cycle_s: float, model: Path) -> None:
-        """model: what the controller begins with."""
+    def __init__(self, directory: Path, cycle_s: float, controller: Mapping[str, object]) -> None:
+        """controller: as an experiment file would name it."""
         self._directory = directory
         self._cycle_s = cycle_s
-        self._model = model
+        self._controller = dict(controller)
         self._loaded_at_s = -math.inf
         self._on_terminal = sys.stdout.isatty()
         self._told_at_s = -_LINE_EVERY_S
@@ -50,8 +51,7 @@ class Tour:
         address = LocalAddress.in_folder(self._directory)
         async with await RobotClient.connect(address, wait_s=_DAEMON_WITHIN_S) as robot:
             await robot.acquire()
-            controller = {"kind": "reward_weighted", "model": str(self._model)}
-            await robot.load(_rectangle(self._cycle_s), controller)
+            await robot.load(_rectangle(self._cycle_s), self._controller)
             await self._arm(robot)
             recording = (await robot.status()).recording
             await robot.start()

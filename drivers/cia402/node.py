@@ -28,7 +28,6 @@ _OPERATIONAL_WITHIN_S: Final = 1.0
 _TRY_AGAIN_S: Final = 0.5
 _LIMIT_STAYS_NS: Final = 500_000_000
 _PDO_SILENT_CYCLES: Final = 5
-_PDO_SILENT_S: Final = 0.1  # less than this, and a busy machine looks like a silent node
 _FOLLOWING_ERROR: Final = 0x8611
 _FOUND_WHILE_SET_UP: Final = (c.SAFETY_MISSING, c.CYCLIC_MODE_NOT_LISTED, c.MODE_REFUSED)
 _KEPT_WHEN_SET_UP: Final = (*_FOUND_WHILE_SET_UP, c.EMERGENCY)
@@ -76,7 +75,7 @@ class Node:
         self._send = send
         self._clock = clock
         self._conditions = conditions
-        silence_s = max(_PDO_SILENT_CYCLES * bus.cycle_period_s, _PDO_SILENT_S)
+        silence_s = max(_PDO_SILENT_CYCLES * bus.cycle_period_s, drive.state_timeout_s)
         self._pdo_timeout_ns = round(silence_s * 1e9)
         self._boot_ups_when_well: int | None = None
         """None: it has not been operational since it was last set up."""

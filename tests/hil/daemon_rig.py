@@ -71,9 +71,14 @@ class BusTimes:
     cycle_period_s: float
     heartbeat_timeout_s: float
     """Of the drives, for their master."""
+    patience_s: float = 0.4
+    """Of everybody in emulation; 0: the times of a rig."""
 
 
 AS_SHIPPED: Final = BusTimes(0.01, 0.2)
+AS_ON_A_RIG: Final = BusTimes(0.01, 0.2, patience_s=0.0)
+"""With drives that stop at the tenth SYNC that does not come."""
+BEFORE_THE_DRIVES: Final = {"loop_fault_after_s": 0.09}
 PATIENT: Final = BusTimes(0.02, 2.0)
 """Emulated drives that get no turn for a moment on a busy machine are not missed at once."""
 
@@ -83,6 +88,8 @@ def robot_file(folder: Path, bus: BusTimes, **supervision: float) -> Path:
     text = SOFT_ARM.read_text()
     text = _replaced(text, "cycle_period_s", bus.cycle_period_s)
     text = _replaced(text, "master_heartbeat_timeout_s", bus.heartbeat_timeout_s)
+    text, count = re.subn(r"(?m)^(emulation:.*)$", rf"\1\n  patience_s: {bus.patience_s}", text)
+    assert count == 1
     for name, value in supervision.items():
         if f"  {name}:" in text:
             text = _replaced(text, name, value)

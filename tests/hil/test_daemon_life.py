@@ -28,7 +28,8 @@ from drivers.canopen.codec import cob_ids
 from drivers.cia402.power_state import Control, PowerState
 from safety.states import OperatingState
 from tests.hil.daemon_rig import (
-    AS_SHIPPED,
+    AS_ON_A_RIG,
+    BEFORE_THE_DRIVES,
     CIRCLE,
     MODEL,
     NODES,
@@ -204,7 +205,7 @@ def test_killed_while_running_the_drives_stop_and_the_recording_is_there(
 ) -> None:
     """Best of a few attempts: what is asked is what the machinery can do, not the machine."""
     stopped_s, lost_s = list[float](), list[float]()
-    with rig(AS_SHIPPED) as one:
+    with rig(AS_ON_A_RIG, BEFORE_THE_DRIVES) as one:
         for _ in range(ATTEMPTS):
             with bus_watch(one.folder) as bus:
                 one.running()
@@ -253,7 +254,7 @@ def wait_for(path: Path) -> None:
 
 
 def test_frozen_while_running_the_drives_stop_and_it_comes_back_in_fault() -> None:
-    with rig(AS_SHIPPED) as one, bus_watch(one.folder) as bus:
+    with rig(AS_ON_A_RIG, BEFORE_THE_DRIVES) as one, bus_watch(one.folder) as bus:
         one.running()
         frozen_s = time.monotonic()
         os.kill(one.daemon.pid, signal.SIGSTOP)
@@ -279,7 +280,7 @@ def comes_back_in_fault_and_can_be_cleared(one: Rig) -> None:
 
 def test_wedged_by_one_of_its_own_threads_the_drives_stop_all_the_same() -> None:
     program = [sys.executable, "-c", WEDGED]
-    with rig(AS_SHIPPED, program=program) as one, bus_watch(one.folder) as bus:
+    with rig(AS_ON_A_RIG, BEFORE_THE_DRIVES, program=program) as one, bus_watch(one.folder) as bus:
         one.running()
         wedged_s = time.monotonic()
         os.kill(one.daemon.pid, signal.SIGUSR1)

@@ -1,0 +1,74 @@
+"""How long the partners of a robot wait for each other, and how much longer in emulation.
+
+The daemon says itself that it stood still (`supervision.loop_fault_after_s`) before the drives stop
+because they do not hear it. A computer that is not made for real time, a laptop or a virtual
+machine, stops every program now and then for tenths of a second. Where drives are emulated nobody
+is hurt by that: there all of them wait for as long as `emulation.patience_s`.
+"""
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+from config.bus import Bus
+from config.control import Supervision
+from config.emulation import Emulation
+from config.robot import Robot
+
+_LATER: Final = 1.25
+"""The drives wait a quarter longer than the daemon: that it stood still is then told first."""
+
+
+def patient(robot: Robot) -> Robot:
+    """The robot as it runs in real time: with patience on its emulated buses, else as it is."""
+    emulated = {name for name, bus in robot.buses.items() if bus.emulated}
+    if robot.emulation is None or not emulated or not robot.emulation.patience_s:
+        return robot
+    stall_s = robot.emulation.patience_s
+    fault_s = max(robot.supervision.loop_fault_after_s, stall_s)
+    drives_s = _LATER * fault_s
+    changes: dict[str, Any] = {
+        "buses": {
+            name: _at_least(bus, master_heartbeat_timeout_s=drives_s) if name in emulated else bus
+            for name, bus in robot.buses.items()
+        },
+        "axes": [
+            axis.model_copy(
+                update={
+                    "drive": _at_least(
+                        axis.drive, heartbeat_timeout_s=stall_s, state_timeout_s=stall_s
+                    )
+                }
+            )
+            if axis.drive.bus in emulated
+            else axis
+            for axis in robot.axes
+        ],
+    }
+    if len(emulated) == len(robot.buses):  # a real drive would not wait for a daemon that does
+        changes["supervision"] = _at_least(robot.supervision, loop_fault_after_s=stall_s)
+    shortest_s = min(robot.buses[name].cycle_period_s for name in emulated)
+    drives = _at_least(robot.emulation.drives, sync_lost_after_periods=drives_s / shortest_s)
+    changes["emulation"] = robot.emulation.model_copy(update={"drives": drives})
+    return robot.model_copy(update=changes)
+
+
+def _at_least(part: Any, **seconds: float) -> Any:
+    """`part` with each of these values raised to this, where it is below."""
+    raised = {name: value for name, value in seconds.items() if getattr(part, name) < value}
+    return part.model_copy(update=raised) if raised else part
+
+
+def impatience(supervision: Supervision, bus: Bus, emulation: Emulation | None) -> Iterator[str]:
+    """Which drives on `bus` stop by themselves before the daemon says that it stood still."""
+    fault_s = supervision.loop_fault_after_s
+    says = f"supervision.loop_fault_after_s ({fault_s:g} s), so that the daemon can say why"
+    if not fault_s < bus.master_heartbeat_timeout_s:
+        yield f"drives must wait longer for the master than {says}"
+    if emulation is None or emulation.patience_s or not bus.emulated:
+        return
+    sync_s = emulation.drives.sync_lost_after_periods * bus.cycle_period_s
+    if not fault_s < sync_s:
+        yield (
+            f"without emulation.patience_s the emulated drives stop {sync_s:g} s after the last "
+            f"SYNC (emulation.drives.sync_lost_after_periods): that must be longer than {says}"
+        )
