@@ -50,7 +50,7 @@ _COMMANDS: Final = {
     "doctor": "look for what would stop tentacled from working on this machine",
 }
 
-_ONE_WORD: Final = ("arm", "start", "hold", "resume", "disarm", "clear")
+_ONE_WORD: Final = ("start", "hold", "resume", "disarm", "clear")
 """Nothing but themselves is to be said: one module has them all."""
 
 

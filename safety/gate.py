@@ -142,6 +142,31 @@ class Gate:
             return _decision(None, 0.0, (), None, unusable)
         return self._brake(self._start(measured, begins_ns, duration_ns))
 
+    def refuses_rest(self, measured: Measured, t_ns: int) -> str:
+        """Why a body at rest where it is measured may not be energised; empty if it may.
+
+        Whatever touches already would be pushed by the next motion, and what cannot be known of
+        its risk cannot be driven.
+        """
+        unusable = self._unusable(measured, 1)
+        if unusable:
+            return unusable
+        u = [
+            position / scale
+            for position, scale in zip(measured.position_counts, self._counts_per_unit, strict=True)
+            if position is not None
+        ]
+        answer = ask(self._risk, u, u, t_ns, self._latest_after_s)
+        if answer.doubt:
+            return f"the risk of touching something is not known here: {answer.doubt}"
+        if answer.risk <= self._threshold:
+            return ""
+        where = _words_of_place(answer.nearest) or answer.detail or "it is not known where"
+        return (
+            f"the body touches something where it stands, or may at any moment: {where}; "
+            f"the risk is {answer.risk:.3g}, and {self._threshold:g} is allowed"
+        )
+
     def permit_homing(self, axis: int) -> PermittedHoming:
         """Leave for one drive to look for its zero. Raises ValueError where there is no such axis.
 
@@ -301,6 +326,16 @@ class Gate:
         if isinstance(step, str):
             return _decision(None, 0.0, limited, answer, refused or step)
         return _decision(step, 0.0 if refused else 1.0, limited, answer, refused)
+
+
+def _words_of_place(nearest: Nearest | None) -> str:
+    if nearest is None:
+        return ""
+    x, y, z = nearest.place_mm
+    return (
+        f"clearance {nearest.clearance_mm:.1f} mm at {nearest.arc_mm:.0f} mm along the body, "
+        f"there ({x:.0f}, {y:.0f}, {z:.0f}) mm"
+    )
 
 
 def _share_of(

@@ -1,4 +1,4 @@
-"""`tentacled arm`, `start`, `hold`, `resume`, `disarm`, `clear`: one word to the running daemon."""
+"""`tentacled start`, `hold`, `resume`, `disarm`, `clear`: one word to the running daemon."""
 
 import argparse
 from typing import Final
@@ -9,10 +9,10 @@ from daemon.remote.command_line import (
     add_timeout_argument,
     run_command,
 )
-from daemon.remote.messages import Arm, Clear, Command, Disarm, Hold, Resume, Start, verb
+from daemon.remote.messages import Clear, Command, Disarm, Hold, Resume, Start, verb
 
 _ORDERS: Final[dict[str, type[Command]]] = {
-    verb(kind): kind for kind in (Arm, Start, Hold, Resume, Disarm, Clear)
+    verb(kind): kind for kind in (Start, Hold, Resume, Disarm, Clear)
 }
 
 

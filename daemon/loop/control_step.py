@@ -141,6 +141,12 @@ class ControlLoop:
         self._last_step = None
         self._begun = False
 
+    def refuses_rest(self) -> str:
+        """Why the body may not be energised where it is; empty if it may."""
+        counts = [channel.position_counts for channel in self.channels]
+        measured = Measured(counts, [None] * len(counts))
+        return self._gate.refuses_rest(measured, self._clock.now_ns())
+
     def withdraw_refusals(self, t_ns: int) -> None:
         """Nothing is asked of the gate, and so nothing is refused, even if no more frames come."""
         for cause in _OF_THE_GATE:

@@ -83,8 +83,9 @@ class BlockingRobotClient:
     def release(self) -> Answer:
         return self._do(self._client.release())
 
-    def arm(self) -> Answer:
-        return self._do(self._client.arm())
+    def arm(self, *, despite_contact: bool = False) -> Answer:
+        """despite_contact: of a body that touches something, to lead it out."""
+        return self._do(self._client.arm(despite_contact=despite_contact))
 
     def disarm(self) -> Answer:
         return self._do(self._client.disarm())

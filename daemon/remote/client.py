@@ -147,8 +147,9 @@ class RobotClient:
         await self._lease.stop()
         return answer
 
-    async def arm(self) -> Answer:
-        return await self._command(Arm(), ARMS_WITHIN_S)
+    async def arm(self, *, despite_contact: bool = False) -> Answer:
+        """despite_contact: of a body that touches something, to lead it out."""
+        return await self._command(Arm(despite_contact=despite_contact), ARMS_WITHIN_S)
 
     async def disarm(self) -> Answer:
         return await self._command(Disarm(), ARMS_WITHIN_S)

@@ -258,7 +258,12 @@ class Release(Command, frozen=True, kw_only=True, tag="release/1"):
 
 
 class Arm(Command, frozen=True, kw_only=True, tag="arm/1"):
-    """Energise the drives where they stand. Refused with all unmet conditions."""
+    """Energise the drives where they stand. Refused with all unmet conditions, and where the body
+    touches something."""
+
+    despite_contact: bool = False
+    """Arm a body that touches something, or whose risk is not known, to lead it out: the gate then
+    lets nothing through but what leads out of the contact."""
 
 
 class Disarm(Command, frozen=True, kw_only=True, tag="disarm/1"):

@@ -44,6 +44,10 @@ from safety.states import Request
 
 BLEND_SPEED_MM_S: Final = 5.0
 _LOOK_EVERY_S: Final = 0.002
+_CONTACT_REMEDY: Final = (
+    "Move the body or what it touches by hand, or correct risk.surface in the robot file; or arm "
+    "with --despite-contact and lead it out"
+)
 _RESET_WITHIN_S: Final = 0.2
 """What a fault reset has done shows in the drives' next answers."""
 
@@ -179,6 +183,8 @@ class Operator:
             raise RefusedError("stopped", "it was stopped meanwhile")
         self._check_lease(user, command)
         self._check_can_arm()
+        if not command.despite_contact:
+            self._check_contact()
         service.hurry()
         supervisor.arm(service.clock.now_ns())
         while supervisor.arming:
@@ -194,6 +200,12 @@ class Operator:
             reasons = self._service.supervisor.blocking
             raise RefusedError("settings_differ", "; ".join(wrong), reasons)
         self._check_possible(Request.ARM)
+
+    def _check_contact(self) -> None:
+        """A body that touches something is not energised unawares."""
+        why = self._service.loop.refuses_rest()
+        if why:
+            raise RefusedError("contact", f"{why}. {_CONTACT_REMEDY}")
 
     def _check_can_arm(self) -> None:
         if self._preparing:

@@ -611,3 +611,48 @@ def test_only_axes_that_exist_are_homed() -> None:
     for axis in (-1, 2):
         with pytest.raises(ValueError, match=f"no axis {axis}"):
             rig.gate.permit_homing(axis)
+
+
+# At rest.
+
+
+def test_a_body_at_rest_is_asked_about_where_it_is_measured() -> None:
+    rig = Rig(2)
+    assert rig.gate.refuses_rest(rig.measured(2000, -4000), 77) == ""
+    assert rig.risk.asked == [([1.0, -2.0], [1.0, -2.0], 77)]
+
+
+def test_a_body_at_rest_that_touches_may_not_be_energised() -> None:
+    assert Rig(risk=ToldRisk(THRESHOLD)).gate.refuses_rest(Rig().measured(), 0) == ""
+    refused = Rig(risk=ToldRisk(0.051)).gate.refuses_rest(Rig().measured(), 0)
+    assert refused == (
+        "the body touches something where it stands, or may at any moment: clearance 2.0 mm at "
+        "150 mm along the body, there (0, 1, 2) mm; the risk is 0.051, and 0.05 is allowed"
+    )
+
+
+@pytest.mark.parametrize(("detail", "where"), [("a wall", "a wall"), ("", "it is not known where")])
+def test_where_nobody_says_the_place_what_is_said_stands_for_it(detail: str, where: str) -> None:
+    source = ToldRisk(lambda _from, _to: RiskReading(0.9, None, 0.001, "told", detail))
+    refused = Rig(risk=source).gate.refuses_rest(Rig().measured(), 0)
+    assert f"at any moment: {where}; the risk is 0.9" in refused
+
+
+def test_a_way_out_does_not_make_a_contact_at_rest_bearable() -> None:
+    out = Leaving(at_start=0.9, added=0.0)
+    source = ToldRisk(lambda _from, _to: RiskReading(0.9, None, 0.001, "told", leaving=out))
+    assert Rig(risk=source).gate.refuses_rest(Rig().measured(), 0)
+
+
+def test_a_body_whose_risk_is_not_known_may_not_be_energised() -> None:
+    assert Rig(risk=ToldRisk(nan)).gate.refuses_rest(Rig().measured(), 0) == (
+        "the risk of touching something is not known here: nan is not a probability"
+    )
+    late = ToldRisk(lambda _from, _to: RiskReading(0.0, None, 1.0, "told"))
+    assert "late" in Rig(risk=late).gate.refuses_rest(Rig().measured(), 0)
+
+
+def test_a_body_that_is_not_measured_may_not_be_energised() -> None:
+    rig = Rig(2)
+    assert rig.gate.refuses_rest(rig.measured(0, None), 0) == "not measured: axis 1"
+    assert rig.risk.asked == []
