@@ -1,9 +1,10 @@
-"""A tree of boxes over triangles, compiled: building it, and counting what a ray crosses.
+"""A tree of boxes over triangles, compiled: building it, what a ray crosses, what edges pierce.
 
 Every function that is cached on disk stands in this one file: numba notices a change only in the
 file of the cached function itself.
 """
 
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -149,14 +150,14 @@ def _partition(middle, order, begin, end, axis, plane):  # type: ignore[no-untyp
 
 
 @_kernel
-def winding_numbers(tree, points, directions):  # type: ignore[no-untyped-def]
+def winding_numbers(tree, points, directions, on_surface):  # type: ignore[no-untyped-def]
     """(n,) how often the surface goes round each of (n, 3) points, with its normals out.
 
     A ray is cast from the point, in the first of (r, 3) directions in which it meets no edge. No
     direction may have a component of zero. A point from which none is good is on the surface: that
-    counts as once.
+    counts as on_surface.
     """
-    result = np.ones(points.shape[0], np.int64)
+    result = np.full(points.shape[0], on_surface, np.int64)
     stack = np.empty(DEEPEST, np.int64)
     for k in range(points.shape[0]):
         for ray in range(directions.shape[0]):
@@ -234,3 +235,85 @@ def _crossing(corners, t, points, k, directions, ray):  # type: ignore[no-untype
     if abs(ahead) <= doubt * size:
         return 0, False
     return way if ahead * way > 0.0 else 0, True
+
+
+@_kernel
+def piercings(tree, faces, vertices, edges, near, found, places):  # type: ignore[no-untyped-def]
+    """Find where edges go through triangles, or come as near to one as `near`.
+
+    faces: (t, 3) vertices of the tree's triangles, in its order. edges: (e, 2) vertices. A triangle
+    that has a vertex in common with an edge is left out. Writes into (room, 2) `found` the edge and
+    the triangle, and into (room, 3) `places` where. Returns how many: no more than there is room
+    for.
+    """
+    stack = np.empty(DEEPEST, np.int64)
+    count = 0
+    for e in range(edges.shape[0]):
+        first, last = edges[e, 0], edges[e, 1]
+        stack[0], waiting = 0, 1
+        while waiting > 0:
+            waiting -= 1
+            node = stack[waiting]
+            if not _reaches(tree.boxes, node, vertices, first, last, near):
+                continue
+            begin, triangles = tree.links[node, 0], tree.links[node, 1]
+            if triangles == 0:
+                stack[waiting], stack[waiting + 1] = begin, begin + 1
+                waiting += 2
+            for t in range(begin, begin + triangles):
+                a, b, c = faces[t, 0], faces[t, 1], faces[t, 2]
+                if first in (a, b, c) or last in (a, b, c):
+                    continue
+                share = _pierced(tree.corners, t, vertices, first, last, near)
+                if share < 0.0:
+                    continue
+                if count == found.shape[0]:
+                    return count
+                found[count, 0], found[count, 1] = e, t
+                for j in range(3):
+                    way = vertices[last, j] - vertices[first, j]
+                    places[count, j] = vertices[first, j] + share * way
+                count += 1
+    return count
+
+
+@_inlined
+def _reaches(boxes, box, vertices, first, last, near):  # type: ignore[no-untyped-def]
+    """Whether the box round an edge meets this one."""
+    for axis in range(3):
+        p, q = vertices[first, axis], vertices[last, axis]
+        half = boxes[box, 3 + axis] + near
+        if min(p, q) > boxes[box, axis] + half or max(p, q) < boxes[box, axis] - half:
+            return False
+    return True
+
+
+@_kernel
+def _pierced(corners, t, vertices, first, last, near):  # type: ignore[no-untyped-def]
+    """Where along an edge it goes through the triangle's plane, from 0 to 1; −1: not through it."""
+    a0, a1, a2 = corners[t, 0], corners[t, 1], corners[t, 2]
+    p0, p1, p2 = corners[t, 3] - a0, corners[t, 4] - a1, corners[t, 5] - a2
+    q0, q1, q2 = corners[t, 6] - a0, corners[t, 7] - a1, corners[t, 8] - a2
+    n0, n1, n2 = p1 * q2 - p2 * q1, p2 * q0 - p0 * q2, p0 * q1 - p1 * q0
+    size = sqrt(n0 * n0 + n1 * n1 + n2 * n2)
+    if size == 0.0:
+        return -1.0
+    n0, n1, n2 = n0 / size, n1 / size, n2 / size
+    s0, s1, s2 = vertices[first, 0] - a0, vertices[first, 1] - a1, vertices[first, 2] - a2
+    e0, e1, e2 = vertices[last, 0] - a0, vertices[last, 1] - a1, vertices[last, 2] - a2
+    start, end = n0 * s0 + n1 * s1 + n2 * s2, n0 * e0 + n1 * e1 + n2 * e2
+    if min(start, end) > near or max(start, end) < -near or start == end:
+        return -1.0
+    share = min(max(start / (start - end), 0.0), 1.0)
+    x0, x1, x2 = s0 + share * (e0 - s0), s1 + share * (e1 - s1), s2 + share * (e2 - s2)
+    if abs(n0 * x0 + n1 * x1 + n2 * x2) > near:
+        return -1.0
+    # Distances from the three edges, positive inside.
+    pp, qq = sqrt(p0 * p0 + p1 * p1 + p2 * p2), sqrt(q0 * q0 + q1 * q1 + q2 * q2)
+    u = n0 * (p1 * x2 - p2 * x1) + n1 * (p2 * x0 - p0 * x2) + n2 * (p0 * x1 - p1 * x0)
+    v = n0 * (x1 * q2 - x2 * q1) + n1 * (x2 * q0 - x0 * q2) + n2 * (x0 * q1 - x1 * q0)
+    r0, r1, r2 = q0 - p0, q1 - p1, q2 - p2
+    rr = sqrt(r0 * r0 + r1 * r1 + r2 * r2)
+    if u < -near * pp or v < -near * qq or size - u - v < -near * rr:
+        return -1.0
+    return share

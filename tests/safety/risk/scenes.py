@@ -16,6 +16,8 @@ from safety.risk.mixture import FloatArray, Mixture
 from safety.risk.shapes import Mesh, ball, box, joined, turned
 
 ROOM_MM = 200.0
+_CLEAR_MM = 58.0
+"""From the middle, where no body reaches the wall even of a room of few sides."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,8 @@ def random_scene(random: Generator) -> Scene:
     places: list[FloatArray] = []
     for _ in range(int(random.integers(0 if is_room else 1, 7))):
         place = random.uniform(-60.0, 60.0, 3)
+        if is_room and np.linalg.norm(place) > _CLEAR_MM:
+            continue
         if all(np.linalg.norm(place - other) > 42.0 for other in places):
             places.append(place)
             bodies.append(_moved(_body(random), random, place))

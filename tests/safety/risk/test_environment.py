@@ -1,14 +1,26 @@
 """Meshes: which are accepted, what is wrong with the others, and what is solid."""
 
+import re
+import time
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from safety.risk.environment import _RAYS, EnvironmentFaultError, InsertionPort, environment
+from safety.risk.body_point import BodyPointRisk
+from safety.risk.distance_grid import distance_grid
+from safety.risk.environment import (
+    _RAYS,
+    Environment,
+    EnvironmentFaultError,
+    InsertionPort,
+    environment,
+    triangle_tree,
+)
 from safety.risk.mixture import FloatArray
-from safety.risk.shapes import Mesh, ball, box, joined, quartered, turned
-from tests.safety.risk.scenes import random_scene, solid_share
+from safety.risk.shapes import Mesh, ball, box, chest, joined, quartered, turned
+from tests.safety.risk.scenes import mixture_of, random_scene, solid_share
 
 CUBE = box((40.0, 40.0, 40.0), (0.0, 0.0, 0.0), cuts=2)
 
@@ -30,10 +42,170 @@ def test_around_a_cavity_everything_is_solid_and_in_it_only_what_stands_there() 
     assert cavity.solid(points).tolist() == [True, False, True, True]
 
 
-def test_bodies_that_overlap_are_solid_where_they_do() -> None:
-    pair = [box((20.0, 20.0, 20.0), (x, 0.0, 0.0)) for x in (0.0, 12.0)]
-    points = np.array([[6.0, 1.0, 2.0], [-6.0, 1.0, 2.0], [18.0, 1.0, 2.0], [30.0, 1.0, 2.0]])
-    assert environment(*joined(pair)).solid(points).tolist() == [True, True, True, False]
+ORIGIN = (0.0, 0.0, 0.0)
+BALL = ball(10.0, ORIGIN, 100)
+CAVITY = turned(box((80.0, 80.0, 80.0), ORIGIN, 3))
+
+
+def merged(mesh: Mesh) -> Mesh:
+    """Corners in one place are one, as those of a file become."""
+    places, which = np.unique(mesh.vertices_mm, axis=0, return_inverse=True)
+    return Mesh(places, which.ravel()[mesh.triangles])
+
+
+def bars(*sizes: tuple[float, float, float]) -> Mesh:
+    return joined([box(size, ORIGIN) for size in sizes])
+
+
+def pair(away_mm: float, size: tuple[float, float, float] = (20.0, 20.0, 20.0)) -> Mesh:
+    """Two boxes beside each other."""
+    return joined([box((20.0, 20.0, 20.0), ORIGIN), box(size, (away_mm, 0.0, 0.0))])
+
+
+@pytest.mark.parametrize(
+    ("mesh", "number"),
+    [
+        (joined([CAVITY, turned(BALL)]), -1),
+        (joined([BALL, turned(ball(9.0, (40.0, 0.0, 0.0), 100))]), -1),
+        (joined([ball(30.0, ORIGIN, 100), turned(ball(20.0, ORIGIN, 100)), turned(BALL)]), -1),
+        (pair(12.0), 2),
+        (pair(0.0), 2),
+        (pair(19.9), 2),
+        (merged(joined([BALL, BALL])), 2),
+        (merged(joined([CAVITY, CAVITY])), -1),
+        (joined([ball(20.0, ORIGIN, 200), BALL]), 2),
+        (joined([CAVITY, ball(20.0, (35.0, 0.0, 0.0), 200)]), 2),
+        (joined([turned(BALL), ball(9.0, (40.0, 0.0, 0.0), 100)]), 2),
+        (bars((100.0, 10.0, 10.0), (10.0, 100.0, 10.0)), 2),
+        (bars((100.0, 10.0, 10.0), (10.0, 100.0, 10.0), (10.0, 10.0, 100.0)), 3),
+    ],
+    ids=[
+        "a body turned inside out in a cavity",
+        "one of two bodies turned inside out",
+        "a body turned inside out in a hollow one",
+        "bodies that overlap, with sides in one plane",
+        "a body twice",
+        "bodies that overlap by a tenth of a millimetre",
+        "the same triangles twice",
+        "a cavity twice",
+        "a body in a body",
+        "a body half in the wall",
+        "what is outermost turned inside out",
+        "two bars through each other",
+        "three bars through each other",
+    ],
+)
+def test_what_is_neither_free_nor_solid_once_is_refused_with_its_place(
+    mesh: Mesh, number: int
+) -> None:
+    with pytest.raises(EnvironmentFaultError, match=rf"winding number {number}, ") as error:
+        environment(*mesh)
+    found = re.search(r"at \(([^)]*)\) mm", str(error.value))
+    assert found is not None
+    place = np.array([[float(x) for x in found[1].split(",")]])
+    sides = Environment(*mesh, triangle_tree(*mesh), "cavity" in str(error.value), None)
+    low, high = mesh.vertices_mm.min(axis=0), mesh.vertices_mm.max(axis=0)
+    assert ((place > low - 1.0) & (place < high + 1.0)).all()
+    assert sides.solid(place)[0] == (number > 0)
+
+
+def test_bodies_whose_faces_meet_only_where_no_face_has_its_middle_are_looked_at() -> None:
+    """The corners of two large boxes overlap by a millimetre, and a needle goes through a plate."""
+    corners = [box((40.0, 40.0, 40.0), ORIGIN), box((40.0, 40.0, 40.0), (39.0, 39.0, 39.0))]
+    needle = [box((900.0, 900.0, 2.0), ORIGIN), box((0.5, 0.5, 50.0), (33.3, 21.1, 3.0))]
+    for bodies in (corners, needle):
+        for body in bodies:
+            environment(*body)
+        with pytest.raises(EnvironmentFaultError, match="winding number 2"):
+            environment(*joined(bodies))
+
+
+def test_a_surface_that_goes_through_itself_is_refused() -> None:
+    """One corner of a box is pushed in and out at its opposite side."""
+    mesh = box((40.0, 40.0, 40.0), ORIGIN, 2)
+    vertices = mesh.vertices_mm.copy()
+    corner = int(np.argmax(vertices.sum(axis=1)))
+    vertices[corner] = (-31.0, -26.0, -28.0)
+    with pytest.raises(EnvironmentFaultError, match="winding number"):
+        environment(vertices, mesh.triangles)
+
+
+@pytest.mark.parametrize(
+    "mesh",
+    [
+        pair(20.0),
+        pair(20.0, (20.0, 8.0, 30.0)),
+        merged(pair(20.0)),
+        pair(20.0 - 1e-6),
+        pair(19.995),
+        pair(20.0 + 1e-6),
+        joined([ball(20.0, ORIGIN, 200), turned(BALL)]),
+        joined([ball(30.0, ORIGIN, 200), turned(ball(20.0, ORIGIN, 100)), BALL]),
+        joined([CAVITY, BALL, box((8.0, 8.0, 8.0), (36.0, 0.0, 0.0))]),
+        box((0.005, 80.0, 80.0), ORIGIN, 3),
+    ],
+    ids=[
+        "touching",
+        "touching with a part of a side",
+        "touching, with the same corners",
+        "touching but for rounding",
+        "touching but for five thousandths of a millimetre",
+        "hardly apart",
+        "hollow",
+        "a body in a hollow one",
+        "a body at the wall of a cavity",
+        "a plate of no thickness to speak of",
+    ],
+)
+def test_bodies_that_touch_or_lie_in_hollow_ones_are_accepted(mesh: Mesh) -> None:
+    environment(*mesh)
+
+
+def test_where_it_is_free_turns_over_all_of_a_mesh_or_only_what_is_outermost() -> None:
+    """Which of both the bodies in it say: they must not be inside out then."""
+    points = np.array([[0.0, 1.0, 2.0], [25.0, 1.0, 2.0], [41.0, 1.0, 2.0]])
+    for outer, inner in ((CAVITY, BALL), (turned(CAVITY), BALL), (turned(CAVITY), turned(BALL))):
+        made = environment(*joined([outer, inner]), free="inside")
+        assert made.solid(points).tolist() == [True, False, True]
+    with pytest.raises(EnvironmentFaultError, match="turned inside out"):
+        environment(*joined([CAVITY, turned(BALL)]), free="inside")
+    apart = joined([turned(BALL), ball(9.0, (25.0, 0.0, 0.0), 100)])
+    assert environment(*apart, free="outside").solid(points).tolist() == [True, True, False]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_bound_value_and_grid_agree_on_what_is_solid(seed: int) -> None:
+    """A point of no size to speak of: it is in something solid, or it is not."""
+    random = np.random.default_rng(seed)
+    hollow = [ball(30.0, ORIGIN, 200), turned(ball(22.0, ORIGIN, 100)), BALL]
+    post = box((12.0, 12.0, 80.0), (36.0, 36.0, 0.0))
+    room = turned(box((100.0, 100.0, 100.0), ORIGIN, 2))
+    every: list[Environment] = [
+        environment(*joined([room, *hollow, post])),
+        environment(*joined([*hollow, post])),
+        random_scene(random).environment,
+    ]
+    for made in every:
+        risk, grid = BodyPointRisk(made), distance_grid(made, 4.0, 20.0)
+        corners = grid.origin_mm + grid.spacing_mm * np.argwhere(grid.values_mm < np.inf)
+        values = grid.values_mm.ravel()
+        parts = [np.flatnonzero(side * values > 1.0) for side in (-1.0, 1.0)]
+        assert min(map(len, parts)) > 20
+        chosen = np.concatenate([random.permutation(part)[:20] for part in parts])
+        for place, distance in zip(corners[chosen], values[chosen], strict=True):
+            point = mixture_of([1.0], [place.tolist()], [[0.1] * 3])
+            solid = float(distance < 0.0)
+            assert made.solid(place[None])[0] == solid
+            assert risk.near_exact(point).value == pytest.approx(solid, abs=1e-6)
+            assert risk.printed(point) == pytest.approx(solid, abs=1e-6)
+
+
+def test_a_large_mesh_is_checked_in_seconds() -> None:
+    mesh = chest(50_000, 1)
+    environment(*ball(10.0, ORIGIN, 100))  # compiled
+    began = time.process_time()
+    environment(*mesh)
+    assert time.process_time() - began < 3.0
 
 
 @pytest.mark.parametrize("cuts", [1, 2, 3, 7])
@@ -138,7 +310,7 @@ def test_a_mesh_of_any_size_has_a_tree_that_holds_all_of_it() -> None:
 
 def test_a_mesh_of_one_place_again_and_again_still_gets_a_tree() -> None:
     same = joined([box((20.0, 20.0, 20.0), (0.0, 0.0, 0.0))] * 40)
-    tree = environment(*same).tree
+    tree = triangle_tree(*same)
     assert sorted(tree.order.tolist()) == list(range(480))
 
 
