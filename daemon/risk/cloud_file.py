@@ -10,10 +10,18 @@ from safety.risk.environment import MM_PER, Unit
 from safety.risk.mixture import FloatArray
 
 _ARRAY: Final = "points"
+_LINE: Final = 200
+"""Characters."""
 
 
 class CloudFileError(ValueError):
     """No cloud. Says what is wrong with the file."""
+
+
+def in_a_line(error: Exception) -> str:
+    """What a reader of files says that it has met, short enough to be told."""
+    words = " ".join(str(error).split())
+    return f"{type(error).__name__}: {words}"[:_LINE]
 
 
 def read_cloud(path: Path, unit: Unit) -> FloatArray:
@@ -29,7 +37,7 @@ def read_cloud(path: Path, unit: Unit) -> FloatArray:
     except CloudFileError:
         raise
     except Exception as error:  # whatever a reader makes of bytes that are no cloud
-        raise CloudFileError(f"is no cloud: {type(error).__name__}: {error}") from None
+        raise CloudFileError(f"is no cloud: {in_a_line(error)}") from None
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
         raise CloudFileError(f"must be (n, 3) numbers; it is {points.shape} of {points.dtype}")
     bad = np.count_nonzero(~np.isfinite(points).all(axis=1))

@@ -1,10 +1,13 @@
 """Reads surroundings from mesh files and writes them: STL, OBJ, PLY."""
 
+from io import BytesIO
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
+from daemon.risk.cloud_file import in_a_line
 from safety.risk.environment import (
     MM_PER,
     Environment,
@@ -17,6 +20,9 @@ from safety.risk.environment import (
 from safety.risk.shapes import Mesh
 
 SUFFIXES: Final = (".stl", ".obj", ".ply")
+_STL_HEADER, _STL_TRIANGLE = 84, 50
+"""Bytes of a binary STL file: before the triangles, the last four of them how many there are; and
+of each."""
 
 
 def read_environment(
@@ -47,22 +53,66 @@ def _read(path: Path, unit: Unit) -> Mesh:
 
     try:
         _check_suffix(path)
-        with path.open("rb") as file:
-            loaded = load_mesh(file, file_type=path.suffix[1:].lower(), process=False)
+        suffix = path.suffix[1:].lower()
+        content = _readable(path.read_bytes(), suffix)
+        loaded: Any = load_mesh(BytesIO(content), file_type=suffix, process=False)
         corners = MM_PER[unit] * np.asarray(loaded.triangles, np.float64).reshape(-1, 3)
     except OSError as error:
         raise EnvironmentFaultError(error.strerror or "cannot be read") from None
     except EnvironmentFaultError:
         raise
     except Exception as error:  # whatever a reader makes of bytes that are no mesh
-        raise EnvironmentFaultError(f"is no mesh: {type(error).__name__}: {error}") from None
-    if not np.isfinite(corners).all():
-        number = int(np.argwhere(~np.isfinite(corners))[0, 0]) // 3
-        raise EnvironmentFaultError(f"triangle {number} has a corner that is not finite")
+        raise EnvironmentFaultError(f"is no mesh: {in_a_line(error)}") from None
+    _check_finite(corners)
     places, which = np.unique(corners + 0.0, axis=0, return_inverse=True)  # no −0
     faces = which.reshape(-1, 3).astype(np.int64)
     a, b, c = faces.T
     return Mesh(places, faces[(a != b) & (b != c) & (c != a)])
+
+
+def _readable(content: bytes, suffix: str) -> bytes:
+    """What a file of words says, whatever alphabet its names are in; bytes of another as they are.
+
+    Raises EnvironmentFaultError where an STL file is not as long as it says.
+    """
+    if not content.strip():
+        raise EnvironmentFaultError("is empty")
+    if suffix == "obj":
+        return content.decode("utf-8", "replace").encode()
+    if suffix != "stl":
+        return content
+    if len(content) >= _STL_HEADER:
+        said = int.from_bytes(content[_STL_HEADER - 4 : _STL_HEADER], "little")
+        if len(content) == _STL_HEADER + said * _STL_TRIANGLE:
+            return content
+    if content.lstrip()[:5].lower() != b"solid" or b"\0" in content:
+        raise EnvironmentFaultError(_cut_off(content))
+    if b"endsolid" not in content.lower():
+        raise EnvironmentFaultError("is cut off: there is no 'endsolid'")
+    return content.decode("utf-8", "replace").encode()
+
+
+def _cut_off(content: bytes) -> str:
+    if len(content) < _STL_HEADER:
+        return f"is no STL file, or is cut off: it has {len(content)} bytes"
+    said = int.from_bytes(content[_STL_HEADER - 4 : _STL_HEADER], "little")
+    room = (len(content) - _STL_HEADER) / _STL_TRIANGLE
+    if room < said:
+        return f"is cut off, or no STL file: it says {said} triangles, and has {room:.1f}"
+    return f"is damaged, or no STL file: it says {said} triangles, and has room for {room:.1f}"
+
+
+def _check_finite(corners: NDArray[np.float64]) -> None:
+    """corners: (3t, 3)."""
+    finite = np.asarray(np.isfinite(corners).all(axis=1))
+    if finite.all():
+        return
+    number = int(np.argmin(finite)) // 3
+    others = corners[3 * number : 3 * number + 3][finite[3 * number : 3 * number + 3]]
+    near = ""
+    if len(others):
+        near = ", near ({:.6g}, {:.6g}, {:.6g}) mm".format(*others[0])
+    raise EnvironmentFaultError(f"triangle {number} has a corner that is not finite{near}")
 
 
 def _check_suffix(path: Path) -> None:

@@ -6,6 +6,8 @@ from typing import Final
 
 from safety.risk.mixture import Mixture, MixtureError
 
+_TOLD: Final = 40
+"""Characters of what is no number."""
 FORM: Final = """\
 {"weights":            [w, …],                      K numbers, together one
  "means_mm":           [[x, y, z], …],              K rows
@@ -24,8 +26,22 @@ def read_mixture(path: Path) -> Mixture:
         names = ("weights", "means_mm", "factors_per_mm")
         if missing := [name for name in names if name not in content]:
             raise MixtureError(f"{missing[0]} is missing. It must be of this form:\n{FORM}")
+        for name in names:
+            if (strange := _no_number(content[name])) is not None:
+                raise MixtureError(f"{name}: {strange} is no number")
         return Mixture.checked(*(content[name] for name in names))
     except OSError as error:
         raise MixtureError(f"{path}: {error.strerror}") from None
-    except (MixtureError, UnicodeDecodeError, json.JSONDecodeError) as error:
+    except RecursionError:
+        raise MixtureError(f"{path}: brackets within brackets, too deep to be read") from None
+    except ValueError as error:  # no UTF-8, no JSON, an integer of thousands of digits, no mixture
         raise MixtureError(f"{path}: {error}") from None
+
+
+def _no_number(part: object) -> str | None:
+    """What in lists of lists of numbers is neither; None: nothing."""
+    if isinstance(part, list):
+        return next((found for one in part if (found := _no_number(one)) is not None), None)
+    if isinstance(part, int | float) and not isinstance(part, bool):
+        return None
+    return json.dumps(part)[:_TOLD]

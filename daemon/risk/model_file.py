@@ -6,7 +6,7 @@ Beside the arrays of `safety.risk.risk_model` there is `about`, a JSON object: `
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -14,11 +14,19 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.risk.cloud_file import in_a_line
+from safety.risk.mixture import FloatArray
 from safety.risk.risk_model import RiskModel, RiskModelError, risk_model
 
 FORMAT: Final = 1
 _ABOUT: Final = "about"
 _SAID: Final = ("robot", "points_activation", "shapes_activation")
+_NUMBERS: Final = "fiu"
+_HEAVIEST_G: Final = 1e6
+_DIGESTS: Final = "configurations_sha256"
+_SAME: Final = 1e-3
+"""Of a network's inputs, whose spread is about one: configurations nearer to each other are one,
+written down or measured twice. Those of a training are hundreds of times as far apart."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +40,18 @@ class ModelFile:
     def robot(self) -> str:
         """Which robot it is of."""
         return str(self.about["robot"])
+
+    def learnt_at(self, u: FloatArray) -> NDArray[np.bool_]:
+        """(n,) which of (n, m) configurations it was trained at, those that told when to stop too.
+
+        By what they are: whoever has collected them, in whatever order they are.
+        """
+        return np.array([self.model.distance(one) < _SAME for one in u], np.bool_)
+
+    def learnt_from(self, digests: Sequence[str]) -> NDArray[np.bool_]:
+        """(n,) which of a `CloudDataset`'s digests are of clouds that it was trained with."""
+        known = set(self.about.get(_DIGESTS, ()))
+        return np.array([one in known for one in digests], np.bool_)
 
 
 def read_model(path: Path) -> ModelFile:
@@ -67,12 +87,15 @@ def _read(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     except OSError as error:
         raise RiskModelError(error.strerror or "cannot be read") from None
     except Exception as error:  # whatever a reader makes of bytes that are no model
-        raise RiskModelError(f"is no model: {type(error).__name__}: {error}") from None
+        raise RiskModelError(f"is no model: {in_a_line(error)}") from None
     try:
         about = json.loads(str(arrays.pop(_ABOUT)))
-    except (KeyError, json.JSONDecodeError):
+    except (KeyError, ValueError, RecursionError):
         raise RiskModelError("does not say what it is") from None
     _check(about)
+    for name, array in arrays.items():
+        if array.dtype.kind not in _NUMBERS:
+            raise RiskModelError(f"{name}: must be numbers, and is of {array.dtype}")
     return arrays, about
 
 
@@ -82,3 +105,9 @@ def _check(about: object) -> None:
     for name in _SAID:
         if not isinstance(about.get(name), str):
             raise RiskModelError(f"{_ABOUT}: {name} is missing")
+    load_g = about.get("tip_load_g", 0.0)
+    if not isinstance(load_g, int | float) or not abs(load_g) < _HEAVIEST_G:
+        raise RiskModelError(f"{_ABOUT}: tip_load_g must be a number of grams")
+    digests = about.get(_DIGESTS, [])
+    if not isinstance(digests, list) or not all(isinstance(one, str) for one in digests):
+        raise RiskModelError(f"{_ABOUT}: {_DIGESTS} must be a list of words")

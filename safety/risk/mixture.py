@@ -43,7 +43,7 @@ class Mixture:
         """A mixture of numbers from anywhere. Raises MixtureError."""
         try:
             parts = [np.array(part, np.float64) for part in (weights, means_mm, factors_per_mm)]
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             raise MixtureError(
                 f"weights, means and factors are arrays of numbers: {error}"
             ) from None

@@ -135,15 +135,22 @@ def _scaling(arrays: Mapping[str, NDArray[Any]]) -> FloatArray:
         if name not in arrays:
             raise NetworkError(f"{name}: is missing")
     offset, scale, offset_mm, scale_mm, limits = (arrays[n].astype(np.float64) for n in _SCALING)
-    if offset.ndim != 1 or scale.shape != offset.shape or not (scale > 0.0).all():
-        raise NetworkError("input_scale: must be positive, one per input, as input_offset")
+    if offset.ndim != 1 or scale.shape != offset.shape or not _sized(scale):
+        raise NetworkError(
+            "input_scale: must be positive and finite, one per input, as input_offset"
+        )
     if offset_mm.ndim != 1 or offset_mm.size == 0:
         raise NetworkError("output_offset_mm: must be one number per dimension")
-    if scale_mm.size != 1 or not scale_mm > 0.0:
+    if scale_mm.size != 1 or not _sized(scale_mm):
         raise NetworkError("output_scale_mm: must be one positive number")
     if limits.shape != (2,) or not limits[0] < limits[1]:
         raise NetworkError("log_diagonal_limits: must be two numbers, lowest first")
     return np.concatenate([offset, scale, offset_mm, scale_mm.ravel(), limits])
+
+
+def _sized(scale: NDArray[Any]) -> bool:
+    """Whether all of it is positive, and finite: what is divided by infinity is nowhere far."""
+    return bool(((scale > 0.0) & (scale < np.inf)).all())
 
 
 def _layers(

@@ -75,13 +75,77 @@ def not_finite(path: Path) -> None:
     write_mesh(path, Mesh(vertices, BLOCK.triangles))
 
 
+def cut(path: Path, keep: float) -> None:
+    write_mesh(path, BLOCK)
+    content = path.read_bytes()
+    path.write_bytes(content[: int(keep * len(content))])
+
+
+def words_of_stl(path: Path, name: bytes, end: bytes) -> None:
+    lines = [b"solid " + name]
+    for triangle in BLOCK.vertices_mm[BLOCK.triangles]:
+        lines += [b"facet normal 0 0 0", b"outer loop"]
+        lines += [f"vertex {x} {y} {z}".encode() for x, y, z in triangle]
+        lines += [b"endloop", b"endfacet"]
+    path.write_bytes(b"\n".join([*lines, end]))
+
+
+@pytest.mark.parametrize("keep", [0.02, 0.2, 0.5, 0.97, 0.999])
+def test_a_cut_off_stl_file_is_said_to_be_cut_off(keep: float, tmp_path: Path) -> None:
+    path = tmp_path / "cut.stl"
+    cut(path, keep)
+    with pytest.raises(EnvironmentFaultError, match=r"cut\.stl: is .*cut off") as error:
+        read_environment(path)
+    assert "module" not in str(error.value)
+    words_of_stl(path, b"block", b"endso")
+    with pytest.raises(EnvironmentFaultError, match="is cut off: there is no 'endsolid'"):
+        read_environment(path)
+
+
+@pytest.mark.parametrize("name", [b"K\xf6rper", b"\xff\xfe", "Körper".encode()])
+def test_names_in_any_alphabet_do_no_harm(name: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "words.stl"
+    words_of_stl(path, name, b"endsolid " + name)
+    assert len(read_environment(path).triangles) == len(BLOCK.triangles)
+    path = tmp_path / "words.obj"
+    write_mesh(path, BLOCK)
+    path.write_bytes(b"# " + name + b"\n" + path.read_bytes())
+    assert len(read_environment(path).triangles) == len(BLOCK.triangles)
+
+
+def test_a_binary_stl_file_may_begin_as_one_of_words(tmp_path: Path) -> None:
+    path = tmp_path / "solid.stl"
+    write_mesh(path, BLOCK)
+    path.write_bytes(b"solid" + path.read_bytes()[5:])
+    assert len(read_environment(path).triangles) == len(BLOCK.triangles)
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".obj", ".ply"])
+def test_a_body_that_is_there_twice_is_refused_with_its_file(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"twice{suffix}"
+    write_mesh(path, Mesh(BLOCK.vertices_mm, np.concatenate([BLOCK.triangles] * 2)))
+    with pytest.raises(
+        EnvironmentFaultError, match=rf"twice\{suffix}: the same triangles are there"
+    ):
+        read_environment(path)
+
+
+def points_only(path: Path) -> None:
+    words = ["ply", "format ascii 1.0", "element vertex 3"]
+    words += [f"property float {axis}" for axis in "xyz"]
+    path.write_text("\n".join([*words, "end_header", "0 0 0", "0 9 0", "9 0 0", ""]))
+
+
 @pytest.mark.parametrize(
     ("name", "make", "told"),
     [
         ("hole.stl", holed, "hole.stl: not watertight: 3 edges"),
-        ("nan.stl", not_finite, r"nan.stl: triangle \d+ has a corner that is not finite"),
-        ("empty.stl", lambda path: path.write_bytes(b""), "empty.stl: "),
-        ("short.stl", lambda path: path.write_bytes(b"\0" * 90), "short.stl: "),
+        ("nan.stl", not_finite, r"nan.stl: triangle \d+ has a corner that is not finite, near"),
+        ("empty.stl", lambda path: path.write_bytes(b""), "empty.stl: is empty"),
+        ("empty.ply", lambda path: path.write_bytes(b""), "empty.ply: is empty"),
+        ("short.stl", lambda path: path.write_bytes(b"\0" * 90), "short.stl: is damaged"),
+        ("points.ply", points_only, "points.ply: 0 triangles enclose nothing"),
+        ("folder.stl", lambda path: path.mkdir(), "folder.stl: Is a directory"),
         ("words.ply", lambda path: path.write_text("no mesh at all"), "words.ply: is no mesh"),
         ("none.obj", lambda path: path.write_text("v 1 2 3\n"), "none.obj: "),
         ("mesh.step", lambda path: path.write_text(""), "mesh.step: must end with .stl, .obj"),
