@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
             )
             bar.begin("contacts", len(rollouts.u), 0)
             found = contact_calibration(
-                file.model,
+                file,
                 rollouts,
                 arguments.obstacles,
                 arguments.samples,
@@ -86,7 +86,8 @@ def run(arguments: argparse.Namespace) -> int:
         return EXIT_FAILED
     print(
         f"{len(found.predicted)} situations of {found.rollouts} rollouts "
-        f"({found.unknown} configurations that the model does not know were left out); "
+        f"(left out: {found.unknown} configurations that the model does not know, {found.learnt} "
+        "that it was trained at); "
         f"in {found.undecided:.0%} it was open whether it touches"
     )
     print(

@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
             raise RiskModelError(f"{arguments.model} does not fit this robot: {misfit}")
         shape = NetworkShape(file.model.points.components)
         block = None if arguments.no_block else (shape, BodySettings().training)
-        made = evaluate(file.model, dataset, arguments.seed, arguments.references, block, _say)
+        made = evaluate(file, dataset, arguments.seed, arguments.references, block, _say)
         arguments.out.mkdir(parents=True, exist_ok=True)
         path = arguments.out / "evaluation.json"
         path.write_text(json.dumps(made.told(), indent=2) + "\n", encoding="utf-8")
@@ -84,8 +84,14 @@ def _lines(made: "Evaluation") -> list[str]:
 
     own, block = made.reference, made.block
     lines = [
-        f"NLL {nats_in_metres(made.points.mean_nll_mm):.3f} nats per point (places in m) on test "
-        f"configurations, {nats_in_metres(made.training_nll_mm):.3f} on those of the training",
+        f"tested at {int(made.unseen.test.sum())} configurations that the model was not trained at"
+        + (", of the clouds that it was trained with" if made.unseen.same_clouds else ""),
+        f"NLL {nats_in_metres(made.points.mean_nll_mm):.3f} nats per point (places in m) there"
+        + (
+            ""
+            if made.training_nll_mm is None
+            else f", {nats_in_metres(made.training_nll_mm):.3f} where it was trained"
+        ),
         f"beside a mixture of each of {own.configurations} configurations by itself: network "
         f"{own.network:.3f}, reference {own.reference:.3f} ({own.in_sample:.3f} in sample); "
         f"difference {own.difference:+.3f}, 95 %: {own.interval[0]:+.3f} to {own.interval[1]:+.3f}",
@@ -95,10 +101,23 @@ def _lines(made: "Evaluation") -> list[str]:
         f"smallest mean weight {made.least_weight:.3f}; the model knows {made.known:.1%} of the "
         "test configurations",
     ]
+    if made.unseen.left_out:
+        lines.insert(
+            1,
+            f"left out: {made.unseen.left_out} configurations that these data keep back, and the "
+            "model was trained at",
+        )
+    if (truth := made.truth) is not None:
+        lines.append(
+            f"of true shapes: coverage {_shares(LEVELS, truth.shapes.coverage().tolist())}; "
+            f"tip {truth.tip_error_mm:.2f} mm off its mean. Centrelines fitted to the clouds are "
+            f"off by {truth.fit_off_mm[0]:.2f} mm, 1 % of their nodes by {truth.fit_off_mm[1]:.2f}"
+        )
     if block is not None:
+        knowing = "" if block.knowing is None else f"; {block.knowing:.3f} if seen"
         lines.append(
             f"block of {block.configurations} configurations never seen: NLL {block.inside:.3f} "
-            f"({block.outside:.3f} outside; {block.knowing:.3f} if seen); "
+            f"({block.outside:.3f} outside{knowing}); "
             f"coverage {_shares(LEVELS, block.coverage)}"
         )
     return lines

@@ -17,6 +17,7 @@ from daemon.risk.cloud_dataset import BoolArray, CloudDataset
 from daemon.risk.recalibration import MOST_DOUBLED, recalibrated
 from safety.risk.mixture import FloatArray
 from safety.risk.network import Beginning, NetworkShape, Scaling
+from safety.risk.shape_basis import ShapeBasis
 from safety.risk.shape_fit import ShapeFit, coefficients_of, fit_shapes
 from safety.risk.training import Check, Trained, TrainingSettings, train
 
@@ -111,6 +112,7 @@ def train_body(dataset: CloudDataset, settings: BodySettings, heard: Heard) -> T
         "points_activation": points.activation,
         "shapes_activation": shapes.activation,
         "clouds_sha256": dataset.sha256,
+        "configurations_sha256": dataset.digests(learnt_from),
         "training": {
             "points": asdict(settings.points),
             "shapes": asdict(settings.shapes),
@@ -164,11 +166,10 @@ def _fitted(dataset: CloudDataset, chosen: BoolArray, coefficients: int) -> Shap
     return fit_shapes(dataset.centrelines_mm[chosen], dataset.radius_mm, coefficients)
 
 
-def coefficients_at(dataset: CloudDataset, chosen: BoolArray, basis: Any) -> FloatArray:
-    """(k, s, d) of the shapes of the chosen configurations."""
-    lines = dataset.centrelines_mm[chosen]
-    found = coefficients_of(basis, lines.reshape(-1, *lines.shape[2:]))
-    return found.reshape(*lines.shape[:2], -1)
+def coefficients_at(centrelines_mm: NDArray[Any], basis: ShapeBasis) -> FloatArray:
+    """(k, s, d) of the shapes with (k, s, nodes, 3) centrelines."""
+    found = coefficients_of(basis, centrelines_mm.reshape(-1, *centrelines_mm.shape[2:]))
+    return found.reshape(*centrelines_mm.shape[:2], -1)
 
 
 def _scaling(

@@ -22,8 +22,10 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
+from config.emulated_plants import Plant
 from daemon.risk.centreline_fit_kernels import likely, misses, placed, slopes
 from safety.risk.mixture import FloatArray
+from sim_backends.body_surface import BodySurface
 
 _PIECES: Final = 40
 _TERMS: Final = 5
@@ -55,6 +57,10 @@ _GOOD: Final = (0.97, 0.06)
 """Share of near points, and of the body unseen, with which nothing else is tried."""
 _FARTHEST_MM: Final = 25.0
 LEAST_POINTS: Final = 30
+_BELIEVED_NEAR: Final = 0.9
+"""Of a cloud must lie near the surface of the body that is fitted to it."""
+_BELIEVED_UNSEEN: Final = 0.2
+"""Of the body's length may be without points, in one piece."""
 _NEIGHBOURS: Final = (8, 16, 32)
 """Of each point, to which one can go from it: more where the points do not hang together."""
 _PARTS: Final = 10
@@ -88,6 +94,18 @@ class VisibleSurface:
         if self.disks < 0 or not all(0.0 < size < np.inf for size in sizes):
             raise ValueError("lengths, radii and thicknesses of a body must be positive")
 
+    @classmethod
+    def of(cls, plant: Plant) -> "VisibleSurface":
+        """What cameras see of an emulated body."""
+        seen = BodySurface.of(plant)
+        return cls(
+            plant.length_mm,
+            seen.tube_radius_mm,
+            seen.disks,
+            seen.disk_radius_mm,
+            seen.disk_thickness_mm,
+        )
+
     @property
     def numbers(self) -> FloatArray:
         """As the kernels want them."""
@@ -107,6 +125,16 @@ class FittedCentreline:
     """Share of the points within 3 mm of it."""
     unseen: float
     """Longest part of the body with no such point beside it, as a share of its length."""
+
+    @property
+    def doubt(self) -> str:
+        """Why no body lies in the cloud; empty: one does."""
+        if self.near >= _BELIEVED_NEAR and self.unseen <= _BELIEVED_UNSEEN:
+            return ""
+        return (
+            f"at best {self.near:.0%} of the points are near one, and {self.unseen:.0%} of it is "
+            "unseen"
+        )
 
 
 def fit_centreline(

@@ -5,7 +5,7 @@ from math import cos, exp, hypot, sin, sqrt
 import numpy as np
 from numba import njit
 
-_NEAR = 3
+_NEAR = 1
 """Pieces to either side, among which a curve that has moved a little is looked for."""
 
 _kernel = njit(cache=True, error_model="numpy", nogil=True)

@@ -16,13 +16,17 @@ from numpy.typing import NDArray
 from config.robot import Robot
 from daemon.learning.npz_file import save_npz
 from daemon.learning.robot_fit import misfit_of
+from daemon.risk.cloud_file import in_a_line
 from safety.risk.mixture import FloatArray
 
 SingleArray = NDArray[np.float32]
 BoolArray = NDArray[np.bool_]
 
-_KIND: Final = "tentacled clouds/1"
+_KIND: Final = "tentacled clouds/2"
 _PROVENANCE: Final = "provenance"
+_TRUE: Final = "true_centrelines_mm"
+_DIGITS: Final = 16
+"""Of a hash: none of some thousand others is the same by chance."""
 _FARTHEST: Final = 2.0
 """Nothing of a body is farther from its base than so many times its length."""
 
@@ -42,7 +46,7 @@ class CloudDataset:
     clouds_mm: SingleArray
     """(n, s, p, 3) seen at arrival, in the base frame."""
     centrelines_mm: SingleArray
-    """(n, s, nodes, 3) from base to tip, at arrival."""
+    """(n, s, nodes, 3) from base to tip, at arrival, as fitted to the clouds."""
     forces: SingleArray
     """(n, s, m) on the axes at arrival, N or N·mm."""
     test: BoolArray
@@ -53,15 +57,18 @@ class CloudDataset:
     """Of the body."""
     provenance: dict[str, Any]
     """Whose it is, and how it was made. For JSON."""
+    true_centrelines_mm: SingleArray | None = None
+    """(n, s, nodes, 3) of an emulated body, to judge the fit by: nothing is learnt from them. None:
+    nobody knows."""
 
     @classmethod
     def checked(cls, arrays: dict[str, NDArray[Any]], provenance: dict[str, Any]) -> Self:
         """Raises CloudDatasetError."""
-        wanted = [field.name for field in fields(cls) if field.name != _PROVENANCE]
-        for name in wanted:
-            if name not in arrays:
+        names = [field.name for field in fields(cls) if field.name != _PROVENANCE]
+        for name in names:
+            if name not in arrays and name != _TRUE:
                 raise CloudDatasetError(f"{name} is missing")
-        parts: dict[str, Any] = {name: arrays[name] for name in wanted}
+        parts: dict[str, Any] = {name: arrays[name] for name in names if name in arrays}
         parts["radius_mm"] = float(parts["radius_mm"])
         made = cls(**parts, provenance=provenance)
         _check_shapes(made)
@@ -75,7 +82,7 @@ class CloudDataset:
             with path.open("rb") as file, np.load(file, allow_pickle=False) as content:
                 arrays = {name: content[name] for name in content.files}
             provenance = json.loads(str(arrays.pop(_PROVENANCE)))
-            if provenance["kind"] != _KIND:
+            if not isinstance(provenance, dict) or provenance.get("kind") != _KIND:
                 raise CloudDatasetError("is of another version: collect it again")
             if misfit := misfit_of(provenance, robot):
                 raise CloudDatasetError(f"does not fit this robot: {misfit}")
@@ -85,7 +92,7 @@ class CloudDataset:
         except OSError as error:
             raise CloudDatasetError(f"{path}: {error.strerror or 'cannot be read'}") from None
         except Exception as error:  # whatever a reader makes of other bytes
-            raise CloudDatasetError(f"{path}: no clouds: {type(error).__name__}: {error}") from None
+            raise CloudDatasetError(f"{path}: no clouds: {in_a_line(error)}") from None
 
     def save(self, path: Path) -> None:
         """Whole or not at all. Raises OSError."""
@@ -94,8 +101,12 @@ class CloudDataset:
         save_npz(path, arrays)
 
     def _arrays(self) -> dict[str, NDArray[Any]]:
-        names = [field.name for field in fields(self) if field.name != _PROVENANCE]
-        return {name: np.asarray(getattr(self, name)) for name in names}
+        parts = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {
+            name: np.asarray(part)
+            for name, part in parts.items()
+            if name != _PROVENANCE and part is not None
+        }
 
     @property
     def sha256(self) -> str:
@@ -105,6 +116,14 @@ class CloudDataset:
             digest.update(f"{name} {array.dtype} {array.shape} ".encode())
             digest.update(np.ascontiguousarray(array).tobytes())
         return digest.hexdigest()
+
+    def digests(self, chosen: BoolArray) -> list[str]:
+        """What was seen at each chosen configuration, in whatever order it was come to there."""
+        found = []
+        for clouds in self.clouds_mm[chosen]:
+            each = sorted(hashlib.sha256(one.tobytes()).digest() for one in clouds)
+            found.append(hashlib.sha256(b"".join(each)).hexdigest()[:_DIGITS])
+        return found
 
     def __len__(self) -> int:
         return len(self.configurations)
@@ -129,6 +148,8 @@ def _check_shapes(made: CloudDataset) -> None:
     }
     if not n or not m or not s or points == (0,) or not nodes or nodes[0] < 2:
         raise CloudDatasetError("configurations (n, m), starts (n, s, m) or nodes are missing")
+    if made.true_centrelines_mm is not None:
+        shapes[_TRUE] = shapes["centrelines_mm"]
     for name, shape in shapes.items():
         if getattr(made, name).shape != shape:
             raise CloudDatasetError(f"{name} is {getattr(made, name).shape}, not {shape}")
@@ -138,7 +159,8 @@ def _check_shapes(made: CloudDataset) -> None:
 
 
 def _check_values(made: CloudDataset) -> None:
-    for name in ("configurations", "starts", "clouds_mm", "centrelines_mm", "forces"):
+    names = ["configurations", "starts", "clouds_mm", "centrelines_mm", "forces"]
+    for name in [*names, _TRUE] if made.true_centrelines_mm is not None else names:
         array = getattr(made, name)
         if array.dtype.kind != "f":
             raise CloudDatasetError(f"{name} must be numbers")
@@ -160,3 +182,17 @@ def _check_values(made: CloudDataset) -> None:
     if not (away < _FARTHEST * usual).all():
         place = tuple(int(i) for i in np.argwhere(~(away < _FARTHEST * usual))[0])
         raise CloudDatasetError(f"clouds_mm: the point at {place} is nowhere near the body")
+    _check_apart(made)
+
+
+def _check_apart(made: CloudDataset) -> None:
+    """No configuration is both for learning and for tests."""
+    _, which = np.unique(made.configurations, axis=0, return_inverse=True)
+    tests = np.zeros(len(made), np.int64)
+    np.add.at(tests, which.ravel(), made.test)
+    mixed = (tests[which.ravel()] > 0) & ~made.test
+    if mixed.any():
+        number = int(np.argmax(mixed))
+        raise CloudDatasetError(
+            f"configuration {number} is to learn from, and there again to test with"
+        )

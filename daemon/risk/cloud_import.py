@@ -22,10 +22,9 @@ from daemon.risk.centreline_fit import LEAST_POINTS, VisibleSurface, fit_centrel
 from daemon.risk.cloud_dataset import BoolArray, CloudDataset
 from daemon.risk.cloud_file import CloudFileError, read_cloud
 from daemon.risk.cloud_table import CloudImportError, CloudTable, read_table
-from daemon.risk.collection import block_of
+from daemon.risk.collection import FITTED, block_of
 from daemon.risk.parallel_collection import Progress
 from safety.risk.environment import Unit
-from sim_backends.body_surface import BodySurface
 
 SingleArray = NDArray[np.float32]
 
@@ -35,10 +34,6 @@ _AWAY: Final = 1.6
 """Times the body's length, from the base: nothing of it is there, even if it has stretched."""
 _STRAY: Final = 0.02
 """Of a cloud may be there, and is left out: pixels that were matched wrongly."""
-_NEAR: Final = 0.9
-"""Of a cloud must lie near the surface of the body that is fitted to it."""
-_UNSEEN: Final = 0.2
-"""Of the body's length may be without points, in one piece."""
 _PART: Final = 16
 """Clouds in a task."""
 _SPLIT, _SOME = range(2)
@@ -89,15 +84,7 @@ def surface_of(robot: Robot) -> tuple[VisibleSurface, float] | None:
     if robot.emulation is None:
         return None
     plant = robot.emulation.plant
-    seen = BodySurface.of(plant)
-    surface = VisibleSurface(
-        plant.length_mm,
-        seen.tube_radius_mm,
-        seen.disks,
-        seen.disk_radius_mm,
-        seen.disk_thickness_mm,
-    )
-    return surface, plant.body_radius_mm
+    return VisibleSurface.of(plant), plant.body_radius_mm
 
 
 def import_clouds(
@@ -125,12 +112,12 @@ def import_clouds(
     load_g, seen_on = how.pop("tip_load_g"), how.pop("seen_on")
     told = {
         **whose(robot),
+        "centrelines": FITTED,
         "tip_load_g": load_g,
         **({} if seen_on is None else {"seen_on": seen_on}),
         "imported": {
             **how,
             "not_known": [*unknown, "forces"],
-            "centrelines": "fitted to the clouds",
             "miss_mm": float(np.median([one.miss_mm for one in read])),
         },
     }
@@ -160,11 +147,10 @@ def read_and_fit(path: Path, number: int, settings: ImportSettings) -> ReadCloud
     random = np.random.default_rng([settings.seed, _SOME, number])
     some = points[random.choice(len(points), settings.points, replace=False)]
     fit = fit_centreline(some, settings.surface, _NODES)
-    if fit.near < _NEAR or fit.unseen > _UNSEEN:
+    if fit.doubt:
         return (
-            f"no body of {length_mm:g} mm lies in it: at best {fit.near:.0%} of the points are "
-            f"near one, and {fit.unseen:.0%} of it is unseen. Look at the unit, the frame, the "
-            "body's length and radii"
+            f"no body of {length_mm:g} mm lies in it: {fit.doubt}. Look at the unit, the frame, "
+            "the body's length and radii"
         )
     return ReadCloud(some.astype(np.float32), fit.nodes_mm.astype(np.float32), fit.miss_mm, digest)
 

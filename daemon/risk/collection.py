@@ -2,8 +2,11 @@
 
 Configurations that fill what the body can hold; to each from several random others, on a straight
 line at the axes' own speed, so that what slips and creeps on the way shows in the shape; a cloud at
-arrival. Each configuration begins with a body at rest and has random numbers of its own: what is
-seen does not depend on who sees it, nor on whether it was interrupted.
+arrival. As on a rig nobody knows where the body is but from the cloud: its centreline is fitted to
+that, and the true one is kept only to judge the fit by.
+
+Each configuration begins with a body at rest and has random numbers of its own: what is seen does
+not depend on who sees it, nor on whether it was interrupted.
 """
 
 from dataclasses import dataclass
@@ -14,6 +17,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from config.robot import Robot
+from daemon.risk.centreline_fit import LEAST_POINTS, VisibleSurface, fit_centreline
 from daemon.risk.configurations import Candidates
 from daemon.risk.emulated_body import EmulatedBody
 from safety.risk.mixture import FloatArray, IndexArray
@@ -26,6 +30,9 @@ _CAMERAS, _STARTS, _NOISE, _SPLIT = range(4)
 _BLOCK: Final = (0.35, 0.65)
 """Quantiles of the first two parameters, between which configurations can be kept back as a whole:
 about a twelfth of all, in one place."""
+
+FITTED: Final = "fitted to the clouds"
+"""Where the centrelines of a data set come from."""
 
 Arrays = dict[str, NDArray[Any]]
 SingleArray = NDArray[np.float32]
@@ -47,8 +54,10 @@ class CollectionSettings:
     seed: int = 1
 
     def __post_init__(self) -> None:
-        if self.training < 2 or self.test < 1 or self.starts < 1 or self.points < 1:
+        if self.training < 2 or self.test < 1 or self.starts < 1:
             raise ValueError("there must be 2 configurations, and one to test, of 1 start or more")
+        if self.points < LEAST_POINTS:
+            raise ValueError(f"of a cloud, {LEAST_POINTS} points are kept, or more")
         if self.starts > self.training + self.test - 1:
             raise ValueError("there are not so many other configurations to start from")
         if self.seed < 0:
@@ -104,13 +113,13 @@ def seen_at(
     u: FloatArray,
     starts: FloatArray,
 ) -> Arrays:
-    """Clouds, centrelines and forces at (k, m) u, come to from (k, s, m) starts.
+    """Clouds, fitted and true centrelines, and forces at (k, m) u, come to from (k, s, m) starts.
 
     indices: (k,) numbers of these configurations. Raises CollectionError, UnreachableError.
     """
     warm_up()
     rig = _Rig(robot, settings)
-    clouds, lines, forces = [], [], []
+    clouds, fitted, lines, forces = [], [], [], []
     for index, target, origins in zip(indices.tolist(), u, starts, strict=True):
         random = np.random.default_rng([settings.seed, _NOISE, index])
         rig.body.rest()
@@ -119,12 +128,14 @@ def seen_at(
             state = rig.body.go(target)
             line_mm = state.centreline_mm.astype(np.float32)
             clouds.append(rig.cloud(line_mm, random))
+            fitted.append(rig.centreline(clouds[-1], len(line_mm)))
             lines.append(line_mm)
             forces.append(state.actuator_forces.astype(np.float32))
     shape = starts.shape[:2]
     return {
         "clouds_mm": np.reshape(clouds, (*shape, settings.points, 3)),
-        "centrelines_mm": np.reshape(lines, (*shape, *lines[0].shape)),
+        "centrelines_mm": np.reshape(fitted, (*shape, *lines[0].shape)),
+        "true_centrelines_mm": np.reshape(lines, (*shape, *lines[0].shape)),
         "forces": np.reshape(forces, (*shape, forces[0].size)),
         "radius_mm": np.array(state.radius_mm),
     }
@@ -140,6 +151,7 @@ class _Rig:
         plant = robot.emulation.plant
         rig_seed = int(np.random.default_rng([settings.seed, _CAMERAS]).integers(2**31))
         self._cameras = DepthCameras(BodySurface.of(plant), plant.length_mm, rig_seed)
+        self._surface = VisibleSurface.of(plant)
 
     def cloud(self, centreline_mm: SingleArray, random: Generator) -> SingleArray:
         """(p, 3) of what the cameras see. Of what is kept of the body: it could be seen again."""
@@ -151,3 +163,13 @@ class _Rig:
                 f"{wanted} are wanted"
             )
         return cloud[random.choice(len(cloud), wanted, replace=False)].astype(np.float32)
+
+    def centreline(self, cloud_mm: SingleArray, nodes: int) -> SingleArray:
+        """(nodes, 3) that is fitted to a cloud."""
+        fit = fit_centreline(cloud_mm, self._surface, nodes)
+        if fit.doubt:
+            raise CollectionError(
+                f"no body lies in the cloud with the axes at {self.body.at.round(2)}: {fit.doubt}. "
+                "Keep more points of each cloud"
+            )
+        return fit.nodes_mm.astype(np.float32)

@@ -7,11 +7,11 @@ from typing import Any, Final
 import numpy as np
 
 from daemon.risk.grazed_obstacles import grazed_block
+from daemon.risk.model_file import ModelFile
 from daemon.risk.rollouts import Rollouts
 from safety.risk.contact import ContactModel
 from safety.risk.distance_grid import distance_grid
 from safety.risk.mixture import FloatArray
-from safety.risk.risk_model import RiskModel
 
 BINS: Final = 10
 _MARGIN_MM: Final = 10.0
@@ -34,6 +34,8 @@ class ContactCalibration:
     """Of each situation."""
     unknown: int
     """Configurations that the model says it does not know: left out."""
+    learnt: int
+    """Configurations that it was trained at: left out as well."""
 
     @property
     def expected_error(self) -> float:
@@ -78,6 +80,7 @@ class ContactCalibration:
             "situations": len(self.predicted),
             "rollouts": self.rollouts,
             "unknown_configurations": self.unknown,
+            "left_out_because_trained_at": self.learnt,
             "expected_calibration_error": self.expected_error,
             "largest_bin_error": self.largest_error,
             "mean_absolute_error": self.single_error,
@@ -88,7 +91,7 @@ class ContactCalibration:
 
 
 def contact_calibration(
-    model: RiskModel,
+    file: ModelFile,
     rollouts: Rollouts,
     obstacles: int,
     samples: int,
@@ -101,10 +104,14 @@ def contact_calibration(
     Where they are depends on the rollouts, not on the model. samples: of contact_risk. advance:
     hears of each configuration. Raises ValueError.
     """
+    model = file.model
     exact_mm = model.basis.thickest_mm + _MARGIN_MM
     found: list[tuple[float, float, float]] = []
-    unknown = 0
+    unknown, learnt = 0, file.learnt_at(rollouts.u)
     for number, (u, lines) in enumerate(zip(rollouts.u, rollouts.centrelines_mm, strict=True)):
+        if learnt[number]:
+            advance(1)
+            continue
         mixture = model.shapes.mixture(u) if model.knows(u) else None
         if mixture is None:
             unknown += 1
@@ -119,6 +126,10 @@ def contact_calibration(
             found.append((risk.probability, risk.upper_limit, touched))
         advance(1)
     if not found:
-        raise ValueError(f"the model knows none of {unknown} configurations")
+        raise ValueError(
+            f"of {len(rollouts.u)} configurations the model was trained at {int(learnt.sum())}, "
+            f"and {unknown} it does not know: none is left to try. Take another --seed"
+        )
     predicted, limit, observed = np.array(found).T
-    return ContactCalibration(predicted, limit, observed, rollouts.centrelines_mm.shape[1], unknown)
+    count = rollouts.centrelines_mm.shape[1]
+    return ContactCalibration(predicted, limit, observed, count, unknown, int(learnt.sum()))

@@ -121,7 +121,7 @@ def _samples(made: Evaluation, model: RiskModel, dataset: CloudDataset) -> Figur
     """What was seen at two test configurations, samples of the mixture, and its components."""
     order = np.argsort(made.points.nll_mm)
     middle, poor = int(order[len(order) // 2]), int(order[(9 * len(order)) // 10])
-    test = np.flatnonzero(dataset.test)
+    test = np.flatnonzero(made.unseen.test)
     drawn = _figure(WIDTH_IN, 8.0)
     grid = drawn.subplots(2, 3, sharex="col", sharey=True)
     random = np.random.default_rng(0)

@@ -22,6 +22,7 @@ from daemon.learning.npz_file import save_npz
 from daemon.learning.robot_fit import whose
 from daemon.risk.cloud_dataset import CloudDataset
 from daemon.risk.collection import (
+    FITTED,
     Arrays,
     CollectionError,
     CollectionSettings,
@@ -31,7 +32,7 @@ from daemon.risk.collection import (
 )
 from safety.risk.mixture import FloatArray
 
-_VERSION: Final = 1
+_VERSION: Final = 2
 """Of what is collected, given the robot and the settings."""
 _CANDIDATES: Final = 500
 """At most, in a task."""
@@ -39,7 +40,13 @@ _MOST_CANDIDATES: Final = 200
 """Times as many as configurations are wanted: then the body can hold next to nothing."""
 _PART: Final = 23
 """Configurations: some seconds of work."""
-_OF_PART: Final = ("clouds_mm", "centrelines_mm", "forces", "radius_mm")
+_OF_PART: Final = (
+    "clouds_mm",
+    "centrelines_mm",
+    "true_centrelines_mm",
+    "forces",
+    "radius_mm",
+)
 
 
 class Progress(Protocol):
@@ -75,6 +82,7 @@ def collect(
     seen = {name: np.concatenate([part[name] for part in parts]) for name in _OF_PART[:-1]}
     told = {
         **whose(robot),
+        "centrelines": FITTED,
         "settings": asdict(settings),
         "plant": robot.emulation.plant.model_dump(mode="json"),
         "tip_load_g": robot.emulation.tip_load_g,

@@ -42,6 +42,7 @@ def arrays(
         "starts": origins,
         "clouds_mm": clouds.astype(np.float32),
         "centrelines_mm": lines.astype(np.float32),
+        "true_centrelines_mm": lines.astype(np.float32),
         "forces": np.ones((n, starts, 4), np.float32),
         "test": test,
         "block": (u[:, 0] > 4.0) & (u[:, 1] > 0.0),

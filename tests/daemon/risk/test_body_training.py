@@ -19,10 +19,11 @@ from daemon.risk.body_training import (  # noqa: E402
     train_body,
 )
 from daemon.risk.calibration import scores  # noqa: E402
+from daemon.risk.cloud_dataset import CloudDataset  # noqa: E402
 from daemon.risk.component_sweep import Counted, recommended, told  # noqa: E402
-from daemon.risk.evaluation import against_reference, evaluate  # noqa: E402
+from daemon.risk.evaluation import Evaluation, against_reference, evaluate  # noqa: E402
 from daemon.risk.mdn_figures import write_sweep  # noqa: E402
-from daemon.risk.model_file import read_model, write_model  # noqa: E402
+from daemon.risk.model_file import ModelFile, read_model, write_model  # noqa: E402
 from safety.risk.network import NetworkShape  # noqa: E402
 from safety.risk.risk_model import risk_model  # noqa: E402
 from safety.risk.training import TrainingSettings  # noqa: E402
@@ -94,12 +95,126 @@ def test_what_is_kept_back_is_not_learnt_from(trained: TrainedBody) -> None:
         np.testing.assert_array_equal(array, again.arrays[name])
 
 
-def test_an_evaluation_says_all_of_it(trained: TrainedBody) -> None:
-    model, data = risk_model(trained.arrays, "silu", "silu"), dataset(n=240)
-    made = evaluate(
-        model, data, 1, 8, (NetworkShape(3, (32, 32)), SETTINGS.training), lambda _: None
+def test_shapes_are_learnt_from_the_clouds_and_not_from_the_true_centrelines(
+    trained: TrainedBody,
+) -> None:
+    data = dataset(n=240)
+    assert data.true_centrelines_mm is not None
+    elsewhere = replace(data, true_centrelines_mm=data.true_centrelines_mm + 20.0)
+    unknown = replace(data, true_centrelines_mm=None)
+    for other in (elsewhere, unknown):
+        again = train_body(other, SETTINGS, lambda *_: None)
+        for name, array in trained.arrays.items():
+            np.testing.assert_array_equal(array, again.arrays[name])
+    off = replace(data, centrelines_mm=data.centrelines_mm + np.float32(20.0))
+    again = train_body(off, SETTINGS, lambda *_: None)
+    moved = again.arrays["basis/base_mm"] - trained.arrays["basis/base_mm"]
+    np.testing.assert_allclose(moved, 20.0, atol=1e-3)
+
+
+def model_file(trained: TrainedBody) -> ModelFile:
+    return ModelFile(risk_model(trained.arrays, "silu", "silu"), trained.about)
+
+
+def evaluated(trained: TrainedBody, data: CloudDataset) -> Evaluation:
+    return evaluate(model_file(trained), data, 1, 2, None, lambda _: None)
+
+
+def some(data: CloudDataset, which: np.ndarray) -> CloudDataset:
+    """These configurations, in this order."""
+    assert data.true_centrelines_mm is not None
+    parts = {
+        name: getattr(data, name)[which]
+        for name in (
+            "configurations",
+            "starts",
+            "clouds_mm",
+            "centrelines_mm",
+            "forces",
+            "test",
+            "block",
+            "true_centrelines_mm",
+        )
+    }
+    return replace(data, **parts)
+
+
+def test_nothing_is_called_a_test_that_the_model_was_trained_at(trained: TrainedBody) -> None:
+    """Whoever has collected it, in whatever order it is, whatever it says of itself."""
+    data = dataset(n=240)
+    kept = int(data.test.sum())
+    as_trained = evaluated(trained, data)
+    assert (as_trained.unseen.left_out, as_trained.unseen.same_clouds) == (0, True)
+
+    order = np.random.default_rng(0).permutation(240)[:100]
+    fewer = some(data, order)
+    found = evaluated(trained, fewer)
+    assert (found.unseen.left_out, found.unseen.same_clouds) == (0, False)
+    assert found.unseen.test.sum() == fewer.test.sum()
+    assert found.training_nll_mm is not None
+
+    relabelled = replace(data, test=~data.test)
+    with pytest.raises(ValueError, match=f"trained at all {240 - kept} configurations"):
+        evaluated(trained, relabelled)
+    seen_again = replace(relabelled, clouds_mm=data.clouds_mm[:, ::-1] + np.float32(0.1))
+    with pytest.raises(ValueError, match="trained at all"):
+        evaluated(trained, seen_again)
+    mixed = replace(data, test=np.arange(240) % 12 < 6)
+    found = evaluated(trained, mixed)
+    assert found.unseen.left_out == int((mixed.test & ~data.test).sum()) > 0
+    np.testing.assert_array_equal(found.unseen.test, mixed.test & data.test)
+
+
+def test_clouds_that_were_learnt_from_are_known_whatever_configuration_they_are_given_to(
+    trained: TrainedBody,
+) -> None:
+    data = dataset(n=240)
+    scale = trained.arrays["points/input_scale"]
+    measured = replace(
+        data,
+        configurations=data.configurations + 0.05 * scale,
+        clouds_mm=data.clouds_mm[:, ::-1],
+        test=~data.test,
     )
+    with pytest.raises(ValueError, match="trained at all"):
+        evaluated(trained, measured)
+
+
+def test_data_that_the_model_has_never_seen_are_all_there_to_test_with(
+    trained: TrainedBody,
+) -> None:
+    data = dataset(n=240, seed=5)
+    made = evaluated(trained, data)
+    assert (made.unseen.left_out, made.unseen.same_clouds) == (0, False)
+    assert made.training_nll_mm is None
+    assert made.told()["training_nll_nats_m"] is None
+    np.testing.assert_array_equal(made.unseen.test, data.test)
+
+
+def test_what_the_fit_costs_is_told_where_the_truth_is_known(trained: TrainedBody) -> None:
+    data = dataset(n=240)
+    assert data.true_centrelines_mm is not None
+    off = np.zeros_like(data.true_centrelines_mm)
+    off[..., 0] = 3.0
+    made = evaluated(trained, replace(data, true_centrelines_mm=data.true_centrelines_mm + off))
+    assert made.truth is not None
+    assert made.truth.fit_off_mm == pytest.approx((3.0, 3.0), abs=1e-3)
+    assert made.truth.shapes.mean_nll_mm > made.shapes.mean_nll_mm
+    assert made.truth.tip_error_mm != made.tip_error_mm
+    assert made.told()["true_shapes"]["fit_off_mm"]["median"] == pytest.approx(3.0, abs=1e-3)
+    blind = evaluated(trained, replace(data, true_centrelines_mm=None))
+    assert blind.truth is None
+    assert blind.told()["true_shapes"] is None
+
+
+def test_an_evaluation_says_all_of_it(trained: TrainedBody) -> None:
+    data = dataset(n=240)
+    block = (NetworkShape(3, (32, 32)), SETTINGS.training)
+    made = evaluate(model_file(trained), data, 1, 8, block, lambda _: None)
     found = made.told()
+    assert found["test_configurations"] == int(data.test.sum())
+    assert found["left_out_because_trained_at"] == 0
+    assert found["clouds_of_the_training"]
     json.dumps(found)
     assert found["nll_nats_m"] == pytest.approx(found["nll_nats_mm"] - 3.0 * np.log(1000.0))
     assert set(found["coverage"]) == {"0.5", "0.8", "0.95"}
@@ -114,7 +229,7 @@ def test_a_reference_beats_a_network_that_has_learnt_nothing() -> None:
     data = dataset(n=240)
     little = replace(SETTINGS, training=replace(SETTINGS.training, steps=1))
     lazy = risk_model(train_body(data, little, lambda *_: None).arrays, "silu", "silu")
-    found = against_reference(lazy.points, data, 10, seed=1)
+    found = against_reference(lazy.points, data, data.test, 10, seed=1)
     assert found.difference > 0.1
     assert found.interval[0] < found.difference < found.interval[1]
     assert found.in_sample < found.reference
@@ -132,7 +247,8 @@ def test_a_reference_does_not_know_the_start_before() -> None:
     remembering = replace(data, clouds_mm=(data.clouds_mm + aside).astype(np.float32))
     trained = train_body(remembering, SETTINGS, lambda *_: None)
     model = risk_model(trained.arrays, "silu", "silu")
-    assert against_reference(model.points, remembering, 20, seed=1).difference < 0.0
+    own = against_reference(model.points, remembering, remembering.test, 20, seed=1)
+    assert own.difference < 0.0
 
 
 def counted(
@@ -193,7 +309,10 @@ def test_the_commands_train_sweep_and_evaluate(
     out = tmp_path / "evaluation"
     words = ["evaluate", *data, "--model", str(model), "--out", str(out), "--references", "3"]
     assert main(["mdn", *words, "--no-block"]) == EXIT_OK
-    assert "coverage of points" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "coverage of points" in told
+    assert told.startswith("tested at 20 configurations that the model was not trained at, of the")
+    assert "of true shapes: coverage" in told
     written = {path.name for path in out.iterdir()}
     assert written == {"evaluation.json", "coverage.png", "samples.png"}
 

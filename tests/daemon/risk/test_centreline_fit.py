@@ -24,7 +24,7 @@ def test_where_an_emulated_body_was_is_found_in_what_cameras_saw(name: str) -> N
     seen = seen_bodies(name)
     off, tips = [], []
     for clouds, lines in zip(
-        seen.clouds["clouds_mm"], seen.clouds["centrelines_mm"].astype(np.float64), strict=True
+        seen.clouds["clouds_mm"], seen.clouds["true_centrelines_mm"].astype(np.float64), strict=True
     ):
         for cloud, line in zip(clouds, lines, strict=True):
             fit = fit_centreline(cloud, seen.surface, len(line))

@@ -12,18 +12,55 @@ from daemon.risk.cloud_dataset import CloudDataset, CloudDatasetError
 from tests.daemon.risk.clouds import SOFT_ARM, arrays, dataset, tendon_arm
 
 ARRAYS = ("configurations", "starts", "clouds_mm", "centrelines_mm", "forces", "test", "block")
+TRUE = "true_centrelines_mm"
 
 
 def test_what_was_saved_is_read(tmp_path: Path) -> None:
     path, made = tmp_path / "clouds.npz", dataset()
     made.save(path)
     read = CloudDataset.load(path, tendon_arm().robot)
-    for name in ARRAYS:
+    for name in (*ARRAYS, TRUE):
         np.testing.assert_array_equal(getattr(read, name), getattr(made, name))
     assert read.radius_mm == made.radius_mm
     assert read.provenance["robot"] == "tendon_arm"
     assert read.sha256 == made.sha256
     assert [one.name for one in tmp_path.iterdir()] == ["clouds.npz"]
+
+
+def test_what_is_learnt_from_and_tested_with_is_apart() -> None:
+    both = arrays()
+    both["configurations"][1] = both["configurations"][0]  # the first is to test with
+    with pytest.raises(CloudDatasetError, match="configuration 1 is to learn from, and there aga"):
+        CloudDataset.checked(both, {})
+    both["test"][1] = True
+    CloudDataset.checked(both, {})
+
+
+def test_clouds_have_a_digest_whatever_start_they_were_come_to_from_first() -> None:
+    made = dataset()
+    every = np.ones(len(made), np.bool_)
+    digests = made.digests(every)
+    assert len(set(digests)) == len(made)
+    assert replace(made, clouds_mm=made.clouds_mm[:, ::-1]).digests(every) == digests
+    assert made.digests(made.test) == [one for one, t in zip(digests, made.test, strict=True) if t]
+    moved = made.clouds_mm.copy()
+    moved[3, 1, 2, 0] += 0.01
+    changed = replace(made, clouds_mm=moved).digests(every)
+    assert [i for i, one in enumerate(changed) if one != digests[i]] == [3]
+
+
+def test_true_centrelines_need_not_be_known(tmp_path: Path) -> None:
+    parts = arrays()
+    true = parts.pop("true_centrelines_mm")
+    path = tmp_path / "clouds.npz"
+    replace(dataset(), true_centrelines_mm=None).save(path)
+    assert CloudDataset.load(path, tendon_arm().robot).true_centrelines_mm is None
+    assert CloudDataset.checked(parts, {}).true_centrelines_mm is None
+    with pytest.raises(CloudDatasetError, match="true_centrelines_mm is"):
+        CloudDataset.checked({**parts, "true_centrelines_mm": true[:-1]}, {})
+    true[2, 1, 3, 0] = np.nan
+    with pytest.raises(CloudDatasetError, match=r"true_centrelines_mm: 1 numbers are not finite"):
+        CloudDataset.checked({**parts, "true_centrelines_mm": true}, {})
 
 
 def test_other_numbers_have_another_hash() -> None:

@@ -100,7 +100,7 @@ def test_what_was_seen_comes_back(
     ):
         away = np.abs(cloud[:, None] - all_of_it).max(axis=2).min(axis=1)
         assert away.max() < 1e-3
-    truly = seen.clouds["centrelines_mm"].astype(np.float64).reshape(20, -1, 3)
+    truly = seen.clouds["true_centrelines_mm"].astype(np.float64).reshape(20, -1, 3)
     fitted = made.centrelines_mm.astype(np.float64).reshape(20, -1, 3)
     off = [off_curve(line, fit) for line, fit in zip(truly, fitted, strict=True)]
     assert np.median(off) < 1.0
@@ -289,7 +289,7 @@ def test_from_files_to_a_model(
     assert main([*words, *few]) == EXIT_OK
     file = read_model(model)
     assert file.robot == "tendon_arm"
-    assert file.about["imported"]["centrelines"] == "fitted to the clouds"
+    assert file.about["centrelines"] == "fitted to the clouds"
     assert "--from FOLDER --unit mm --length-mm 200 --radius-mm 15" in file.about["commands"][0]
     assert "--tip-load-g 12 --seen-on 2026-11-21" in file.about["commands"][0]
     assert (file.about["tip_load_g"], file.about["seen_on"]) == (12.0, "2026-11-21")

@@ -11,6 +11,7 @@ import pytest
 
 from config.loader import RobotFile
 from daemon.cli import EXIT_FAILED, EXIT_OK, EXIT_USAGE, main
+from daemon.risk.centreline_fit import FittedCentreline, VisibleSurface, fit_centreline
 from daemon.risk.cloud_dataset import CloudDataset
 from daemon.risk.collection import (
     CollectionError,
@@ -22,7 +23,8 @@ from daemon.risk.collection import (
 from daemon.risk.parallel_collection import collect
 from tests.daemon.risk.clouds import TENDON_ARM, tendon_arm
 
-SETTINGS = CollectionSettings(training=20, test=6, starts=2, points=40)
+POINTS = 128
+SETTINGS = CollectionSettings(training=20, test=6, starts=2, points=POINTS)
 
 
 class Silent:
@@ -58,7 +60,7 @@ Collected = tuple[CloudDataset, Path, Silent]
 
 def test_all_that_was_wanted_is_there(collected: Collected) -> None:
     made, path, heard = collected
-    assert made.clouds_mm.shape == (26, 2, 40, 3)
+    assert made.clouds_mm.shape == (26, 2, POINTS, 3)
     assert made.test.sum() == 6
     assert heard.begun == [("what it can hold", 26, 0), ("clouds", 26, 0)]
     assert heard.done == 26
@@ -79,6 +81,32 @@ def test_clouds_are_of_the_body(collected: Collected) -> None:
     nearest = np.linalg.norm(away, axis=4).min(axis=3)
     assert np.quantile(nearest, 0.95) < made.radius_mm
     assert np.median(nearest) > 2.0
+
+
+def test_centrelines_are_fitted_to_the_clouds(collected: Collected) -> None:
+    """Near to the true ones, which are kept to be compared with, and not the same."""
+    made, _, _ = collected
+    assert made.true_centrelines_mm is not None
+    assert made.provenance["centrelines"] == "fitted to the clouds"
+    off = np.linalg.norm(made.centrelines_mm - made.true_centrelines_mm, axis=3)
+    assert 0.1 < np.median(off) < 1.5
+    robot = tendon_arm().robot
+    assert robot.emulation is not None
+    surface = VisibleSurface.of(robot.emulation.plant)
+    fit = fit_centreline(made.clouds_mm[5, 1], surface, made.centrelines_mm.shape[2])
+    np.testing.assert_array_equal(made.centrelines_mm[5, 1], fit.nodes_mm.astype(np.float32))
+
+
+def test_a_cloud_in_which_no_body_lies_is_no_part_of_a_collection(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def nowhere(points: Any, *_: object) -> FittedCentreline:
+        return FittedCentreline(np.zeros((3, 3)), 9.0, 0.4, 0.5)
+
+    monkeypatch.setattr("daemon.risk.collection.fit_centreline", nowhere)
+    u = np.zeros((1, 4))
+    with pytest.raises(CollectionError, match="no body lies in the cloud with the axes at"):
+        seen_at(tendon_arm().robot, SETTINGS, np.array([0]), u, u[None] + 1.0)
 
 
 def test_where_it_came_from_shows_in_its_shape(collected: Collected) -> None:
@@ -105,6 +133,7 @@ def test_what_is_seen_does_not_depend_on_what_else_is_seen(collected: Collected)
     )
     np.testing.assert_array_equal(again["clouds_mm"], made.clouds_mm[which])
     np.testing.assert_array_equal(again["forces"], made.forces[which])
+    np.testing.assert_array_equal(again["centrelines_mm"], made.centrelines_mm[which])
 
 
 class AtOnce(Executor):
@@ -153,7 +182,7 @@ def test_parts_of_other_settings_are_not_taken_over(tmp_path: Path, worker: Exec
     parts = tmp_path / "clouds.npz.parts"
     parts.mkdir()
     (parts / "0123456789abcdef.0000.npz").write_bytes(b"of something else")
-    few = CollectionSettings(training=2, test=1, starts=1, points=5)
+    few = CollectionSettings(training=2, test=1, starts=1, points=60)
     assert len(collect(tendon_arm(), few, path, worker, Silent())) == 3
 
 
@@ -192,6 +221,7 @@ def test_a_rig_without_an_emulation_cannot_be_collected(tmp_path: Path, worker: 
         (["--starts", "0"], EXIT_USAGE),
         (["--configurations", "3"], EXIT_USAGE),
         (["--configurations", "30", "--starts", "30"], EXIT_USAGE),
+        (["--points", "29"], EXIT_USAGE),
         (["--processes", "0"], EXIT_USAGE),
         (["--seed", "-1"], EXIT_USAGE),
     ],
@@ -209,13 +239,13 @@ def test_the_command_collects_with_processes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "clouds.npz"
-    words = ["--configurations", "20", "--starts", "2", "--points", "9", "--processes", "2"]
+    words = ["--configurations", "20", "--starts", "2", "--points", "60", "--processes", "2"]
     assert main(["mdn", "collect", str(TENDON_ARM), "--out", str(path), *words]) == EXIT_OK
     assert "20 configurations (2 to test with" in capsys.readouterr().out
     made = CloudDataset.load(path, tendon_arm().robot)
     with ThreadPoolExecutor(1) as pool:
         again = collect(
-            tendon_arm(), CollectionSettings(18, 2, 2, 9), tmp_path / "again.npz", pool, Silent()
+            tendon_arm(), CollectionSettings(18, 2, 2, 60), tmp_path / "again.npz", pool, Silent()
         )
     assert made.sha256 == again.sha256
 

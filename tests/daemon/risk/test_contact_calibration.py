@@ -11,8 +11,9 @@ from daemon.risk.collection import CollectionError
 from daemon.risk.contact_calibration import ContactCalibration, contact_calibration
 from daemon.risk.emulated_body import EmulatedBody
 from daemon.risk.grazed_obstacles import Block, grazed_block
+from daemon.risk.model_file import ModelFile
 from daemon.risk.rollouts import Rollouts, roll_out
-from safety.risk.risk_model import RiskModel, risk_model
+from safety.risk.risk_model import risk_model
 from tests import SOFT_ARM
 from tests.safety.risk.test_body_risk import arrays, at
 
@@ -75,7 +76,7 @@ def test_how_far_off_it_is_is_told_in_tenths() -> None:
     predicted = np.array([0.05] * 30 + [0.95] * 10)
     observed = np.array([0.1, 0.2] * 15 + [0.95] * 10)
     limit = predicted + 0.06
-    found = ContactCalibration(predicted, limit, observed, 200, 3)
+    found = ContactCalibration(predicted, limit, observed, 200, 3, 1)
     assert found.expected_error == pytest.approx(0.75 * 0.1)
     assert found.largest_error == pytest.approx(0.1)
     assert found.single_error == pytest.approx(0.75 * 0.1)
@@ -83,52 +84,62 @@ def test_how_far_off_it_is_is_told_in_tenths() -> None:
     assert found.undecided == 1.0
     assert [n for _, _, n in found.bins()] == [30, 10]
     assert found.told()["unknown_configurations"] == 3
+    assert found.told()["left_out_because_trained_at"] == 1
 
 
 @pytest.fixture(scope="module")
-def model() -> RiskModel:
+def file() -> ModelFile:
     """A straight body whose end the first input moves along x, 10 mm per unit."""
-    return risk_model(arrays(), "silu", "relu")
+    return ModelFile(risk_model(arrays(), "silu", "relu"), {"robot": "arm"})
 
 
-def as_the_model_has_it(model: RiskModel, rollouts: int) -> Rollouts:
+def as_the_model_has_it(file: ModelFile, rollouts: int) -> Rollouts:
     """Bodies drawn from the model itself."""
     random = np.random.default_rng(1)
-    u = np.array([at(first) for first in np.linspace(-4.0, 4.0, 12)])
+    u = np.array([at(first) for first in np.linspace(-4.1, 4.1, 12)])
     lines = []
     for one in u:
-        mixture = model.shapes.mixture(one)
+        mixture = file.model.shapes.mixture(one)
         assert mixture is not None
         drawn = mixture.sample(rollouts, random)
-        lines.append(model.basis.base_mm + np.tensordot(drawn, model.basis.modes, axes=1))
+        lines.append(file.model.basis.base_mm + np.tensordot(drawn, file.model.basis.modes, axes=1))
     return Rollouts(u, np.array(lines, np.float32), RADIUS_MM)
 
 
-def test_a_model_that_is_right_is_found_to_be(model: RiskModel) -> None:
-    rollouts = as_the_model_has_it(model, 100)
-    found = contact_calibration(model, rollouts, 3, 1000, 2.0, 1, lambda _: None)
+def test_a_model_that_is_right_is_found_to_be(file: ModelFile) -> None:
+    rollouts = as_the_model_has_it(file, 100)
+    found = contact_calibration(file, rollouts, 3, 1000, 2.0, 1, lambda _: None)
     assert len(found.predicted) == 36
     assert found.single_error < 0.06
     assert found.exceeded < 0.4
 
 
-def test_a_model_that_is_wrong_is_found_out(model: RiskModel) -> None:
+def test_a_model_that_is_wrong_is_found_out(file: ModelFile) -> None:
     """The bodies are elsewhere."""
-    rollouts = as_the_model_has_it(model, 100)
+    rollouts = as_the_model_has_it(file, 100)
     elsewhere = replace(rollouts, u=rollouts.u + np.array(at(1.5)))
-    found = contact_calibration(model, elsewhere, 3, 500, 2.0, 1, lambda _: None)
+    found = contact_calibration(file, elsewhere, 3, 500, 2.0, 1, lambda _: None)
     assert found.single_error > 0.15
 
 
-def test_what_the_model_does_not_know_is_left_out(model: RiskModel) -> None:
-    rollouts = as_the_model_has_it(model, 20)
+def test_what_the_model_does_not_know_is_left_out(file: ModelFile) -> None:
+    rollouts = as_the_model_has_it(file, 20)
     u = rollouts.u.copy()
     u[2:] += 100.0
-    found = contact_calibration(model, replace(rollouts, u=u), 3, 500, 2.0, 1, lambda _: None)
+    found = contact_calibration(file, replace(rollouts, u=u), 3, 500, 2.0, 1, lambda _: None)
     assert (found.unknown, len(found.predicted)) == (10, 6)
     nowhere = replace(rollouts, u=rollouts.u + 100.0)
-    with pytest.raises(ValueError, match="knows none of 12 configurations"):
-        contact_calibration(model, nowhere, 3, 500, 2.0, 1, lambda _: None)
+    with pytest.raises(ValueError, match="trained at 0, and 12 it does not know"):
+        contact_calibration(file, nowhere, 3, 500, 2.0, 1, lambda _: None)
+
+
+def test_configurations_that_the_model_was_trained_at_are_left_out(file: ModelFile) -> None:
+    rollouts = as_the_model_has_it(file, 20)
+    known = (file.model.known / file.model.scale)[:2]
+    u = np.concatenate([known, rollouts.u[2:]])
+    found = contact_calibration(file, replace(rollouts, u=u), 3, 500, 2.0, 1, lambda _: None)
+    assert (found.learnt, len(found.predicted)) == (2, 30)
+    assert found.told()["left_out_because_trained_at"] == 2
 
 
 def test_rollouts_come_to_one_place_from_many_and_are_the_same_again() -> None:
