@@ -23,14 +23,32 @@ class TlsListener(ConfigModel):
     endpoint: Endpoint
     """Address to listen on, and port: `192.168.1.10:7448`."""
 
+    stop_endpoint: Endpoint | None = None
+    """Where nothing but STOP is taken, so that nothing else can be in its way; None: the same
+    address, and the port after the other one."""
+
     certificates: str
     """Folder with `ca.pem`, `server.pem` and `server.key`, seen from the robot file."""
 
     @model_validator(mode="after")
     def _a_port(self) -> "TlsListener":
-        if not 1 <= int(self.endpoint.rpartition(":")[2]) <= 65535:
-            raise ValueError("the port is 1 to 65535")
+        for endpoint in (self.endpoint, self.stops_at):
+            if not 1 <= int(endpoint.rpartition(":")[2]) <= 65535:
+                raise ValueError("the port is 1 to 65535, and the next one is STOP's")
+        if self.endpoint == self.stop_endpoint:
+            raise ValueError("stop_endpoint: STOP has a port of its own")
         return self
+
+    @property
+    def stops_at(self) -> str:
+        """Where STOP is taken."""
+        return self.stop_endpoint or endpoint_after(self.endpoint)
+
+
+def endpoint_after(endpoint: str) -> str:
+    """The same address, and the next port."""
+    host, _, port = endpoint.rpartition(":")
+    return f"{host}:{int(port) + 1}"
 
 
 class Remote(ConfigModel):

@@ -2,9 +2,11 @@
 
 import argparse
 import asyncio
+import resource
 import sys
 from collections.abc import Awaitable, Callable
 from pathlib import Path
+from typing import Final
 
 from daemon.cli import EXIT_FAILED, EXIT_OK
 from daemon.clock import MonotonicClock, run_in_real_time
@@ -31,6 +33,9 @@ from drivers.can.bus_lock import BusTakenError, check_buses_are_free
 from drivers.canopen.object_dictionary import EdsError
 from drivers.clock import WallClock
 from safety.risk_source import RiskSource
+
+_SWITCH_INTERVAL_S: Final = 0.0005
+"""Python's own is ten times as long: so long the loop would wait for a thread that reads a file."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -59,6 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
+    _spread_out()
     checked = robot_or_explain(arguments.robot)
     if checked is None:
         return EXIT_FAILED
@@ -78,6 +84,13 @@ def run(arguments: argparse.Namespace) -> int:
         print(error, file=sys.stderr)
         return EXIT_FAILED
     return EXIT_OK
+
+
+def _spread_out() -> None:
+    """All the descriptors that there may be, and short turns for threads beside the loop's."""
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+    sys.setswitchinterval(_SWITCH_INTERVAL_S)
 
 
 async def _serve(checked: CheckedRobot, arguments: argparse.Namespace, risk: RiskSource) -> None:

@@ -1,7 +1,8 @@
 """zenoh's configuration for both ends, and who may send what: all that is not allowed is denied.
 
-Rules are evaluated at the daemon: `ingress` is what a client sends, `egress` what it gets. A
-subject without any property would be everybody, so each has its link's kind at least.
+Rules are evaluated at the daemon: `ingress` is what a client sends, `egress` what it gets. Each
+user has a session of the daemon's to talk to, behind a socket of its own: who opens it is the user.
+A subject without any property would be everybody, so each has its link's kind at least.
 """
 
 from collections.abc import Mapping, Sequence
@@ -39,11 +40,9 @@ class User:
 
     name: str
     role: str
-    link: str
-    """UNIX: whoever can open the socket; TLS: whose certificate bears the name."""
 
     def __post_init__(self) -> None:
-        if self.role not in ROLES or self.link not in (UNIX, TLS):
+        if self.role not in ROLES:
             raise ValueError(f"no such access: {self}")
 
     @property
@@ -61,13 +60,8 @@ def unix_endpoint(path: Path) -> str:
     return f"{UNIX}/{text}"
 
 
-def daemon_config(
-    keys: Keys, users: Sequence[User], endpoints: Sequence[str], tls: Mapping[str, object] | None
-) -> Json:
-    """The daemon: a peer that listens on `endpoints`, finds nobody by itself, and denies.
-
-    tls: as `server_tls` makes it.
-    """
+def daemon_config(keys: Keys, users: Sequence[User], endpoints: Sequence[str]) -> Json:
+    """The daemon: a peer that listens on `endpoints`, finds nobody by itself, and denies."""
     if not endpoints or not users:
         raise ValueError("a daemon that nobody can reach needs no server")
     config = _base("peer")
@@ -95,8 +89,6 @@ def daemon_config(
         "accept_pending": _MOST_PENDING,
         "accept_timeout": _OPENS_WITHIN_MS,
     }
-    if tls is not None:
-        config["transport"]["link"]["tls"] = dict(tls)
     return config
 
 
@@ -116,17 +108,6 @@ def client_config(
     if tls is not None:
         config["transport"]["link"]["tls"] = dict(tls)
     return config
-
-
-def server_tls(folder: Path) -> Json:
-    """Where the daemon has its certificates."""
-    return {
-        "root_ca_certificate": str(folder / "ca.pem"),
-        "listen_certificate": str(folder / "server.pem"),
-        "listen_private_key": str(folder / "server.key"),
-        "enable_mtls": True,
-        "close_link_on_expiration": True,
-    }
 
 
 def client_tls(folder: Path, user: str) -> Json:
@@ -189,10 +170,7 @@ def access_control(keys: Keys, users: Sequence[User]) -> Json:
 
 
 def _subject(user: User) -> Json:
-    subject: Json = {"id": user.name, "link_protocols": [user.link]}
-    if user.link == TLS:
-        subject["cert_common_names"] = [user.name]
-    return subject
+    return {"id": user.name, "link_protocols": [UNIX]}
 
 
 def _watching(keys: Keys) -> Sequence[Json]:

@@ -14,11 +14,13 @@ from daemon.remote.client_errors import (
     TimedOutError,
 )
 from daemon.remote.discovery import STOP_SOCKET, read_daemon
-from daemon.remote.messages import Answer
-from daemon.remote.stop_client import NoStopWayError, stop_locally
+from daemon.remote.messages import Answer, Refusal
+from daemon.remote.stop_client import StopLine, stop_locally
+from daemon.remote.wire import Format, WireError, decode
 
 LOCAL_USER: Final = "local"
 _KNOCK_WITHIN_S: Final = 3.0
+_REFUSAL_BYTES: Final = 4096
 
 
 @dataclass(frozen=True)
@@ -86,13 +88,26 @@ class TlsAddress:
     certificates: Path
     """Folder with `ca.pem`, and `<user>.pem` and `<user>.key`."""
     user: str
+    stop_endpoint: str | None = None
+    """Where the daemon takes nothing but STOP; None: the port after the other one."""
 
     def __str__(self) -> str:
         return f"{self.robot} at {self.endpoint}"
 
     async def stop(self, request: str, within_s: float) -> Answer:
         """STOP by its own way. Raises ClientError."""
-        raise NoStopWayError(f"no STOP {request} over tls within {within_s:g} s")
+        async with self.stop_line() as line:
+            return await line.stop(request, within_s)
+
+    def stop_line(self) -> StopLine:
+        """A connection that is there for nothing but STOP. Not connected yet."""
+        host, _, port = self.endpoint.rpartition(":")
+        return StopLine(
+            self.stop_endpoint or f"{host}:{int(port) + 1}",
+            self.certificates / "ca.pem",
+            self.certificates / f"{self.user}.pem",
+            self.certificates / f"{self.user}.key",
+        )
 
     def config(self, wait_s: float) -> dict[str, Any]:
         """For zenoh. Raises ValueError where certificates are missing."""
@@ -139,7 +154,12 @@ class TlsAddress:
         with connection:
             connection.settimeout(_KNOCK_WITHIN_S)
             with suppress(TimeoutError):
-                connection.recv(1)
+                told = connection.recv(_REFUSAL_BYTES)
+                mine = self.certificates / f"{self.user}.pem"
+                with suppress(WireError):
+                    text = decode(told, Refusal, Format.JSON).text
+                    return AccessDeniedError(f"the daemon of {self}: {text}")
+                return AccessDeniedError(f"{self.endpoint} has refused {mine}")
         return TimedOutError(f"the daemon of {self} is there, but takes no connection")
 
 

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import msgspec
 import zenoh
 
-from daemon.remote.address import Address
+from daemon.remote.address import Address, TlsAddress
 from daemon.remote.client_errors import (
     ANSWERS_WITHIN_S,
     ARMS_WITHIN_S,
@@ -44,7 +44,7 @@ from daemon.remote.messages import (
     WhoAmI,
     verb,
 )
-from daemon.remote.stop_client import first_answer
+from daemon.remote.stop_client import StopLine, first_answer
 from daemon.remote.subscription import DEPTH, Subscription
 from daemon.remote.wire import encode, encoding_of
 
@@ -64,6 +64,7 @@ class RobotClient:
         """Of somebody's lease, for commands while this client has acquired none itself."""
         self._connection = connection
         self._stop_connection = stop_connection
+        self._stop_line: StopLine | None = None
         self._lease = LeaseKeeper(self._renew, self._on_lease_lost)
         self._subscriptions: list[Subscription] = []
         self._request = 0
@@ -82,12 +83,23 @@ class RobotClient:
         stop_connection = connection
         try:
             me = await connection.whoami()
-            if own_stop:
-                stop_connection = await Connection.connect(address)
-            return cls(connection, stop_connection, me)
+            if not own_stop:
+                return cls(connection, stop_connection, me)
+            stop_connection = await Connection.connect(address)
+            client = cls(connection, stop_connection, me)
+            await client._open_stop_line()
+            return client
         except ClientError:
             await connection.close()
             raise
+
+    async def _open_stop_line(self) -> None:
+        """Over tls: a connection for STOP, there before it is wanted."""
+        address = self._connection.address
+        if isinstance(address, TlsAddress) and self.me.role == "operator":
+            self._stop_line = address.stop_line()
+            with suppress(ClientError):  # an older daemon: STOP goes as a command then
+                await self._stop_line.connect()
 
     async def __aenter__(self) -> "RobotClient":
         return self
@@ -106,6 +118,8 @@ class RobotClient:
         for subscription in self._subscriptions:
             subscription.close()
         await self._connection.close()
+        if self._stop_line is not None:
+            await self._stop_line.close()
         if self._stop_connection is not self._connection:
             await self._stop_connection.close()
 
@@ -191,7 +205,9 @@ class RobotClient:
         async def as_command(left_s: float) -> Answer:
             return await self._stop_connection.command(verb(Stop), stop, Answer, left_s)
 
-        own_way = self._connection.address.stop(stop.request, within_s)
+        line = self._stop_line
+        address = self._connection.address
+        own_way = (address if line is None else line).stop(stop.request, within_s)
         return await first_answer(own_way, as_command, within_s)
 
     async def send(self, command: Command, within_s: float = ARMS_WITHIN_S) -> Answer:

@@ -5,6 +5,8 @@ from collections import deque
 from collections.abc import Callable, Iterable
 from typing import Final, Generic, TypeVar
 
+from drivers.clock import Clock
+
 T = TypeVar("T")
 
 _MOST_WAITING: Final = 16
@@ -97,3 +99,23 @@ class Inbox(Generic[T]):
                 break
         if any(self._turns) or any(self._stops.values()):
             self._wake()
+
+
+class Quota:
+    """So many a second, of which those of a whole second may come at once. For one thread."""
+
+    def __init__(self, per_s: int, clock: Clock) -> None:
+        self._per_s = per_s
+        self._clock = clock
+        self._left = float(per_s)
+        self._t_ns = clock.now_ns()
+
+    def take(self) -> bool:
+        """Whether one more is within it."""
+        now_ns = self._clock.now_ns()
+        self._left = min(self._left + (now_ns - self._t_ns) * 1e-9 * self._per_s, self._per_s)
+        self._t_ns = now_ns
+        if self._left < 1.0:
+            return False
+        self._left -= 1.0
+        return True

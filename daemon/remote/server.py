@@ -7,7 +7,7 @@ leave by a thread of their own. So no client can hold the loop, whatever it send
 import asyncio
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -15,11 +15,13 @@ from typing import Any, Final
 import zenoh
 
 from config.remote import LOCAL_USER, Remote
-from daemon.remote.access import TLS, UNIX, User, daemon_config, server_tls, unix_endpoint
+from daemon.clock import MonotonicClock
+from daemon.remote.access import User, daemon_config, unix_endpoint
 from daemon.remote.bounded import call_bounded, close_session, open_until_exit
 from daemon.remote.command_desk import STOP, CommandDesk, CommandHandler, ErrorReports
 from daemon.remote.discovery import STOP_SOCKET, UNIX_SOCKET, RunningDaemon, RuntimeFolder
-from daemon.remote.inbox import Inbox
+from daemon.remote.gateway_process import GatewayProcess, StopChannel
+from daemon.remote.inbox import Inbox, Quota
 from daemon.remote.keys import TELEMETRY_KEYS, Keys
 from daemon.remote.messages import (
     COMMANDS,
@@ -50,8 +52,8 @@ _WITH_SCHEMA: Final[tuple[type[Message], ...]] = (
 )
 _FIRST: Final = frozenset({"state", "event"})
 """Published with a queue of their own, so that a congested subscriber still gets these."""
-_READERS: Final = ""
-"""In the inbox: the questions of which it is not known who asks."""
+_QUESTIONS_PER_S: Final = 500
+"""Of one user, besides commands; more are refused without the loop's doing."""
 _ENDS_WITHIN_S: Final = 1.0
 
 
@@ -86,26 +88,30 @@ class RemoteServer:
         operators = [user.name for user in self._users if user.may_command]
         self._desk = CommandDesk(handler, operators, self.publish, self._errors)
         askers = [_reader(user.name) for user in self._users]
-        self._inbox = Inbox[tuple[Question, Answering]]([*operators, *askers, _READERS])
+        self._inbox = Inbox[tuple[Question, Answering]]([*operators, *askers])
         self._stop_desk = StopDesk(handler, self._errors)
         self._stop_socket: LocalStopSocket | None = None
-        self._session: zenoh.Session | None = None
+        self._stop_channel: StopChannel | None = None
+        self._gateways: list[GatewayProcess] = []
+        self._sessions: list[zenoh.Session] = []
         self._replies: ReplyThread | None = None
-        self._alive: zenoh.LivelinessToken | None = None
-        self._publishers: dict[type[Message], zenoh.Publisher] = {}
+        self._alive: list[zenoh.LivelinessToken] = []
+        self._publishers: dict[type[Message], list[zenoh.Publisher]] = {}
         self._last: dict[str, Message] = {}
         self._schemas = _schemas(self._keys)
         self._closed = False
 
     def publish(self, message: Message) -> None:
         """Tell everybody who listens; who does not keep up misses it. Never blocks or raises."""
-        publisher = self._publishers.get(type(message))
-        if publisher is None:
+        publishers = self._publishers.get(type(message))
+        if publishers is None:
             return
         if not isinstance(message, SetpointRefused):
             self._last[_KEY_OF[type(message)]] = message
         try:
-            publisher.put(encode(message))
+            payload = encode(message)
+            for publisher in publishers:
+                publisher.put(payload)
         except zenoh.ZError:
             pass
         except Exception as error:  # what cannot be written must not stop who tells it
@@ -119,26 +125,59 @@ class RemoteServer:
             return
         self._folder.take()
         try:
-            config = self._config()
-            session = await asyncio.to_thread(_open_session, config)
-        except (ValueError, RemoteOpenError) as error:
-            self._folder.give_back()
-            raise RemoteOpenError(f"nobody can reach the daemon: {error}") from None
-        self._session = session
-        self._replies = ReplyThread()
-        self._inbox.open(lambda asked: asked[1](asked[0]), self._desk.setpoint)
-        try:
-            if self._settings.unix_socket:
-                mode = 0o660 if self._settings.group_may_connect else 0o600
-                self._socket_path.chmod(mode)
-                self._stop_socket = LocalStopSocket(
-                    self._stop_path, mode, partial(self._stop_desk.stop, LOCAL_USER)
-                )
-            self._declare(session, self._replies)
+            await self._open_sessions()
+            self._open_stop()
+            await self._open_gateways()
             self._folder.announce(self._announcement())
-        except (OSError, zenoh.ZError) as error:
+        except (OSError, ValueError, zenoh.ZError, RemoteOpenError) as error:
             await self.close()
             raise RemoteOpenError(f"nobody can reach the daemon: {error}") from None
+
+    async def _open_sessions(self) -> None:
+        """One for each user, so that nobody can use up what another one needs."""
+        self._replies = ReplyThread()
+        self._inbox.open(lambda asked: asked[1](asked[0]), self._desk.setpoint)
+        for user in self._users:
+            path = self._session_path(user)
+            config = daemon_config(self._keys, [user], [unix_endpoint(path)])
+            session = await asyncio.to_thread(_open_session, config)
+            self._sessions.append(session)
+            path.chmod(self._socket_mode if user.name == LOCAL_USER else 0o600)
+            self._declare(session, user, self._replies)
+
+    def _open_stop(self) -> None:
+        if self._settings.unix_socket:
+            stop = partial(self._stop_desk.stop, LOCAL_USER)
+            self._stop_socket = LocalStopSocket(self._stop_path, self._socket_mode, stop)
+
+    async def _open_gateways(self) -> None:
+        tls = self._settings.tls
+        if tls is None:
+            return
+        folder = (self._robot_file_dir / tls.certificates).absolute()
+        for name in ("ca.pem", "server.pem", "server.key"):
+            if not (folder / name).is_file():
+                raise RemoteOpenError(
+                    f"there is no {folder / name}; `tentacled certificates` makes it"
+                )
+        # Those who come over the network need it, and nobody else has to wait for it.
+        from daemon.remote.tls_listener import server_context
+
+        server_context(folder)
+        users = {user.name: user for user in self._users if user.name != LOCAL_USER}
+        sockets = {name: str(self._session_path(user)) for name, user in users.items()}
+        roles = {name: user.role for name, user in users.items()}
+        self._stop_channel = channel = StopChannel(self._stop_desk)
+        for endpoint, told, stops in (
+            (tls.stops_at, roles, channel.theirs),
+            (tls.endpoint, sockets, None),
+        ):
+            try:
+                gateway = GatewayProcess(endpoint, folder, told, self._errors, stops)
+            except OSError as error:
+                raise RemoteOpenError(f"{endpoint}: {error.strerror or error}") from None
+            self._gateways.append(gateway)
+            await gateway.start()
 
     async def close(self) -> None:
         """Refuse what is in hand and fall silent, within about three seconds. May be repeated."""
@@ -148,32 +187,30 @@ class RemoteServer:
         # Kept until the session is closed: to forget a publisher that is still declared takes a
         # lock of zenoh's while Python's is held, and who has that one may be waiting for Python's.
         publishers, self._publishers = self._publishers, {}
-        session, replies = self._session, self._replies
         if self._stop_socket is not None:
             self._stop_socket.close()
+        await asyncio.gather(*(gateway.close() for gateway in self._gateways))
+        if self._stop_channel is not None:
+            self._stop_channel.close()
         await self._stop_desk.close()
-        if session is not None and replies is not None:
+        sessions, replies = self._sessions, self._replies
+        if replies is not None:
             await self._desk.close(_ENDS_WITHIN_S)
             for question, _ in self._inbox.close():
                 question.refuse("closing", "the daemon is ending")
-            await call_bounded(lambda: _end(session, replies), 2 * _ENDS_WITHIN_S)
+            await call_bounded(lambda: _end(sessions, replies), 2 * _ENDS_WITHIN_S)
         publishers.clear()
         self._folder.give_back()
 
-    def _config(self) -> dict[str, Any]:
-        endpoints, tls = [], None
-        if self._settings.unix_socket:
-            endpoints.append(unix_endpoint(self._socket_path))
-        if self._settings.tls is not None:
-            endpoints.append(f"{TLS}/{self._settings.tls.endpoint}")
-            folder = (self._robot_file_dir / self._settings.tls.certificates).absolute()
-            for name in ("ca.pem", "server.pem", "server.key"):
-                if not (folder / name).is_file():
-                    raise RemoteOpenError(
-                        f"there is no {folder / name}; `tentacled certificates` makes it"
-                    )
-            tls = server_tls(folder)
-        return daemon_config(self._keys, self._users, endpoints, tls)
+    @property
+    def _socket_mode(self) -> int:
+        return 0o660 if self._settings.group_may_connect else 0o600
+
+    def _session_path(self, user: User) -> Path:
+        """Where a user's session listens: for the gateway, unless the user is on this machine."""
+        if user.name == LOCAL_USER:
+            return self._socket_path
+        return (self._folder.path / f"user-{self._users.index(user)}.sock").absolute()
 
     @property
     def _socket_path(self) -> Path:
@@ -195,35 +232,39 @@ class RemoteServer:
             stop_socket=str(self._stop_path) if self._settings.unix_socket else None,
         )
 
-    def _declare(self, session: zenoh.Session, replies: ReplyThread) -> None:
-        keys = self._keys
+    def _declare(self, session: zenoh.Session, user: User, replies: ReplyThread) -> None:
+        keys, reader = self._keys, _reader(user.name)
         for kind, name in _KEY_OF.items():
-            self._publishers[kind] = session.declare_publisher(
+            publisher = session.declare_publisher(
                 keys.telemetry(name),
                 encoding=encoding_of(kind),
                 congestion_control=zenoh.CongestionControl.DROP,
                 priority=zenoh.Priority.DATA_HIGH if name in _FIRST else zenoh.Priority.DATA,
             )
+            self._publishers.setdefault(kind, []).append(publisher)
+        quota = Quota(_QUESTIONS_PER_S, MonotonicClock())
 
         def answers(key: str, asker: str, answering: Answering) -> None:
             # Called on zenoh's threads: leave the question for the loop, and return at once.
             def asked(query: zenoh.Query) -> None:
                 question = Question(query, replies, self._state, STOP)
                 leave = self._inbox.stop if question.urgent else self._inbox.question
-                if not leave(asker, (question, answering)):
+                if asker == reader and not quota.take():
+                    text = f"more than {_QUESTIONS_PER_S} questions a second: subscribe instead"
+                    question.refuse("busy", text)
+                elif not leave(asker, (question, answering)):
                     question.refuse("busy", "too many questions wait already: ask again")
 
             session.declare_queryable(key, zenoh.handlers.Callback(asked, indirect=False))
 
         for name in TELEMETRY_KEYS:
-            answers(keys.telemetry(name), _READERS, self._tell_last)
-        answers(keys.schemas, _READERS, self._tell_schemas)
-        for user in self._users:
-            answers(keys.whoami(user.name), _reader(user.name), self._whoami_teller(user))
-            if user.may_command:
-                answers(keys.commands(user.name), user.name, self._command_taker(user))
-                session.declare_subscriber(keys.setpoint(user.name), self._setpoint_taker(user))
-        self._alive = session.liveliness().declare_token(keys.alive)
+            answers(keys.telemetry(name), reader, self._tell_last)
+        answers(keys.schemas, reader, self._tell_schemas)
+        answers(keys.whoami(user.name), reader, self._whoami_teller(user))
+        if user.may_command:
+            answers(keys.commands(user.name), user.name, self._command_taker(user))
+            session.declare_subscriber(keys.setpoint(user.name), self._setpoint_taker(user))
+        self._alive.append(session.liveliness().declare_token(keys.alive))
 
     # What is answered, on the loop.
 
@@ -278,8 +319,8 @@ def _reader(user: str) -> str:
 
 def _users(settings: Remote) -> list[User]:
     local = settings.role(LOCAL_USER)
-    users = [] if local is None else [User(LOCAL_USER, local, UNIX)]
-    return users + [User(name, role, TLS) for name, role in settings.users.items()]
+    users = [] if local is None else [User(LOCAL_USER, local)]
+    return users + [User(name, role) for name, role in settings.users.items()]
 
 
 def _schemas(keys: Keys) -> dict[str, bytes]:
@@ -298,6 +339,7 @@ def _open_session(config: dict[str, Any]) -> zenoh.Session:
         raise RemoteOpenError(str(error)) from None
 
 
-def _end(session: zenoh.Session, replies: ReplyThread) -> None:
+def _end(sessions: Sequence[zenoh.Session], replies: ReplyThread) -> None:
     replies.close(_ENDS_WITHIN_S)
-    close_session(session)
+    for session in sessions:
+        close_session(session)

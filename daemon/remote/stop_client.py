@@ -6,12 +6,16 @@ import socket
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from daemon.remote.client_errors import ClientError, RefusedError, TimedOutError
 from daemon.remote.messages import Answer, Refusal, Stop
 from daemon.remote.wire import Format, WireError, decode_one_of, encode
 
+if TYPE_CHECKING:
+    import ssl
+
+_CONNECTS_WITHIN_S: Final = 3.0
 _TRY_AGAIN_S: Final = 0.001
 _OTHER_WAY_AFTER_S: Final = 0.25
 """No answer by its own way after this long: the drives may need longer, but the daemon may be an
@@ -44,6 +48,79 @@ async def stop_locally(path: Path, request: str, within_s: float) -> Answer:
             raise TimedOutError(f"no answer to the STOP within {within_s:g} s") from None
         except OSError as error:
             raise NoStopWayError(f"{path}: {error.strerror or error}") from None
+
+
+class StopLine:
+    """A connection over tls for nothing but STOP: kept, nothing has to be made when it counts."""
+
+    def __init__(self, endpoint: str, authority: Path, certificate: Path, key: Path) -> None:
+        """endpoint: host:port."""
+        self._endpoint = endpoint
+        self._files = authority, certificate, key
+        self._streams: tuple[asyncio.StreamReader, asyncio.StreamWriter] | None = None
+        self._busy = asyncio.Lock()
+
+    async def __aenter__(self) -> "StopLine":
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.close()
+
+    async def connect(self) -> None:
+        """Raises NoStopWayError; again where the connection is gone."""
+        if self._streams is not None and not self._streams[0].at_eof():
+            return
+        await self.close()
+        host, _, port = self._endpoint.rpartition(":")
+        try:
+            self._streams = await asyncio.open_connection(
+                host.strip("[]"),
+                int(port),
+                ssl=self._context(),
+                ssl_handshake_timeout=_CONNECTS_WITHIN_S,
+            )
+        except OSError as error:
+            raise NoStopWayError(f"{self._endpoint}: {error.strerror or error}") from None
+
+    async def stop(self, request: str, within_s: float) -> Answer:
+        """STOP. Raises ClientError."""
+        try:
+            async with asyncio.timeout(within_s), self._busy:
+                await self.connect()
+                return await self._answered(request)
+        except TimeoutError:
+            raise TimedOutError(f"no answer to the STOP within {within_s:g} s") from None
+        except (OSError, ValueError) as error:
+            await self.close()
+            raise NoStopWayError(f"{self._endpoint}: {error}") from None
+
+    async def _answered(self, request: str) -> Answer:
+        assert self._streams is not None
+        reader, writer = self._streams
+        writer.write(encode(Stop(request=request), Format.JSON))
+        await writer.drain()
+        while line := await reader.readline():
+            answer = stop_answer(line)
+            if answer.request == request:
+                return answer
+        await self.close()
+        raise NoStopWayError(f"{self._endpoint} has hung up")
+
+    async def close(self) -> None:
+        """Hang up. May be repeated."""
+        streams, self._streams = self._streams, None
+        if streams is not None:
+            streams[1].transport.abort()
+            with suppress(OSError):
+                await streams[1].wait_closed()
+
+    def _context(self) -> "ssl.SSLContext":
+        import ssl  # only wanted here, and slow to import
+
+        authority, certificate, key = self._files
+        context = ssl.create_default_context(cafile=str(authority))
+        context.load_cert_chain(certificate, key)
+        return context
 
 
 async def _send(line: socket.socket, payload: bytes, path: Path) -> None:

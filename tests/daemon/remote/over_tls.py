@@ -40,22 +40,28 @@ class Served:
     server: RemoteServer
     robot: FakeRobot
     port: int
+    stop_port: int
     certificates: Path
     local: LocalAddress
 
     def remote(self, user: str, certificates: Path | None = None) -> TlsAddress:
         endpoint = f"127.0.0.1:{self.port}"
-        return TlsAddress(ROBOT, endpoint, certificates or self.certificates, user)
+        stop = f"127.0.0.1:{self.stop_port}"
+        return TlsAddress(ROBOT, endpoint, certificates or self.certificates, user, stop)
 
 
 @asynccontextmanager
 async def serving_all(folder: Path, certificates: Path) -> AsyncIterator[Served]:
     """With a unix socket and a TLS listener; another port where one was taken meanwhile."""
     for left in reversed(range(_TRIES)):
-        port = free_port()
+        port, stop_port = free_port(), free_port()
         settings = Remote.model_validate(
             {
-                "tls": {"endpoint": f"127.0.0.1:{port}", "certificates": str(certificates)},
+                "tls": {
+                    "endpoint": f"127.0.0.1:{port}",
+                    "stop_endpoint": f"127.0.0.1:{stop_port}",
+                    "certificates": str(certificates),
+                },
                 "users": USERS,
             }
         )
@@ -64,7 +70,7 @@ async def serving_all(folder: Path, certificates: Path) -> AsyncIterator[Served]
             async with serving(folder, settings=settings) as (server, robot):
                 opened = True
                 local = LocalAddress(ROBOT, folder / "zenoh.sock")
-                yield Served(server, robot, port, certificates, local)
+                yield Served(server, robot, port, stop_port, certificates, local)
                 return
         except RemoteOpenError:
             if opened or not left:

@@ -11,16 +11,15 @@ from daemon.remote.access import (
     access_control,
     client_config,
     daemon_config,
-    server_tls,
     unix_endpoint,
 )
 from daemon.remote.keys import Keys
 
 KEYS = Keys("soft_arm")
 USERS = (
-    User("local", "operator", "unixsock-stream"),
-    User("alice", "operator", "tls"),
-    User("bob", "viewer", "tls"),
+    User("local", "operator"),
+    User("alice", "operator"),
+    User("bob", "viewer"),
 )
 
 
@@ -39,10 +38,7 @@ def test_what_is_not_allowed_is_denied() -> None:
 
 def test_no_subject_is_everybody() -> None:
     for subject in access_control(KEYS, USERS)["subjects"]:
-        assert subject["link_protocols"]
-        if subject["id"] != "local":
-            assert subject["link_protocols"] == ["tls"]
-            assert subject["cert_common_names"] == [subject["id"]]
+        assert subject["link_protocols"] == ["unixsock-stream"]
 
 
 def test_every_rule_is_used_and_there() -> None:
@@ -68,18 +64,18 @@ def test_an_operator_puts_set_points_under_the_own_name_and_nothing_else() -> No
     assert sent == [["tentacled/soft_arm/setpoint/alice"]]
 
 
-@pytest.mark.parametrize(("role", "link"), [("admin", "tls"), ("viewer", ""), ("", "tls")])
-def test_an_access_that_does_not_exist_is_refused(role: str, link: str) -> None:
+@pytest.mark.parametrize("role", ["admin", ""])
+def test_an_access_that_does_not_exist_is_refused(role: str) -> None:
     with pytest.raises(ValueError, match="no such access"):
-        User("alice", role, link)
+        User("alice", role)
 
 
 def test_the_daemon_listens_where_it_is_told_and_looks_for_nobody(tmp_path: Path) -> None:
-    config = daemon_config(KEYS, USERS, ["tls/127.0.0.1:7448"], server_tls(tmp_path))
+    endpoint = unix_endpoint(tmp_path / "zenoh.sock")
+    config = daemon_config(KEYS, USERS, [endpoint])
     assert config["mode"] == "peer"
-    assert config["listen"]["endpoints"] == ["tls/127.0.0.1:7448"]
+    assert config["listen"]["endpoints"] == [endpoint]
     assert config["connect"]["endpoints"] == []
-    assert config["transport"]["link"]["tls"]["enable_mtls"] is True
     for one in (config, client_config("tls/127.0.0.1:7448")):
         zenoh.Config.from_json5(str(one).replace("True", "true").replace("False", "false"))
         assert one["scouting"]["multicast"]["enabled"] is False
@@ -93,7 +89,7 @@ def test_a_daemon_without_users_or_endpoints_makes_no_sense(
     users: tuple[User, ...], endpoints: list[str]
 ) -> None:
     with pytest.raises(ValueError, match="nobody can reach"):
-        daemon_config(KEYS, users, endpoints, None)
+        daemon_config(KEYS, users, endpoints)
 
 
 @pytest.mark.parametrize("path", ["/tmp/" + "x" * 103, "/tmp/a#b", "/tmp/a?b", "/tmp/a;b"])

@@ -10,6 +10,7 @@ import zenoh
 
 from daemon.clock import run_in_real_time
 from daemon.remote.address import Address
+from daemon.remote.client_errors import ClientError, RefusedError
 from daemon.remote.keys import ANY_ROBOT_ALIVE
 from daemon.remote.messages import COMMANDS, Acquire, Stop, Tip, WhoAmI, verb
 from daemon.remote.wire import decode, encode
@@ -185,22 +186,34 @@ def test_a_good_certificate_of_somebody_who_is_not_listed_gets_nothing(
     tmp_path: Path, certificates: Path
 ) -> None:
     async def test() -> None:
-        async with (
-            serving_all(tmp_path, certificates) as served,
-            raw(served.remote(STRANGER)) as client,
-            raw(served.local) as watcher,
-        ):
-            served.server.publish(tip())
-            heard = client.hear("**")
-            for key in [*TELEMETRY, "schema/tip", f"whoami/{STRANGER}", "whoami/alice", "**"]:
-                assert await client.get(f"{KEY}/{key}") == []
-            for user in (*EVERYBODY, STRANGER):
-                assert await client.ask(user, Stop()) == []
-                client.stream(user, setpoint(1))
-            alive = client.session.liveliness().get("**", timeout=20.0)
-            assert await asyncio.to_thread(lambda: list(alive)) == []
-            await heard_by(watcher, served, f"{KEY}/tip")
-            assert (heard, served.robot.carried_out, served.robot.setpoints) == ([], [], [])
+        async with serving_all(tmp_path, certificates) as served:
+            stranger = served.remote(STRANGER)
+            config = zenoh.Config.from_json5(json.dumps(stranger.config(0.0)))
+            with pytest.raises(zenoh.ZError):
+                await asyncio.to_thread(zenoh.open, config)
+            with pytest.raises(ClientError):
+                await stranger.stop("", 20.0)
+            assert "does not know the user" in str(await asyncio.to_thread(stranger.why_not))
+            assert (served.robot.carried_out, served.robot.stopped_ns) == ([], [])
+
+    run_in_real_time(test())
+
+
+@pytest.mark.parametrize("user", EVERYBODY)
+def test_stop_by_its_own_way_is_for_who_may_command(
+    tmp_path: Path, certificates: Path, user: str
+) -> None:
+    async def test() -> None:
+        async with serving_all(tmp_path, certificates) as served:
+            if user in OPERATORS:
+                assert (await address(served, user).stop("9", 20.0)).request == "9"
+                assert len(served.robot.stopped_ns) == 1
+                assert [(verb(c), who) for who, c in served.robot.carried_out] == [("stop", user)]
+            else:
+                with pytest.raises(RefusedError) as refused:
+                    await address(served, user).stop("9", 20.0)
+                assert refused.value.refusal.name == "not_permitted"
+                assert served.robot.stopped_ns == []
 
     run_in_real_time(test())
 
