@@ -70,10 +70,21 @@ class SafeReaction(ConfigModel):
 
 
 class Homing(ConfigModel):
-    """How the drive finds its zero. `method` 37: where it stands now."""
+    """Whether the drive knows its zero, and how it finds it (`tentacled home`)."""
+
+    referenced: Literal["absolute_encoder", "home_at_start"] = "absolute_encoder"
+    """`absolute_encoder`: it knows its zero whenever it is on. `home_at_start`: it loses it with
+    its power; the robot does not arm before the axis has been homed."""
+
+    referenced_bit: Annotated[int, Field(ge=8, le=15)] | None = None
+    """Bit of the statusword (0x6041) in which the drive itself says that it knows its zero: 15 at
+    an EPOS4. Where given, the drive is believed. None: it does not say."""
 
     method: Annotated[int, Field(ge=-128, le=127)] = 37
+    """0x6098. 37: where it stands now."""
+
     timeout_s: Positive = 30.0
+    """An axis that has not found its zero after this long is stopped."""
 
 
 class AxisBase(ConfigModel):

@@ -57,6 +57,8 @@ class Parts:
     tracker: Tracker | None
     supervision: Supervision | None
     emulation: Emulation | None
+    homing_order: object = None
+    """As the file has it."""
 
     @classmethod
     def of(cls, value: object) -> "Parts":
@@ -71,6 +73,7 @@ class Parts:
             _sound(Tracker, data.get("tracker")),
             _sound(Supervision, data.get("supervision", {})),
             _sound(Emulation, data.get("emulation")),
+            data.get("homing_order"),
         )
 
 
@@ -127,6 +130,7 @@ def findings(parts: Parts) -> Iterator[Finding]:
     yield from _cylinder_findings(parts)
     yield from _tendon_findings(parts)
     yield from _name_findings(parts)
+    yield from _homing_findings(parts)
     yield from _node_findings(parts)
 
 
@@ -265,6 +269,29 @@ def _name_findings(parts: Parts) -> Iterator[Finding]:
     for (_, one), (second, other) in combinations(sound, 2):
         if one.name == other.name:
             yield ("axes", second, "name"), f"there is already an axis '{one.name}'"
+
+
+def _homing_findings(parts: Parts) -> Iterator[Finding]:
+    """Whoever must be homed has one place in the order, and nobody else is named."""
+    if not isinstance(parts.homing_order, list):
+        return
+    names = {axis.name for axis in parts.axes if axis is not None}
+    whole = all(axis is not None for axis in parts.axes)
+    seen: set[str] = set()
+    for group_index, group in enumerate(parts.homing_order):
+        for index, name in enumerate(_items(group)):
+            at = ("homing_order", group_index, index)
+            if not isinstance(name, str):
+                continue
+            if whole and name not in names:
+                yield at, f"there is no axis '{name}'{did_you_mean(name, names)}"
+            if name in seen:
+                yield at, f"'{name}' has a place in the order already"
+            seen.add(name)
+    for axis in parts.axes:
+        if axis is None or axis.name in seen or axis.homing.referenced != "home_at_start":
+            continue
+        yield ("homing_order",), f"'{axis.name}' must be homed, and has no place in the order"
 
 
 def _node_findings(parts: Parts) -> Iterator[Finding]:

@@ -20,6 +20,7 @@ Quirk = Literal[
     "late_sync_holds",
     "no_encoder",
     "communication_error_stops",
+    "tells_reference",
 ]
 
 

@@ -23,6 +23,9 @@ class Robot(ConfigModel):
     buses: Annotated[dict[Name, Bus], Field(min_length=1)]
     axes: Annotated[list[Axis], Field(min_length=1)]
     """In the order of the actuation vector u."""
+    homing_order: list[Annotated[list[Name], Field(min_length=1)]] | None = None
+    """Which axes look for their zeros together, and which groups of them after which:
+    `[[rotation_1, rotation_2], [carriage_1]]`. None: one after the other, in the order of u."""
     workspace: Workspace | None = None
     """Trajectories outside it are refused; None: only the controller's own model is asked."""
     pose_filter: PoseFilterSettings = PoseFilterSettings()
@@ -30,3 +33,8 @@ class Robot(ConfigModel):
     supervision: Supervision = Supervision()
     remote: Remote = Remote()
     emulation: Emulation | None = None
+
+    @property
+    def homing_groups(self) -> list[list[str]]:
+        """The names of the axes that are homed together, group after group."""
+        return self.homing_order or [[axis.name] for axis in self.axes]

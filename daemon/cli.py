@@ -27,6 +27,7 @@ _COMMANDS: Final = {
     "status": "show the robot at a glance",
     "lease": "take control, and keep it until Ctrl-C",
     "arm": "energise the drives where they stand",
+    "home": "let axes look for their zeros",
     "load": "make a trajectory and a controller ready",
     "start": "follow what was loaded",
     "teleoperate": "follow set-points",

@@ -92,6 +92,9 @@ CAUSES: Final[tuple[Cause, ...]] = (
           "a drive's settings, its own safety reactions among them, are not what they were set to",
           "see which one and find out who writes to it; the drive is set up anew by itself when "
           "nobody else commands it; then arm again"),
+    Cause("not_referenced", _N, 0.0, _SELF,
+          "an axis does not know where its zero is: its positions mean nothing",
+          "make sure that it may move, then `tentacled home`"),
     Cause("bus_not_open", _N, 0.0, _SELF,
           "the CAN interface is not open",
           "plug the adapter in and bring the interface up; see the detail"),

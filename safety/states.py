@@ -24,14 +24,21 @@ class OperatingState(Enum):
     """Stopped and powered off, until somebody clears it."""
     ESTOP = "estop"
     """The external chain is open."""
+    HOMING = "homing"
+    """Drives look for their zeros by themselves, and the others are off."""
 
     @property
     def energised(self) -> bool:
-        """Whether the drives are meant to be on."""
-        return self in _ENERGISED
+        """Whether drives are meant to be on."""
+        return self in _FOLLOWS or self is OperatingState.HOMING
+
+    @property
+    def follows(self) -> bool:
+        """Whether all drives are meant to be on, and to be where they are told to be."""
+        return self in _FOLLOWS
 
 
-_ENERGISED: Final = (OperatingState.ARMED, OperatingState.RUNNING, OperatingState.HOLD)
+_FOLLOWS: Final = (OperatingState.ARMED, OperatingState.RUNNING, OperatingState.HOLD)
 
 
 class Request(Enum):
@@ -48,6 +55,9 @@ class Request(Enum):
     RESUME = "resume"
     STOP = "stop"
     CLEAR = "clear"
+    HOME = "home"
+    HOMED = "homed"
+    """Homing has come to its end, whichever."""
 
 
 def next_state(
@@ -56,7 +66,8 @@ def next_state(
     """Where the robot goes from `state`; `state` itself where it stays.
 
     severity: of the worst reason there is now, after a request to clear or resume has had its
-    effect on the reasons. blocked: some reason is NOT_READY or worse.
+    effect on the reasons. blocked: some reason is NOT_READY or worse, and is not what the request
+    takes out of the way.
     """
     if state.energised:
         return _while_energised(state, request, severity)
@@ -67,6 +78,8 @@ def next_state(
         return OperatingState.STANDBY if cleared else state
     if blocked:
         return OperatingState.STANDBY
+    if request is Request.HOME:
+        return OperatingState.HOMING
     enabled = state is OperatingState.READY and request is Request.ARMED
     return OperatingState.ARMED if enabled else OperatingState.READY
 
@@ -80,6 +93,9 @@ def _while_energised(
         return OperatingState.FAULT
     if severity >= Severity.DISARM or request in (Request.STOP, Request.DISARM):
         return OperatingState.STANDBY
+    if state is OperatingState.HOMING:  # nothing holds a drive that moves by itself
+        ends = severity >= Severity.HOLD or request in (Request.HOLD, Request.HOMED)
+        return OperatingState.STANDBY if ends else state
     if severity >= Severity.HOLD:  # what stands still already, armed, needs no holding
         return state if state is OperatingState.ARMED else OperatingState.HOLD
     if state is OperatingState.RUNNING:
@@ -97,9 +113,11 @@ _POSSIBLE_IN: Final[Mapping[Request, tuple[OperatingState, ...]]] = {
     Request.ARMED: (OperatingState.READY,),
     Request.START: (OperatingState.ARMED,),
     Request.FINISHED: (OperatingState.RUNNING,),
-    Request.HOLD: (OperatingState.RUNNING, OperatingState.HOLD),
+    Request.HOLD: (OperatingState.RUNNING, OperatingState.HOLD, OperatingState.HOMING),
     Request.RESUME: (OperatingState.ARMED, OperatingState.HOLD),
     Request.CLEAR: (OperatingState.FAULT, OperatingState.STANDBY, OperatingState.READY),
+    Request.HOME: (OperatingState.STANDBY, OperatingState.READY),
+    Request.HOMED: (OperatingState.HOMING,),
 }
 
 _INSTEAD: Final[Mapping[OperatingState, str]] = {
@@ -110,6 +128,7 @@ _INSTEAD: Final[Mapping[OperatingState, str]] = {
     OperatingState.HOLD: "the robot is being held: resume or stop",
     OperatingState.FAULT: "there was a fault: remove its cause, then clear",
     OperatingState.ESTOP: "the external chain is open: close it when it is safe, then clear",
+    OperatingState.HOMING: "the drives look for their zeros: wait for them, or stop",
 }
 
 
@@ -119,7 +138,7 @@ def refusal(state: OperatingState, request: Request, severity: Severity, blocked
         return ""
     if state not in _POSSIBLE_IN[request]:
         return _INSTEAD[state]
-    if request in (Request.ARM, Request.ARMED) and blocked:
+    if request in (Request.ARM, Request.ARMED, Request.HOME) and blocked:
         return "something is not ready: see the reasons"
     if request in (Request.START, Request.RESUME) and severity >= Severity.HOLD:
         return "something keeps the robot from moving: see the reasons"

@@ -212,6 +212,7 @@ def _axis_mechanics(axis: Axis) -> AxisMechanics:
     return AxisMechanics(
         counts_per_turn=axis.drive.counts_per_turn,
         rated_torque_nmm=axis.drive.rated_torque_nmm,
+        absolute_encoder=axis.homing.referenced == "absolute_encoder",
         low_stop_counts=low,
         high_stop_counts=high,
         low_switch_counts=low,

@@ -158,7 +158,7 @@ class ControlLoop:
 
     def told_counts(self, now_ns: int) -> Sequence[int] | None:
         """Where each axis is told to be; None while they are told nothing."""
-        return self.target_counts(now_ns) if self._supervisor.state.energised else None
+        return self.target_counts(now_ns) if self._supervisor.state.follows else None
 
     @property
     def error_mm(self) -> float | None:
@@ -191,7 +191,7 @@ class ControlLoop:
 
     def target_counts(self, now_ns: int) -> Sequence[int]:
         """Where each axis is told to be; where it is, while it is told nothing."""
-        if self._last_step is None or not self._supervisor.state.energised:
+        if self._last_step is None or not self._supervisor.state.follows:
             return [channel.position_counts for channel in self.channels]
         return self._last_step.targets(now_ns)
 
@@ -261,7 +261,7 @@ class ControlLoop:
 
     def _pass_the_gate(self, sensed: Sensed, wish: Wish | None) -> Decision | None:
         """What may be done; None: the drives hold by themselves."""
-        if not self._supervisor.state.energised:
+        if not self._supervisor.state.follows:
             return None
         now_ns = self._clock.now_ns()
         if wish is None:

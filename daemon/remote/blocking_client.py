@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from daemon.remote.address import Address
 from daemon.remote.client import RobotClient
-from daemon.remote.client_errors import ANSWERS_WITHIN_S
+from daemon.remote.client_errors import ANSWERS_WITHIN_S, HOMES_WITHIN_S
 from daemon.remote.messages import Answer, Message, Status, WhoAmI
 from daemon.remote.subscription import DEPTH
 
@@ -86,6 +86,10 @@ class BlockingRobotClient:
     def arm(self, *, despite_contact: bool = False) -> Answer:
         """despite_contact: of a body that touches something, to lead it out."""
         return self._do(self._client.arm(despite_contact=despite_contact))
+
+    def home(self, axes: Sequence[str] = (), within_s: float = HOMES_WITHIN_S) -> Answer:
+        """Let axes look for their zeros; empty: all that do not know theirs."""
+        return self._do(self._client.home(axes, within_s))
 
     def disarm(self) -> Answer:
         return self._do(self._client.disarm())

@@ -18,6 +18,7 @@ from daemon.remote.address import Address, TlsAddress
 from daemon.remote.client_errors import (
     ANSWERS_WITHIN_S,
     ARMS_WITHIN_S,
+    HOMES_WITHIN_S,
     ClientError,
     DisconnectedError,
     LeaseLostError,
@@ -32,6 +33,7 @@ from daemon.remote.messages import (
     Command,
     Disarm,
     Hold,
+    Home,
     Inject,
     Load,
     Release,
@@ -164,6 +166,10 @@ class RobotClient:
     async def arm(self, *, despite_contact: bool = False) -> Answer:
         """despite_contact: of a body that touches something, to lead it out."""
         return await self._command(Arm(despite_contact=despite_contact), ARMS_WITHIN_S)
+
+    async def home(self, axes: Sequence[str] = (), within_s: float = HOMES_WITHIN_S) -> Answer:
+        """Let axes look for their zeros; empty: all that do not know theirs."""
+        return await self._command(Home(axes=list(axes)), within_s)
 
     async def disarm(self) -> Answer:
         return await self._command(Disarm(), ARMS_WITHIN_S)

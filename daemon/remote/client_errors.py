@@ -6,6 +6,8 @@ from daemon.remote.messages import Refusal
 
 ANSWERS_WITHIN_S: Final = 5.0
 ARMS_WITHIN_S: Final = 20.0
+HOMES_WITHIN_S: Final = 600.0
+"""Axes are slow, and go one after the other; each has its own time limit in the robot file."""
 """How long a client waits, if it is not told otherwise."""
 
 

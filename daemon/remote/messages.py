@@ -218,7 +218,7 @@ class Event(Message, frozen=True, kw_only=True, tag="event/1"):
     sequence: int
     t_ns: int
     kind: str
-    """`state`, `cause`, `condition`, `command`, `note`."""
+    """`state`, `cause`, `condition`, `command`, `homing`, `note`."""
     name: str
     subject: str
     present: bool
@@ -264,6 +264,14 @@ class Arm(Command, frozen=True, kw_only=True, tag="arm/1"):
     despite_contact: bool = False
     """Arm a body that touches something, or whose risk is not known, to lead it out: the gate then
     lets nothing through but what leads out of the contact."""
+
+
+class Home(Command, frozen=True, kw_only=True, tag="home/1"):
+    """Let axes look for their zeros, in the order of the robot file. Answered at the end; `event`
+    tells of each axis. STOP, `hold` and a lost lease end it."""
+
+    axes: list[str] = []
+    """Empty: all that do not know their zero."""
 
 
 class Disarm(Command, frozen=True, kw_only=True, tag="disarm/1"):
@@ -364,6 +372,7 @@ COMMANDS = (
     Acquire,
     Release,
     Arm,
+    Home,
     Disarm,
     Load,
     Start,

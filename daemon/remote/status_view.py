@@ -18,6 +18,7 @@ _BANNER: Final = {
     "ARMED": "black on yellow",
     "RUNNING": "white on blue",
     "HOLD": "black on yellow",
+    "HOMING": "white on blue",
     "FAULT": "white on red",
     "ESTOP": "white on red",
 }

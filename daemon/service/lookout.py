@@ -11,6 +11,7 @@ from daemon.supervision.following_error import FollowingError
 from daemon.supervision.supervisor import Supervisor
 from drivers.aurora.tracker import AuroraTracker
 from drivers.axis_scale import tension_range_n
+from safety.states import OperatingState
 
 _FEW_MISSED_PER_S = 2
 
@@ -59,7 +60,8 @@ class Lookout:
             for channel, limits in self._tendons
         ]
         failsafe.set("loop_slow", self._missing_cycles, now_ns, "loop")
-        outside = self._supervisor.energised and loop.outside_workspace
+        homing = self._supervisor.state is OperatingState.HOMING
+        outside = self._supervisor.energised and not homing and loop.outside_workspace
         failsafe.set("out_of_workspace", outside, now_ns, "tip")
         behind = self._following_error.behind(loop.target_counts(now_ns), now_ns)
         if behind or failsafe.watching:

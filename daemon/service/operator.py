@@ -19,6 +19,7 @@ from daemon.remote.messages import (
     Command,
     Disarm,
     Hold,
+    Home,
     Inject,
     Load,
     Reason,
@@ -35,6 +36,7 @@ from daemon.remote.messages import (
     verb,
 )
 from daemon.service.asked import Asked, OffTheLoop, at_once
+from daemon.service.homing import RobotHoming
 from daemon.service.refused import RefusedError
 from daemon.service.robot_service import RobotService
 from daemon.service.run_recording import RunRecording
@@ -80,8 +82,9 @@ class Operator:
         self._recording = recording
         self._asked = Asked(service.robot, seed, files, off_the_loop)
         self._inject_fault = inject
+        self._homing = RobotHoming(service)
         self._preparing = False
-        """An `arm` is under way, and nothing is energised yet."""
+        """An `arm` or `home` is under way, and nothing is energised yet."""
         self._stops = 0
         self._setpoints: Setpoints | None = None
         self._following: TrajectoryReference | None = None
@@ -91,6 +94,7 @@ class Operator:
             Acquire: self._acquire,
             Release: self._release,
             Arm: self._arm,
+            Home: self._home,
             Disarm: self._disarm,
             Load: self._load,
             Start: self._start,
@@ -169,20 +173,7 @@ class Operator:
 
     async def _arm(self, user: str, command: Arm) -> Answer:
         service, supervisor = self._service, self._service.supervisor
-        self._check_can_arm()
-        self._preparing, stops_before = True, self._stops
-        try:
-            await self._check_settings()
-            await self._recording.begin()
-        except RecordingError as error:
-            raise RefusedError("not_recording", str(error)) from None
-        finally:
-            self._preparing = False
-        # Starting a recording takes a while, in which anything may have happened.
-        if self._stops != stops_before:
-            raise RefusedError("stopped", "it was stopped meanwhile")
-        self._check_lease(user, command)
-        self._check_can_arm()
+        await self._prepare(user, command, Request.ARM)
         if not command.despite_contact:
             self._check_contact()
         service.hurry()
@@ -193,13 +184,38 @@ class Operator:
             raise RefusedError("not_armed", "the drives were not enabled", supervisor.blocking)
         return self._answer(command)
 
-    async def _check_settings(self) -> None:
+    async def _home(self, user: str, command: Home) -> Answer:
+        groups = self._homing.groups(command.axes)
+        await self._prepare(user, command, Request.HOME)
+        self._service.hurry()
+        await self._homing.home(groups)
+        names = ", ".join(channel.axis.name for group in groups for channel in group)
+        return self._answer(command, text=f"homed: {names}")
+
+    async def _prepare(self, user: str, command: Command, request: Request) -> None:
+        """What comes before drives are energised, and takes a while. Raises RefusedError."""
+        self._check_can_begin(request)
+        self._preparing, stops_before = True, self._stops
+        try:
+            await self._check_settings(request)
+            await self._recording.begin()
+        except RecordingError as error:
+            raise RefusedError("not_recording", str(error)) from None
+        finally:
+            self._preparing = False
+        # Starting a recording takes a while, in which anything may have happened.
+        if self._stops != stops_before:
+            raise RefusedError("stopped", "it was stopped meanwhile")
+        self._check_lease(user, command)
+        self._check_can_begin(request)
+
+    async def _check_settings(self, request: Request) -> None:
         """What the drives would do by themselves must still be what they were told."""
         wrong = await self._service.check_settings()
         if wrong:
             reasons = self._service.supervisor.blocking
             raise RefusedError("settings_differ", "; ".join(wrong), reasons)
-        self._check_possible(Request.ARM)
+        self._check_possible(request)
 
     def _check_contact(self) -> None:
         """A body that touches something is not energised unawares."""
@@ -207,10 +223,10 @@ class Operator:
         if why:
             raise RefusedError("contact", f"{why}. {_CONTACT_REMEDY}")
 
-    def _check_can_arm(self) -> None:
+    def _check_can_begin(self, request: Request) -> None:
         if self._preparing:
-            raise RefusedError("wrong_state", "the robot is being armed already")
-        self._check_possible(Request.ARM)
+            raise RefusedError("wrong_state", "the robot is being armed or homed already")
+        self._check_possible(request)
 
     async def _disarm(self, user: str, command: Disarm) -> Answer:
         del user

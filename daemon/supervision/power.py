@@ -17,6 +17,7 @@ class Phase(Enum):
     LEFT_ALONE = "left alone"
     ENABLING = "enabling"
     ENABLED = "enabled"
+    HOMING = "homing"
     STOPPING = "stopping"
     SWITCHING_OFF = "switching off"
 
@@ -36,6 +37,10 @@ class Power:
         self._enter(Phase.ENABLING, t_ns)
         for bus in self._buses:
             bus.set_goal(PowerGoal.ENABLED)
+
+    def home(self, t_ns: int) -> None:
+        """Leave the drives to whoever homes them, until `stop`."""
+        self._enter(Phase.HOMING, t_ns)
 
     def stop(self, t_ns: int) -> None:
         """Quick stop on the bus at once, then power off. While that goes on, this does nothing."""
@@ -68,7 +73,7 @@ class Power:
     @property
     def wanted(self) -> bool:
         """Whether the drives are, or are to be, energised."""
-        return self.phase in (Phase.ENABLING, Phase.ENABLED)
+        return self.phase in (Phase.ENABLING, Phase.ENABLED, Phase.HOMING)
 
     @property
     def at_rest(self) -> bool:

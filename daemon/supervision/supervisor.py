@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from config.control import Supervision
 from daemon.supervision.condition_causes import CAUSE_OF_CONDITION, ONCE
 from daemon.supervision.power import Phase, Power
-from daemon.supervision.watchdogs import Watchdogs, Watched
+from daemon.supervision.watchdogs import NOT_REFERENCED, Watchdogs, Watched
 from drivers.cia402.drive_bus import DriveBus
 from drivers.conditions import ConditionChange
 from safety.causes import Severity
@@ -66,7 +66,8 @@ class Supervisor:
     def cycle(self, t_ns: int, gap_s: float, why_late: str) -> None:
         """Once per bus cycle, before anything is sent."""
         self._watchdogs.check_gap(gap_s, t_ns, why_late)
-        self._watchdogs.check(self.watched, t_ns, self.energised, self.running)
+        homing = self.state is OperatingState.HOMING
+        self._watchdogs.check(self.watched, t_ns, self.energised, self.running, homing)
         self.power.cycle(t_ns)
         if self.arming and self.power.phase is Phase.ENABLED:
             self.arming = False
@@ -95,14 +96,20 @@ class Supervisor:
 
     def refusal(self, request: Request) -> str:
         """Why a request is not possible now, in words; empty if it is."""
-        if self.arming and request is Request.ARM:
+        if self.arming and request in (Request.ARM, Request.HOME):
             return "the drives are being enabled already"
-        if self._comes_to_rest and request in (Request.ARM, Request.CLEAR):
+        if self._comes_to_rest and request in (Request.ARM, Request.CLEAR, Request.HOME):
             return "the drives are still being switched off"
         # What is in the way of these two may be what they take out of the way.
         undoes = request in (Request.RESUME, Request.CLEAR)
         severity = Severity.NONE if undoes else self.severity
-        return refusal(self.state, request, severity, bool(self.blocking))
+        return refusal(self.state, request, severity, bool(self._blocking(request)))
+
+    def _blocking(self, request: Request | None) -> tuple[ActiveReason, ...]:
+        """What stands in the way of a request to arm, or to home: which takes one of them away."""
+        if request is not Request.HOME:
+            return self.blocking
+        return tuple(one for one in self.blocking if one.cause.name != NOT_REFERENCED)
 
     def arm(self, t_ns: int) -> None:
         """Energise the drives where they stand; ARMED when they all follow."""
@@ -113,11 +120,13 @@ class Supervisor:
         """Carry out a request that is possible in this state."""
         if request is Request.RESUME:
             self.failsafe.resume()
-        elif request is Request.HOLD:
+        elif request is Request.HOLD and self.state is not OperatingState.HOMING:
             self.raise_cause("operator_hold", t_ns, subject="operator")
-        elif request in (Request.STOP, Request.DISARM):
+        elif request in (Request.STOP, Request.DISARM, Request.HOMED):
             self.arming = False
             self.power.stop(t_ns)
+        elif request is Request.HOME:
+            self.power.home(t_ns)
         self._go(t_ns, request)
 
     def clear(self, t_ns: int) -> tuple[ActiveReason, ...]:
@@ -139,7 +148,7 @@ class Supervisor:
     def _go(self, t_ns: int, request: Request | None) -> None:
         """Work out the state anew; more than one step where one leads to the next."""
         self._verdict = self.failsafe.evaluate(t_ns, self.energised)
-        blocked = bool(self.blocking) or self._comes_to_rest
+        blocked = bool(self._blocking(request)) or self._comes_to_rest
         if self.arming and self._verdict.severity >= Severity.DISARM:
             self.arming = False
             self.power.stop(t_ns)

@@ -10,6 +10,7 @@ from drivers.cia402.drive_bus import DriveBus
 from drivers.cia402.node import NodeState
 from safety.failsafe import Failsafe
 
+NOT_REFERENCED: Final = "not_referenced"
 _LOW_TO_FULL: Final = 0.1
 
 
@@ -49,14 +50,17 @@ class Watchdogs:
             (node, f"{node.subject} state") for bus in buses for node in bus.nodes.values()
         ]
 
-    def check(self, watched: Watched, t_ns: int, energised: bool, moving: bool) -> None:
-        """energised: drives are, or are being, powered. moving: a reference is followed."""
+    def check(
+        self, watched: Watched, t_ns: int, energised: bool, moving: bool, homing: bool
+    ) -> None:
+        """energised: drives are, or are being, powered. moving: a reference is followed. homing:
+        drives move by themselves."""
         self._check_tracker(watched, t_ns, energised)
         self._check_drives(t_ns)
         self._check_operator(watched, t_ns, energised, moving)
         self._check_recorder(watched, t_ns)
         for axis, tension_n, lowest_n, highest_n in watched.tensions_n:
-            slack = energised and tension_n < lowest_n
+            slack = energised and not homing and tension_n < lowest_n
             over = tension_n > highest_n
             told = f"{tension_n:.1f} N" if slack or over else ""
             self._set("tendon_slack", slack, t_ns, axis, told)
@@ -98,6 +102,9 @@ class Watchdogs:
                 if dropped or watching:
                     told = channel.state.value if dropped else ""
                     self._set("drive_not_enabled", dropped, t_ns, channel.axis.name, told)
+                lost = not (not_ready or channel.referenced)
+                if lost or watching:
+                    self._set(NOT_REFERENCED, lost, t_ns, channel.axis.name)
         arming = self._power.phase is Phase.ENABLING
         late = arming and self._power.since_s(t_ns) > self._settings.arm_within_s
         self._set("arming_failed", late, t_ns, "drives", self._not_enabled() if late else "")

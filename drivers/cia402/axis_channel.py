@@ -54,6 +54,12 @@ class AxisChannel:
         """Not to be enabled before the other axes can be: a body is not held by one."""
         self.homing = self.start_homing = False
         """In homing mode: the drive moves by itself, and targets mean nothing."""
+        self.zero_found = False
+        """Homed since the drive was last away, as far as could be heard."""
+        self.zero_lost = False
+        """Its encoder has failed since the drive was last away."""
+        self._referenced_bit = axis.homing.referenced_bit
+        self._keeps_zero = axis.homing.referenced == "absolute_encoder"
         self._cyclic = axis.drive.mode in CYCLIC_MODES
         self._enabled_since_ns: int | None = None
         self._fault_reset = FaultReset()
@@ -104,6 +110,13 @@ class AxisChannel:
         self.target_counts = target
         return RPDO_LAYOUT.pack(controlword, target)
 
+    @property
+    def referenced(self) -> bool:
+        """Whether the drive knows where its zero is."""
+        if self._referenced_bit is not None:
+            return bool(self.statusword >> self._referenced_bit & 1)
+        return self.zero_found or (self._keeps_zero and not self.zero_lost)
+
     def set_goal(self, goal: PowerGoal | None, t_ns: int) -> None:
         """What the drive shall do from now on."""
         self.goal, self._goal_since_ns = goal, t_ns
@@ -127,7 +140,8 @@ class AxisChannel:
     def forget(self) -> None:
         """The drive is gone or was reset: nothing it said before counts."""
         self.received_ns = self.target_counts = self._enabled_since_ns = self.goal = None
-        self.following = self.had_voltage = False
+        self.following = self.had_voltage = self.zero_found = self.zero_lost = False
+        self.homing = self.start_homing = False
         self.statusword, self.state = 0, PowerState.UNKNOWN
 
     def _follow(self, t_ns: int) -> None:

@@ -18,7 +18,7 @@ from drivers.canopen.codec.nmt import NmtCommand, NmtState, encode_heartbeat, en
 from drivers.canopen.object_dictionary import ObjectDictionary
 from drivers.cia402.axis_channel import AxisChannel
 from drivers.cia402.foreign_frames import ForeignFrames
-from drivers.cia402.homing import Homing
+from drivers.cia402.homing import Homing, HomingError, ModeLeftError
 from drivers.cia402.modes import CYCLIC_MODES
 from drivers.cia402.node import Node, NodeState
 from drivers.cia402.pdo_plan import sends_steps_at_once
@@ -179,10 +179,20 @@ class DriveBus:
         return [wrong for wrong in found if wrong]
 
     async def home(self, permitted: PermittedHoming) -> None:
-        """Let one axis of this bus look for its zero. Raises HomingError."""
+        """Let one axis of this bus look for its zero. Raises HomingError; and TypeError for what
+        the gate has not given. A drive that stays in homing mode is set up anew.
+        """
+        if not is_genuine(permitted):
+            raise TypeError("only what the gate has permitted moves drives")
         channel = next(one for one in self.channels if one.index == permitted.axis)
         node = self.nodes[channel.axis.drive.node]
-        await Homing(channel, node.dictionary, node.sdo).run()
+        if node.state is not NodeState.OPERATIONAL:
+            raise HomingError(f"{channel.axis.name}: its drive is {node.state.value}")
+        try:
+            await Homing(channel, node.dictionary, node.sdo, permitted).run()
+        except ModeLeftError as error:
+            node.set_up_anew(str(error))
+            raise
 
     @property
     def goal_reached(self) -> bool:

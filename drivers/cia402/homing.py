@@ -1,6 +1,8 @@
 """How a drive finds its zero: mode 6, a start bit, and what it says on the way (CiA 402-2, 8)."""
 
 import asyncio
+from collections.abc import Callable
+from contextlib import suppress
 from enum import Enum
 from typing import Final
 
@@ -11,15 +13,21 @@ from drivers.cia402 import objects
 from drivers.cia402.axis_channel import AxisChannel
 from drivers.cia402.modes import HOMING_MODE, MODES
 from drivers.cia402.power_state import PowerGoal, PowerState, Status
+from safety.permit import PermittedHoming
 
 _POLL_S: Final = 0.02
 _MODE_WITHIN_S: Final = 1.0
 _STARTED_WITHIN_S: Final = 0.1
 _ENABLED_WITHIN_S: Final = 3.0
+_AT_REST_WITHIN_S: Final = 2.0
 
 
 class HomingError(RuntimeError):
     """The axis has no zero; the text says how far it came."""
+
+
+class ModeLeftError(HomingError):
+    """The axis could not be brought back into its own mode."""
 
 
 class HomingProgress(Enum):
@@ -43,39 +51,81 @@ def homing_progress(statusword: int) -> HomingProgress:
 
 
 class Homing:
-    """One axis looks for its zero. The bus cycle must go on meanwhile."""
+    """One axis looks for its zero. The bus cycle must go on meanwhile.
 
-    def __init__(self, channel: AxisChannel, dictionary: ObjectDictionary, sdo: SdoClient) -> None:
+    It gives up as soon as the axis is told something else than to be enabled, and as soon as it
+    leaves that state by itself.
+    """
+
+    def __init__(
+        self,
+        channel: AxisChannel,
+        dictionary: ObjectDictionary,
+        sdo: SdoClient,
+        permitted: PermittedHoming,
+    ) -> None:
         self._channel = channel
         self._axis = channel.axis
         self._dictionary = dictionary
         self._sdo = sdo
+        self._permitted = permitted
 
     async def run(self) -> None:
-        """Home the axis; afterwards it is off, and in its own mode again. Raises HomingError."""
+        """Home the axis; afterwards it is off, and in its own mode again. Raises HomingError, and
+        ModeLeftError where it stays in homing mode.
+        """
+        channel = self._channel
+        channel.zero_found = False
         try:
             async with asyncio.timeout(self._axis.homing.timeout_s):
                 await self._set_up()
                 await self._enable()
                 await self._seek()
+            channel.zero_found, channel.zero_lost = True, False
         except TimeoutError:
-            told = homing_progress(self._channel.statusword).value
+            told = homing_progress(channel.statusword).value
             raise HomingError(
                 f"{self._axis.name}: not within {self._axis.homing.timeout_s:g} s: {told}"
             ) from None
         except SdoError as error:
             raise HomingError(f"{self._axis.name}: {error}") from error
         finally:
-            self._channel.homing = False
-            self._channel.start_homing = False
+            await self._come_to_rest()
+
+    async def _come_to_rest(self) -> None:
+        """Stop, where it still moves; power off; back to its own mode."""
+        channel = self._channel
+        channel.start_homing = False
+        if channel.goal is PowerGoal.ENABLED:
+            if not channel.zero_found:
+                self._goal(PowerGoal.QUICK_STOP)
+                await self._wait(lambda: channel.goal_reached)
             self._goal(PowerGoal.OFF)
-        await self._change_mode(MODES[self._axis.drive.mode].number)
+        await self._wait(lambda: not channel.state.energised)
+        channel.homing = False
+        try:
+            await self._change_mode(MODES[self._axis.drive.mode].number)
+        except (SdoError, TimeoutError) as error:
+            raise ModeLeftError(f"{self._axis.name}: it stays in homing mode: {error}") from error
+
+    async def _wait(self, over: Callable[[], bool]) -> None:
+        """Until it is over; no longer than coming to rest may take."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(_AT_REST_WITHIN_S):
+                while not over():
+                    await asyncio.sleep(_POLL_S)
 
     async def _set_up(self) -> None:
-        speed = _homing_speed(self._axis, self._channel)
+        permitted, unit = self._permitted, self._axis.drive.velocity_unit_counts_s
+        wanted = _homing_speed(self._axis, self._channel)
+        speed = max(1, round(min(wanted, permitted.max_velocity) / unit))
         await self._write(objects.HOMING_METHOD, 0, self._axis.homing.method)
         for subindex in (1, 2):
             await self._write(objects.HOMING_SPEEDS, subindex, speed)
+        acceleration = objects.of_axis(objects.HOMING_ACCELERATION, self._axis.drive.axis)
+        if self._dictionary.has(acceleration):
+            most = max(1, round(permitted.max_acceleration / unit))
+            await self._write(objects.HOMING_ACCELERATION, 0, most)
         await self._change_mode(HOMING_MODE)
 
     async def _change_mode(self, number: int) -> None:
@@ -91,7 +141,12 @@ class Homing:
         self._goal(PowerGoal.ENABLED)
         async with asyncio.timeout(_ENABLED_WITHIN_S):
             while self._channel.state is not PowerState.OPERATION_ENABLED:
+                self._check_told()
                 await asyncio.sleep(_POLL_S)
+
+    def _check_told(self) -> None:
+        if self._channel.goal is not PowerGoal.ENABLED:
+            raise HomingError(f"{self._axis.name}: stopped while homing")
 
     async def _seek(self) -> None:
         """Raise the start bit and keep it until the drive is done."""
@@ -101,6 +156,7 @@ class Homing:
             if self._channel.state is not PowerState.OPERATION_ENABLED:
                 state = self._channel.state.value
                 raise HomingError(f"{self._axis.name}: went into {state} while homing")
+            self._check_told()
             progress = homing_progress(self._channel.statusword)
             if progress is HomingProgress.DONE:
                 return
@@ -117,6 +173,6 @@ class Homing:
 
 
 def _homing_speed(axis: Axis, channel: AxisChannel) -> int:
+    """Counts/s."""
     speed = axis.homing_speed_mm_s if isinstance(axis, LinearAxis) else axis.homing_speed_rad_s
-    counts_s = channel.scale.magnitude(speed)
-    return max(1, round(counts_s / axis.drive.velocity_unit_counts_s))
+    return channel.scale.magnitude(speed)

@@ -29,6 +29,9 @@ _TRY_AGAIN_S: Final = 0.5
 _LIMIT_STAYS_NS: Final = 500_000_000
 _PDO_SILENT_CYCLES: Final = 5
 _FOLLOWING_ERROR: Final = 0x8611
+_CLASS: Final = 0xFF00
+_SENSOR: Final = 0x7300
+"""Speed and position sensors: positions may count from anywhere afterwards."""
 _FOUND_WHILE_SET_UP: Final = (c.SAFETY_MISSING, c.CYCLIC_MODE_NOT_LISTED, c.MODE_REFUSED)
 _KEPT_WHEN_SET_UP: Final = (*_FOUND_WHILE_SET_UP, c.EMERGENCY)
 _MALFORMED_STAYS_NS: Final = 500_000_000
@@ -118,6 +121,9 @@ class Node:
             return
         self._conditions.clear(c.EMERGENCY, self.subject, t_ns)
         self._conditions.set(c.EMERGENCY, self.subject, t_ns, str(emergency))
+        if emergency.code & _CLASS == _SENSOR:
+            for channel in self.channels:  # it does not say of which axis
+                channel.zero_lost, channel.zero_found = True, False
         if emergency.code == _FOLLOWING_ERROR:
             self._conditions.note(c.FOLLOWING_ERROR, self.subject, t_ns, str(emergency))
 
@@ -215,6 +221,10 @@ class Node:
                 wrong = ", ".join(differences)
                 self._settings_changed(wrong)
         return f"{self.subject} {wrong}" if wrong and self.state is NodeState.OPERATIONAL else ""
+
+    def set_up_anew(self, why: str) -> None:
+        """What it was set to does not hold any more; it is written again once nothing moves."""
+        self._settings_changed(why)
 
     def _settings_changed(self, detail: str) -> None:
         self._must_be_rewritten = True

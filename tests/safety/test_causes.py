@@ -9,7 +9,7 @@ from safety.causes import CAUSES, Cause, ClearRule, Severity, cause, causes_as_m
 BY_SEVERITY = {
     Severity.WARNING: "tracker_warning bus_degraded drive_warning drive_limit loop_slow "
     "real_time_degraded recording_dropped",
-    Severity.NOT_READY: "tracker_not_ready node_not_ready "
+    Severity.NOT_READY: "tracker_not_ready node_not_ready not_referenced "
     "drive_settings_changed bus_not_open recorder_failed disk_low",
     Severity.HOLD: "tracker_late tracker_quality bus_queue_full drive_emergency loop_late "
     "lease_lost setpoint_late risk_too_high risk_unavailable gate_refused controller_failed "

@@ -7,69 +7,77 @@ import pytest
 from safety.causes import Severity
 from safety.states import OperatingState, Request, next_state, refusal
 
-STANDBY, READY, ARMED, RUNNING, HOLD, FAULT, ESTOP = OperatingState
-ARM, ARMED_, DISARM, START, FINISHED, HOLD_, RESUME, STOP, CLEAR = Request
+STANDBY, READY, ARMED, RUNNING, HOLD, FAULT, ESTOP, HOMING = OperatingState
+ARM, ARMED_, DISARM, START, FINISHED, HOLD_, RESUME, STOP, CLEAR, HOME, HOMED = Request
 COLUMNS = [None, *Request]
 # One letter per request; the state that the robot goes to. S standby, D ready, A armed, R running,
-# H hold, F fault, E estop. "-": no request.
-LETTERS = dict(zip("SDARHFE", OperatingState, strict=True))
+# H hold, F fault, E estop, Z homing. "-": no request.
+LETTERS = dict(zip("SDARHFEZ", OperatingState, strict=True))
 TABLE = """
-state    severity           -  arm armed disarm start finished hold resume stop clear
-STANDBY  NONE               D   D    D     D     D      D      D     D     D     D
-STANDBY  WARNING            D   D    D     D     D      D      D     D     D     D
-STANDBY  NOT_READY          S   S    S     S     S      S      S     S     S     S
-STANDBY  HOLD               S   S    S     S     S      S      S     S     S     S
-STANDBY  DISARM             S   S    S     S     S      S      S     S     S     S
-STANDBY  FAULT              S   S    S     S     S      S      S     S     S     S
-STANDBY  ESTOP              S   S    S     S     S      S      S     S     S     S
-READY    NONE               D   D    A     D     D      D      D     D     D     D
-READY    WARNING            D   D    A     D     D      D      D     D     D     D
-READY    NOT_READY          S   S    S     S     S      S      S     S     S     S
-READY    HOLD               S   S    S     S     S      S      S     S     S     S
-READY    DISARM             S   S    S     S     S      S      S     S     S     S
-READY    FAULT              S   S    S     S     S      S      S     S     S     S
-READY    ESTOP              S   S    S     S     S      S      S     S     S     S
-ARMED    NONE               A   A    A     S     R      A      A     R     S     A
-ARMED    WARNING            A   A    A     S     R      A      A     R     S     A
-ARMED    NOT_READY          A   A    A     S     R      A      A     R     S     A
-ARMED    HOLD               A   A    A     S     A      A      A     A     S     A
-ARMED    DISARM             S   S    S     S     S      S      S     S     S     S
-ARMED    FAULT              F   F    F     F     F      F      F     F     F     F
-ARMED    ESTOP              E   E    E     E     E      E      E     E     E     E
-RUNNING  NONE               R   R    R     S     R      A      H     R     S     R
-RUNNING  WARNING            R   R    R     S     R      A      H     R     S     R
-RUNNING  NOT_READY          R   R    R     S     R      A      H     R     S     R
-RUNNING  HOLD               H   H    H     S     H      H      H     H     S     H
-RUNNING  DISARM             S   S    S     S     S      S      S     S     S     S
-RUNNING  FAULT              F   F    F     F     F      F      F     F     F     F
-RUNNING  ESTOP              E   E    E     E     E      E      E     E     E     E
-HOLD     NONE               A   A    A     S     A      A      A     R     S     A
-HOLD     WARNING            A   A    A     S     A      A      A     R     S     A
-HOLD     NOT_READY          A   A    A     S     A      A      A     R     S     A
-HOLD     HOLD               H   H    H     S     H      H      H     H     S     H
-HOLD     DISARM             S   S    S     S     S      S      S     S     S     S
-HOLD     FAULT              F   F    F     F     F      F      F     F     F     F
-HOLD     ESTOP              E   E    E     E     E      E      E     E     E     E
-FAULT    NONE               F   F    F     F     F      F      F     F     F     S
-FAULT    WARNING            F   F    F     F     F      F      F     F     F     S
-FAULT    NOT_READY          F   F    F     F     F      F      F     F     F     S
-FAULT    HOLD               F   F    F     F     F      F      F     F     F     S
-FAULT    DISARM             F   F    F     F     F      F      F     F     F     S
-FAULT    FAULT              F   F    F     F     F      F      F     F     F     F
-FAULT    ESTOP              F   F    F     F     F      F      F     F     F     F
-ESTOP    NONE               F   F    F     F     F      F      F     F     F     F
-ESTOP    WARNING            F   F    F     F     F      F      F     F     F     F
-ESTOP    NOT_READY          F   F    F     F     F      F      F     F     F     F
-ESTOP    HOLD               F   F    F     F     F      F      F     F     F     F
-ESTOP    DISARM             F   F    F     F     F      F      F     F     F     F
-ESTOP    FAULT              F   F    F     F     F      F      F     F     F     F
-ESTOP    ESTOP              E   E    E     E     E      E      E     E     E     E
+state    severity           -  arm armed disarm start finished hold resume stop clear home homed
+STANDBY  NONE               D   D    D     D     D      D      D     D     D     D     Z    D
+STANDBY  WARNING            D   D    D     D     D      D      D     D     D     D     Z    D
+STANDBY  NOT_READY          S   S    S     S     S      S      S     S     S     S     S    S
+STANDBY  HOLD               S   S    S     S     S      S      S     S     S     S     S    S
+STANDBY  DISARM             S   S    S     S     S      S      S     S     S     S     S    S
+STANDBY  FAULT              S   S    S     S     S      S      S     S     S     S     S    S
+STANDBY  ESTOP              S   S    S     S     S      S      S     S     S     S     S    S
+READY    NONE               D   D    A     D     D      D      D     D     D     D     Z    D
+READY    WARNING            D   D    A     D     D      D      D     D     D     D     Z    D
+READY    NOT_READY          S   S    S     S     S      S      S     S     S     S     S    S
+READY    HOLD               S   S    S     S     S      S      S     S     S     S     S    S
+READY    DISARM             S   S    S     S     S      S      S     S     S     S     S    S
+READY    FAULT              S   S    S     S     S      S      S     S     S     S     S    S
+READY    ESTOP              S   S    S     S     S      S      S     S     S     S     S    S
+ARMED    NONE               A   A    A     S     R      A      A     R     S     A     A    A
+ARMED    WARNING            A   A    A     S     R      A      A     R     S     A     A    A
+ARMED    NOT_READY          A   A    A     S     R      A      A     R     S     A     A    A
+ARMED    HOLD               A   A    A     S     A      A      A     A     S     A     A    A
+ARMED    DISARM             S   S    S     S     S      S      S     S     S     S     S    S
+ARMED    FAULT              F   F    F     F     F      F      F     F     F     F     F    F
+ARMED    ESTOP              E   E    E     E     E      E      E     E     E     E     E    E
+RUNNING  NONE               R   R    R     S     R      A      H     R     S     R     R    R
+RUNNING  WARNING            R   R    R     S     R      A      H     R     S     R     R    R
+RUNNING  NOT_READY          R   R    R     S     R      A      H     R     S     R     R    R
+RUNNING  HOLD               H   H    H     S     H      H      H     H     S     H     H    H
+RUNNING  DISARM             S   S    S     S     S      S      S     S     S     S     S    S
+RUNNING  FAULT              F   F    F     F     F      F      F     F     F     F     F    F
+RUNNING  ESTOP              E   E    E     E     E      E      E     E     E     E     E    E
+HOLD     NONE               A   A    A     S     A      A      A     R     S     A     A    A
+HOLD     WARNING            A   A    A     S     A      A      A     R     S     A     A    A
+HOLD     NOT_READY          A   A    A     S     A      A      A     R     S     A     A    A
+HOLD     HOLD               H   H    H     S     H      H      H     H     S     H     H    H
+HOLD     DISARM             S   S    S     S     S      S      S     S     S     S     S    S
+HOLD     FAULT              F   F    F     F     F      F      F     F     F     F     F    F
+HOLD     ESTOP              E   E    E     E     E      E      E     E     E     E     E    E
+FAULT    NONE               F   F    F     F     F      F      F     F     F     S     F    F
+FAULT    WARNING            F   F    F     F     F      F      F     F     F     S     F    F
+FAULT    NOT_READY          F   F    F     F     F      F      F     F     F     S     F    F
+FAULT    HOLD               F   F    F     F     F      F      F     F     F     S     F    F
+FAULT    DISARM             F   F    F     F     F      F      F     F     F     S     F    F
+FAULT    FAULT              F   F    F     F     F      F      F     F     F     F     F    F
+FAULT    ESTOP              F   F    F     F     F      F      F     F     F     F     F    F
+ESTOP    NONE               F   F    F     F     F      F      F     F     F     F     F    F
+ESTOP    WARNING            F   F    F     F     F      F      F     F     F     F     F    F
+ESTOP    NOT_READY          F   F    F     F     F      F      F     F     F     F     F    F
+ESTOP    HOLD               F   F    F     F     F      F      F     F     F     F     F    F
+ESTOP    DISARM             F   F    F     F     F      F      F     F     F     F     F    F
+ESTOP    FAULT              F   F    F     F     F      F      F     F     F     F     F    F
+ESTOP    ESTOP              E   E    E     E     E      E      E     E     E     E     E    E
+HOMING   NONE               Z   Z    Z     S     Z      Z      S     Z     S     Z     Z    S
+HOMING   WARNING            Z   Z    Z     S     Z      Z      S     Z     S     Z     Z    S
+HOMING   NOT_READY          Z   Z    Z     S     Z      Z      S     Z     S     Z     Z    S
+HOMING   HOLD               S   S    S     S     S      S      S     S     S     S     S    S
+HOMING   DISARM             S   S    S     S     S      S      S     S     S     S     S    S
+HOMING   FAULT              F   F    F     F     F      F      F     F     F     F     F    F
+HOMING   ESTOP              E   E    E     E     E      E      E     E     E     E     E    E
 """
 ROWS = [
     (OperatingState[line.split()[0]], Severity[line.split()[1]], line.split()[2:])
     for line in TABLE.strip().splitlines()[1:]
 ]
-ENERGISED = (ARMED, RUNNING, HOLD)
+FOLLOWS = (ARMED, RUNNING, HOLD)
+ENERGISED = (*FOLLOWS, HOMING)
 
 
 def go(state: OperatingState, request: Request | None, severity: Severity) -> OperatingState:
@@ -96,12 +104,13 @@ def test_where_the_robot_goes(
 
 def test_what_is_energised() -> None:
     assert [state for state in OperatingState if state.energised] == list(ENERGISED)
+    assert [state for state in OperatingState if state.follows] == list(FOLLOWS)
 
 
 def test_power_comes_on_only_by_drives_that_were_asked_for_in_ready() -> None:
     for state, request, severity in product(OperatingState, COLUMNS, Severity):
         if not state.energised and go(state, request, severity).energised:
-            assert (state, request) == (READY, ARMED_)
+            assert (state, request) in ((READY, ARMED_), (STANDBY, HOME), (READY, HOME))
             assert severity < Severity.NOT_READY
 
 
@@ -125,6 +134,10 @@ DOES = {
     (RESUME, ARMED): RUNNING,
     (RESUME, HOLD): RUNNING,
     (CLEAR, FAULT): STANDBY,
+    (HOME, STANDBY): HOMING,
+    (HOME, READY): HOMING,
+    (HOMED, HOMING): STANDBY,
+    (HOLD_, HOMING): STANDBY,
 }
 
 

@@ -33,6 +33,8 @@ _WARNING: Final = 1 << 7
 _REMOTE: Final = 1 << 9
 _INTERNAL_LIMIT: Final = 1 << 11
 _SYNC_LATE: Final = 1 << 15
+_REFERENCED: Final = 1 << 15
+"""Of another make than the one above."""
 
 _NO_MODE: Final = 0
 _SYNCHRONOUS_MODES: Final = (CyclicPosition.code, CyclicVelocity.code)
@@ -69,6 +71,7 @@ class AxisOptions:
     motor_torque_nmm: float = 400.0
     brake_release_s: float = 0.05
     no_encoder: bool = False
+    tells_reference: bool = False
 
 
 class Axis:
@@ -125,6 +128,9 @@ class Axis:
         self._silence_timer = timers.timer(self._nothing_commanded)
         self._silence_ns = timers.host_ns(_SILENCE_S)
         self.homed = False
+        self._kept_zero = 0.0
+        """Of an absolute encoder."""
+        self._tells_reference = options.tells_reference
         self.warning = False
         self.frozen_statusword: int | None = None
         """What it shows instead of the truth, by a fault."""
@@ -164,8 +170,8 @@ class Axis:
     def boot(self, t_ns: int) -> None:
         """Power is there and the objects are reset; an incremental encoder begins with 0."""
         self.advance(t_ns)
-        self.units.zero = self.shaft.position
-        self.homed = False
+        self.homed = self._parts.mechanics.absolute_encoder
+        self.units.zero = self._kept_zero if self.homed else self.shaft.position
         self._configure(t_ns)
         self.period.configure()
         self.mode = self._modes.get(self._mode_wanted.number, self.mode)
@@ -218,6 +224,7 @@ class Axis:
             | (FOLLOWING_ERROR_BIT if self._followed_badly else 0)
             | (_WARNING if self.warning else 0)
             | (_SYNC_LATE if self._cyclic_position.holding else 0)
+            | (_REFERENCED if self._tells_reference and self.homed else 0)
         )
         self._events.status_changed(t_ns)
 
@@ -245,6 +252,7 @@ class Axis:
         self.units.zero = self.shaft.position
         self.homed = False
         self.limits.configure()
+        self.refresh(self.t_ns)
 
     def in_synchronous_mode(self) -> bool:
         """Whether it follows a mode that interpolates between targets."""
@@ -358,7 +366,9 @@ class Axis:
 
     def _zero_found(self) -> None:
         self.homed = True
+        self._kept_zero = self.units.zero
         self.limits.configure()
+        self.refresh(self.t_ns)
 
     # Supervision
 

@@ -209,6 +209,7 @@ class EmulatedDrive:
             motor_torque_nmm=self._options.motor_torque_nmm,
             brake_release_s=self._options.brake_release_s,
             no_encoder=self._quirks.no_encoder,
+            tells_reference=self._quirks.tells_reference,
         )
         axes = tuple(
             Axis(self.objects, number, built, options, self._timers, self)

@@ -17,6 +17,8 @@ class AxisMechanics:
     """The negative limit switch is closed here and below; None: there is none."""
     high_switch_counts: float | None = None
     """The positive limit switch is closed here and above; None: there is none."""
+    absolute_encoder: bool = False
+    """Whether the encoder knows its place when it is switched on; else it begins with 0 there."""
     index_counts: float = 0.0
     """The encoder's index pulse is here, and every turn from here."""
 

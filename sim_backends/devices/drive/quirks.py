@@ -65,6 +65,9 @@ class Quirks:
     communication_error_stops: bool = False
     """0x1029 knows only 'stay' (1) and 'stop' (2, as delivered), not pre-operational (Trinamic)."""
 
+    tells_reference: bool = False
+    """Bit 15 of the statusword says whether the drive knows its zero (EPOS4)."""
+
     @classmethod
     def of(cls, names: Iterable[Quirk]) -> "Quirks":
         """Those with these names."""

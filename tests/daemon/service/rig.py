@@ -144,11 +144,14 @@ def on_a_rig(
     risk: RiskSource | None = None,
     folder: Path | None = None,
     seed: int = 1,
+    begins_in: OperatingState = OperatingState.READY,
 ) -> Rig:
-    """Play `scene` with a daemon that has become READY. Everything is taken down afterwards."""
+    """Play `scene` with a daemon whose devices are set up. Everything is taken down afterwards."""
     with tempfile.TemporaryDirectory() as name:
         place = folder or Path(name)
-        return run_in_virtual_time(_play(scene, path, change, risk or NoModel(), place, seed))
+        return run_in_virtual_time(
+            _play(scene, path, change, risk or NoModel(), place, seed, begins_in)
+        )
 
 
 async def _play(
@@ -158,6 +161,7 @@ async def _play(
     risk: RiskSource,
     folder: Path,
     seed: int,
+    begins_in: OperatingState,
 ) -> Rig:
     file = check_robot(path).file
     robot = change(file.robot)
@@ -184,7 +188,9 @@ async def _play(
     devices = asyncio.create_task(service.run())
     renewing = asyncio.create_task(_renew(rig))
     try:
-        await rig.until_state(OperatingState.READY)
+        at_first = {"not_referenced"}  # all else goes by itself as the devices come up
+        await rig.until(lambda: rig.state is not OperatingState.STANDBY or rig.causes == at_first)
+        await rig.until_state(begins_in)
         await scene(rig)
     finally:
         await service.rest()

@@ -1,0 +1,57 @@
+"""`tentacled home`: let axes look for their zeros, and show how far they are."""
+
+import argparse
+import asyncio
+import sys
+from typing import TYPE_CHECKING
+
+from daemon.remote.client_errors import HOMES_WITHIN_S
+from daemon.remote.command_line import (
+    add_json_argument,
+    add_target_arguments,
+    run_talk,
+    told,
+)
+from daemon.remote.messages import Event
+
+if TYPE_CHECKING:
+    from daemon.remote.client import RobotClient
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--axis",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="this one, and whichever else is named; without any: all that do not know their zero",
+    )
+    add_target_arguments(parser)
+    add_json_argument(parser)
+    parser.add_argument(
+        "--timeout",
+        type=float,
+        default=HOMES_WITHIN_S,
+        metavar="S",
+        help="how long to wait for the answer; the axes have limits of their own",
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    async def talk(client: "RobotClient") -> int:
+        showing = asyncio.create_task(_show(client))
+        try:
+            answer = await client.home(arguments.axis, arguments.timeout)
+        finally:
+            showing.cancel()
+        return told(answer, arguments.json)
+
+    return run_talk(arguments, talk)
+
+
+async def _show(client: "RobotClient") -> None:
+    async with client.subscribe(["event"]) as events:
+        async for event in events:
+            if isinstance(event, Event) and event.kind == "homing":
+                detail = f": {event.detail}" if event.detail else ""
+                print(f"{event.text}{detail}", file=sys.stderr, flush=True)
