@@ -34,9 +34,17 @@ class StopSignals:
 def all_like_ctrl_c() -> Iterator[None]:
     """While the block lasts, SIGTERM and SIGHUP do what Ctrl-C does: for work that is not told of
     signals but interrupted by them, and keeps what it has. Main thread only."""
-    interrupt = _for_a_terminal_that_goes(lambda: signal.raise_signal(signal.SIGINT))
-    numbers = [signal.SIGTERM, *([signal.SIGHUP] if _hang_ups_count() else [])]
-    before = {number: signal.signal(number, lambda *_: interrupt()) for number in numbers}
+
+    def interrupt() -> None:
+        signal.raise_signal(signal.SIGINT)
+
+    handlers = {signal.SIGTERM: interrupt}
+    if _hang_ups_count():
+        handlers[signal.SIGHUP] = _for_a_terminal_that_goes(interrupt)
+    before = {
+        number: signal.signal(number, lambda *_, handler=handler: handler())
+        for number, handler in handlers.items()
+    }
     try:
         yield
     finally:
@@ -50,21 +58,17 @@ def _hang_ups_count() -> bool:
 
 
 def _for_a_terminal_that_goes(stop: Callable[[], None]) -> Callable[[], None]:
-    """Stops; before that, what is printed goes nowhere if it went to a terminal that is gone: an
-    error of a `print` must not come between a robot and its quick stop."""
-    on_terminal = [number for number in (_STDOUT, _STDERR) if _is_terminal(number)]
+    """Stops; before that, what is printed goes nowhere if it went to a terminal: that is about to
+    go, and an error of a `print` must not come between a robot and its quick stop."""
+    on_terminal = [number for number in (_STDOUT, _STDERR) if os.isatty(number)]
 
     def told() -> None:
-        lost = [number for number in on_terminal if not _is_terminal(number)]
-        if lost:
+        # Not asked whether it is still there: the signal often comes before it has gone.
+        if on_terminal:
             nowhere = os.open(os.devnull, os.O_WRONLY | os.O_CLOEXEC)
-            for number in lost:
+            for number in on_terminal:
                 os.dup2(nowhere, number)
             os.close(nowhere)
         stop()
 
     return told
-
-
-def _is_terminal(number: int) -> bool:
-    return os.isatty(number)  # a terminal that has been hung up is none any more
