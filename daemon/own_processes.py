@@ -11,6 +11,7 @@ from typing import Final
 
 _STARTS_WITHIN_S: Final = 60.0
 _ENDS_WITHIN_S: Final = 10.0
+_KILLED_WITHIN_S: Final = 5.0
 _PR_SET_PDEATHSIG: Final = 1
 _PRCTL: Final = ctypes.CDLL(None).prctl
 
@@ -53,7 +54,9 @@ class OwnProcesses:
                     await process.wait()
             except TimeoutError:
                 process.kill()
-                await process.wait()
+                with suppress(TimeoutError):  # while the kernel waits for a dead device
+                    async with asyncio.timeout(_KILLED_WITHIN_S):
+                        await process.wait()
         self._running.clear()
 
     async def _begun(self, process: Process, name: str) -> None:

@@ -29,6 +29,7 @@ from daemon.service.robot_service import RobotService
 from daemon.service.run_recording import MakeFolder, RunRecording
 from daemon.service.surroundings import Surroundings
 from daemon.stop_signals import StopSignals
+from drivers.bounded import end_tasks
 from drivers.can.bus_lock import BusTakenError, check_buses_are_free
 from drivers.canopen.object_dictionary import EdsError
 from drivers.clock import WallClock
@@ -36,6 +37,8 @@ from safety.risk_source import RiskSource
 
 _SWITCH_INTERVAL_S: Final = 0.0005
 """Python's own is ten times as long: so long the loop would wait for a thread that reads a file."""
+_ENDS_WITHIN_S: Final = 8.0
+"""Longer than hardware takes at the most."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -145,12 +148,10 @@ async def _live(
         await asyncio.wait((devices, ending), return_when=asyncio.FIRST_COMPLETED)
     finally:
         await service.rest()
-        devices.cancel()
-        ending.cancel()
-        outcome = (await asyncio.gather(devices, ending, return_exceptions=True))[0]
+        await end_tasks([devices, ending], _ENDS_WITHIN_S)
         await recording.end()
-    if isinstance(outcome, Exception):
-        raise outcome
+    if devices.done() and not devices.cancelled():
+        devices.result()
 
 
 def _folder_maker(checked: CheckedRobot, runs: Path, clock: WallClock, seed: int) -> MakeFolder:

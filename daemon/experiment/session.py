@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from typing import Final
 
 from config.loader import RobotFile
 from config.robot import Robot
@@ -11,6 +12,10 @@ from daemon.service.operator import Operator
 from daemon.service.robot_service import RobotService
 from daemon.service.run_recording import MakeFolder, RunRecording
 from daemon.service.surroundings import Surroundings
+from drivers.bounded import end_tasks
+
+_ENDS_WITHIN_S: Final = 8.0
+"""Longer than hardware takes at the most."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +43,5 @@ async def session(
         yield Session(service, recording, operator)
     finally:
         await service.rest()
-        devices.cancel()
-        await asyncio.gather(devices, return_exceptions=True)
+        await end_tasks([devices], _ENDS_WITHIN_S)
         await recording.end()

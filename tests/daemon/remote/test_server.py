@@ -1,7 +1,9 @@
 """The daemon's side, over real sessions: every question gets an answer, whatever it is."""
 
 import asyncio
+import fcntl
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,14 @@ import pytest
 from config.remote import Remote
 from daemon.clock import run_in_real_time
 from daemon.remote.address import LocalAddress
-from daemon.remote.discovery import FolderError, SecondDaemonError, read_daemon, running_daemons
+from daemon.remote.discovery import (
+    FolderError,
+    RuntimeFolder,
+    SecondDaemonError,
+    read_daemon,
+    running_daemons,
+    who_may_move,
+)
 from daemon.remote.messages import (
     COMMANDS,
     Acquire,
@@ -357,6 +366,70 @@ def test_a_folder_that_anybody_can_write_to_is_refused(tmp_path: Path) -> None:
                 pass
 
     run_in_real_time(test())
+
+
+def test_a_folder_that_another_user_could_move_away_is_refused(tmp_path: Path) -> None:
+    shared = tmp_path / "shared"
+    shared.mkdir()
+    folder = shared / "robots" / "one"
+    for mode, by in ((0o777, "anybody"), (0o775, "its group")):
+        shared.chmod(mode)
+        if by == "its group":
+            os.chown(shared, -1, _some_other_group())
+        with pytest.raises(FolderError, match=f"{by} can move it out of {shared}: chmod"):
+            RuntimeFolder(folder, group=False).take()
+    shared.chmod(0o1777)  # as /tmp is
+    taken = RuntimeFolder(folder, group=False)
+    taken.take()
+    taken.give_back()
+    assert who_may_move(folder) == ""
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can give files away")
+def test_a_folder_below_somebody_elses_or_behind_their_link_is_refused(tmp_path: Path) -> None:
+    theirs = tmp_path / "theirs"
+    (theirs / "ours").mkdir(parents=True)
+    os.chown(theirs, _NOBODY, -1)
+    with pytest.raises(FolderError, match=f"{theirs} belongs to somebody else"):
+        RuntimeFolder(theirs / "ours", group=False).take()
+    public = tmp_path / "public"
+    public.mkdir()
+    public.chmod(0o1777)
+    link = public / "link"
+    link.symlink_to(tmp_path)
+    RuntimeFolder(link / "folder", group=False)._make()
+    os.chown(link, _NOBODY, -1, follow_symlinks=False)
+    with pytest.raises(FolderError, match=f"somebody else's link, {link}, leads there"):
+        RuntimeFolder(link / "folder", group=False).take()
+
+
+_NOBODY = 65534
+
+
+def _some_other_group() -> int:
+    """One that is not only ours; where we may give files to none, the test does with our own."""
+    return _NOBODY if os.getuid() == 0 else os.getgroups()[-1]
+
+
+def test_a_lock_file_that_is_removed_under_our_hands_is_not_ours(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another daemon gives the folder back between our opening of the file and our locking it."""
+    first = RuntimeFolder(tmp_path, group=False)
+    first.take()
+    lock = fcntl.flock
+
+    def late(file: int, how: int) -> None:
+        first.give_back()
+        monkeypatch.setattr(fcntl, "flock", lock)
+        lock(file, how)
+
+    monkeypatch.setattr(fcntl, "flock", late)
+    second = RuntimeFolder(tmp_path, group=False)
+    second.take()
+    with pytest.raises(SecondDaemonError):
+        RuntimeFolder(tmp_path, group=False).take()
+    second.give_back()
 
 
 def test_what_cannot_be_opened_is_told_and_leaves_the_folder_free(tmp_path: Path) -> None:
