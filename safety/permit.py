@@ -131,10 +131,10 @@ class PermittedStep(_Sealed):
         speed = self.decelerations[axis] * self._braking_left_s(axis, t_ns)
         return copysign(speed, self._even_velocity(axis))
 
-    def unchanged_ns(self, axis: int, t_ns: int) -> int:
+    def unchanged_ns(self, axis: int, t_ns: int) -> float:
         """For how long, up to `t_ns`, the axis has been told not to change its velocity."""
         even_ns = max(0, min(t_ns, self.ends_ns) - self.begins_ns)
-        brakes_ns = round(abs(self._even_velocity(axis)) / self.decelerations[axis] * 1e9)
+        brakes_ns = abs(self._even_velocity(axis)) / self.decelerations[axis] * 1e9
         return even_ns + max(0, t_ns - self.ends_ns - brakes_ns)
 
     def is_fresh(self, t_ns: int) -> bool:

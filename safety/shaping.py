@@ -20,7 +20,7 @@ class AxisMotion(NamedTuple):
     """How fast it was last told to move, counts/s."""
     duration_ns: int
     """Of the step that begins."""
-    unchanged_ns: int
+    unchanged_ns: float
     """For how long its velocity has not been changed; frames that come in a burst must not add up
     to a jump."""
 

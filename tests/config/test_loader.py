@@ -136,3 +136,56 @@ def test_what_does_not_fit_into_the_drives_32_bits_is_found(
 ) -> None:
     problems = problems_of(tmp_path, edit)
     assert any(expected in problem and "32 bits" in problem for problem in problems), problems
+
+
+def in_order(order: str, homing: str = "") -> Edit:
+    """The soft arm with a homing order; and with something said of the homing of all axes."""
+
+    def edit(text: str) -> str:
+        text = text.replace("    lead_mm: 2.0", f"{homing}    lead_mm: 2.0", 1)
+        return f"{text}\nhoming_order: {order}\n"
+
+    return edit
+
+
+AT_START = "    homing: {referenced: home_at_start}\n"
+
+
+@pytest.mark.parametrize(
+    ("edit", "expected"),
+    [
+        (in_order("[[proximal_1, proximl_2]]"), "homing_order[0][1]: there is no axis 'proximl_2'"),
+        (
+            in_order("[[proximal_1], [proximal_1]]"),
+            "homing_order[1][0]: 'proximal_1' has a place in the order already",
+        ),
+        (
+            in_order("[[proximal_1]]", AT_START),
+            "homing_order: 'proximal_2' must be homed, and has no place in the order",
+        ),
+        (in_order("[[]]"), "homing_order[0]: "),
+        (in_order("proximal_1"), "homing_order: "),
+        (
+            in_order("[[proximal_1]]", "    homing: {referenced: perhaps}\n"),
+            "axes[0].homing.referenced: ",
+        ),
+        (
+            in_order("[[proximal_1]]", "    homing: {referenced_bit: 4}\n"),
+            "axes[0].homing.referenced_bit: ",
+        ),
+    ],
+)
+def test_an_order_of_homing_that_cannot_be_kept_is_found(
+    tmp_path: Path, edit: Edit, expected: str
+) -> None:
+    problems = problems_of(tmp_path, edit)
+    assert any(expected in problem for problem in problems), problems
+
+
+def test_axes_are_homed_one_after_the_other_where_no_order_is_given(tmp_path: Path) -> None:
+    robot = load_robot(SOFT_ARM).robot
+    assert robot.homing_groups == [[axis.name] for axis in robot.axes]
+    file = tmp_path / "robot.yaml"
+    every = ", ".join(axis.name for axis in robot.axes)
+    file.write_text(in_order(f"[[{every}]]", AT_START)(SOFT_ARM.read_text()))
+    assert load_robot(file).robot.homing_groups == [[axis.name for axis in robot.axes]]

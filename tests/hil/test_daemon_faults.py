@@ -63,6 +63,7 @@ NOT_FROM_OUTSIDE: Final = {
     "disk_full": "nine tenths of what a robot asks for would have to be filled",
     "gate_refused": "trajectories out of reach are refused; a model asks for little beyond them",
     "controller_failed": "no shipped controller fails on what can be asked of it from outside",
+    "not_referenced": "the soft arm's encoders keep their zeros: see service/test_homing.py",
     "tendon_slack": "the soft arm has no tendons",
     "tendon_over_tension": "the soft arm has no tendons",
     "internal_error": "it would be a defect",

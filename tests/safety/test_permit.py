@@ -82,19 +82,19 @@ def test_nothing_can_be_derived_from_a_permit(kind: type) -> None:
 def test_a_permit_that_was_forged_or_forced_is_known(kind: int) -> None:
     permitted = some_permits()[kind]
     forged = object.__new__(type(permitted))
-    assert not is_genuine(forged)
+    assert is_genuine(forged) is False
     for name in type(permitted).__slots__:
         object.__setattr__(forged, name, getattr(permitted, name))
-    assert not is_genuine(forged)
+    assert is_genuine(forged) is False
     for name in type(permitted).__slots__:
         permitted = some_permits()[kind]
         object.__setattr__(permitted, name, -1)
-        assert not is_genuine(permitted), name
+        assert is_genuine(permitted) is False, name
     permitted = some_permits()[kind]
     object.__delattr__(permitted, type(permitted).__slots__[0])
-    assert not is_genuine(permitted)
-    assert not is_genuine("a permit")  # type: ignore[arg-type]
-    assert not is_genuine([])  # type: ignore[arg-type]
+    assert is_genuine(permitted) is False
+    assert is_genuine("a permit") is False  # type: ignore[arg-type]
+    assert is_genuine([]) is False  # type: ignore[arg-type]
 
 
 def test_a_homing_is_no_faster_than_the_limits() -> None:
