@@ -114,7 +114,7 @@ class Watched:
             most = limits.max_acceleration * duration_s
             assert abs(after - before) <= most + 2 / duration_s
             if abs(after) > abs(before) or after * before < 0:
-                unchanged_ns = moment.duration_ns
+                unchanged_ns: float = moment.duration_ns
                 if self.last is not None:
                     unchanged_ns = self.last.unchanged_ns(axis, self.t_ns)
                 gained_s = min(duration_s, unchanged_ns * 1e-9)
