@@ -22,10 +22,16 @@ class ActiveReason:
     """When its condition came for the first time; stays while the reason stays."""
     latched: bool
     """The condition is gone, and the reason waits for somebody to clear it or to resume."""
+    follows_from: str = ""
+    """The cause that this one follows from, where `safety.consequences` has found one."""
+    over: bool = False
+    """It does nothing any more, and is told because of what follows from it."""
 
     @property
     def severity(self) -> Severity:
         """As in the table; an external chain that is closed again leaves a fault behind."""
+        if self.over:
+            return Severity.NONE
         return min(self.cause.severity, Severity.FAULT) if self.latched else self.cause.severity
 
 

@@ -13,6 +13,7 @@ from daemon.remote.address import LocalAddress
 from daemon.remote.client import RobotClient
 from daemon.remote.client_errors import RefusedError
 from daemon.remote.messages import Status
+from daemon.remote.reason_groups import reason_lines
 from safety.states import OperatingState
 
 _DAEMON_WITHIN_S: Final = 20.0
@@ -151,7 +152,4 @@ def _line(status: Status) -> str:
 
 
 def _reasons(status: Status) -> str:
-    return "\n".join(
-        f"  {reason.subject}: {reason.text} {reason.detail}; {reason.remedy}"
-        for reason in status.reasons
-    )
+    return "\n".join(reason_lines(status.reasons))

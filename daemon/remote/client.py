@@ -196,7 +196,7 @@ class RobotClient:
         return await self._command(Resume())
 
     async def clear(self) -> Answer:
-        return await self._command(Clear())
+        return await self._command(Clear(), ARMS_WITHIN_S)
 
     async def inject(self, fault: str) -> Answer:
         return await self._command(Inject(fault=fault))

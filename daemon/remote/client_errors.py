@@ -3,6 +3,7 @@
 from typing import Final
 
 from daemon.remote.messages import Refusal
+from daemon.remote.reason_groups import reason_lines
 
 ANSWERS_WITHIN_S: Final = 5.0
 ARMS_WITHIN_S: Final = 20.0
@@ -47,6 +48,6 @@ class RefusedError(ClientError):
     """The daemon has refused, and said why."""
 
     def __init__(self, refusal: Refusal) -> None:
-        reasons = [f"  {r.subject}: {r.text} ({r.remedy})" for r in refusal.reasons]
-        super().__init__("\n".join([refusal.text or refusal.name, *reasons]))
+        told = [refusal.text or refusal.name, *reason_lines(refusal.reasons)]
+        super().__init__("\n".join(told))
         self.refusal = refusal

@@ -33,6 +33,10 @@ class Reason(msgspec.Struct, frozen=True, kw_only=True):
     """How long it has been so."""
     latched: bool = False
     """Gone by itself, but waits for a deliberate clear."""
+    follows_from: str = ""
+    """The cause, told before this one, that this one follows from: mend that first."""
+    over: bool = False
+    """Gone, and told because of what follows from it."""
 
 
 class TrackerStatus(msgspec.Struct, frozen=True, kw_only=True):
@@ -226,6 +230,8 @@ class Event(Message, frozen=True, kw_only=True, tag="event/1"):
     text: str
     severity: str = ""
     detail: str = ""
+    follows_from: str = ""
+    """Of a cause: the one that it follows from."""
 
 
 class WhoAmI(Message, frozen=True, kw_only=True, tag="whoami/1"):

@@ -8,6 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from daemon.remote.messages import AxisStatus, Reason, Status
+from daemon.remote.reason_groups import ReasonGroup, grouped, subjects
 
 _DIM: Final = "dim"
 _BAD: Final = "bold red"
@@ -27,8 +28,8 @@ _BANNER: Final = {
 def status_view(status: Status) -> RenderableType:
     """The whole robot."""
     parts: list[RenderableType] = [_banner(status)]
-    parts += [_reason(reason) for reason in status.reasons]
-    parts += [_over(reason) for reason in _no_more(status)]
+    parts += [_group(group) for group in grouped(status.reasons)]
+    parts += [_over(group) for group in grouped(_no_more(status))]
     parts += [_figures(status), _axes(status.axes)]
     return Group(*parts)
 
@@ -50,14 +51,22 @@ def _banner(status: Status) -> Text:
     return text
 
 
-def _reason(reason: Reason) -> Text:
-    text = Text(f"{reason.subject}: {reason.text}", style=_BAD)
+def _group(group: ReasonGroup) -> Text:
+    reason = group.lead
+    text = Text(f"{group.subjects}: {reason.text}", style=_BAD)
     if reason.detail:
         text.append(f" ({reason.detail})")
-    since = "over, waits for `tentacled clear`" if reason.latched else f"{reason.since_s:.1f} s"
-    text.append(f"  {reason.severity}, {since}", style=_DIM)
+    text.append(f"  {reason.severity}, {_since(reason)}", style=_DIM)
     text.append(f"\n    {reason.remedy}", style=_DIM)
+    for alike in group.follow.values():
+        text.append(f"\n    from that: {subjects(alike)}: {alike[0].text}", style="default")
     return text
+
+
+def _since(reason: Reason) -> str:
+    if reason.over:
+        return "over"
+    return "over, waits for `tentacled clear`" if reason.latched else f"{reason.since_s:.1f} s"
 
 
 def _no_more(status: Status) -> list[Reason]:
@@ -66,8 +75,9 @@ def _no_more(status: Status) -> list[Reason]:
     return [why for why in status.stopped_by if (why.name, why.subject) not in still]
 
 
-def _over(reason: Reason) -> Text:
-    text = Text(f"stopped by {reason.subject}: {reason.text}")
+def _over(group: ReasonGroup) -> Text:
+    reason = group.lead
+    text = Text(f"stopped by {group.subjects}: {reason.text}")
     if reason.detail:
         text.append(f" ({reason.detail})")
     text.append(f"  {reason.severity}, over, began {reason.since_s:.1f} s ago", style=_DIM)

@@ -28,6 +28,7 @@ class Events:
         present: bool = True,
         severity: str = "",
         detail: str = "",
+        follows_from: str = "",
     ) -> None:
         """Publish an event."""
         self._count += 1
@@ -42,6 +43,7 @@ class Events:
                 text=text,
                 severity=severity,
                 detail=detail,
+                follows_from=follows_from,
             )
         )
 
@@ -88,4 +90,5 @@ class Events:
                 present=key in after,
                 severity=reason.cause.severity.name.lower(),
                 detail=reason.detail,
+                follows_from=reason.follows_from,
             )

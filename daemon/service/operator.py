@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -38,10 +39,11 @@ from daemon.remote.messages import (
 from daemon.service.asked import Asked, OffTheLoop, at_once
 from daemon.service.homing import RobotHoming
 from daemon.service.refused import RefusedError
-from daemon.service.robot_service import RobotService
+from daemon.service.robot_service import AT_REST_WITHIN_S, RobotService
 from daemon.service.run_recording import RunRecording
 from daemon.service.setpoints import Setpoints
 from daemon.supervision.explained import explained
+from safety.failsafe import ActiveReason
 from safety.states import Request
 
 BLEND_SPEED_MM_S: Final = 5.0
@@ -51,6 +53,12 @@ _CONTACT_REMEDY: Final = (
     "with --despite-contact and lead it out"
 )
 _RESET_WITHIN_S: Final = 0.2
+_READY_WITHIN_S: Final = 3.0
+_PASSES: Final = frozenset(
+    {"node_not_ready", "tracker_not_ready", "tracker_late", "tracker_quality"}
+)
+_COMES_BACK: Final = frozenset({"node_lost", "node_reset"})
+"""What a stall leaves behind: drives are set up anew, and the tip is seen again."""
 """What a fault reset has done shows in the drives' next answers."""
 
 
@@ -306,17 +314,43 @@ class Operator:
         return 0.0 if self._following is None else self._following.elapsed_s
 
     async def _clear(self, user: str, command: Clear) -> Answer:
-        del user
+        """The answer waits for what passes by itself, so that `arm` may follow at once."""
         supervisor = self._service.supervisor
+        await self._pass(lambda: supervisor.comes_to_rest, AT_REST_WITHIN_S)
+        self._check_lease(user, command)
         self._check_possible(Request.CLEAR)
-        left = supervisor.clear(self._service.clock.now_ns())
-        if left:
-            await asyncio.sleep(_RESET_WITHIN_S)
-            left = supervisor.clear(self._service.clock.now_ns())
-        if left:
+        if left := await self._cleared():
             raise RefusedError("still_wrong", "the cause has to go first", left)
+        await self._pass(lambda: self._only_for_a_moment, _READY_WITHIN_S)
         names = dict.fromkeys(reason.cause.name for reason in supervisor.blocking)
         return self._answer(command, text=f"not ready yet: {', '.join(names)}" if names else "")
+
+    async def _cleared(self) -> tuple[ActiveReason, ...]:
+        """What still holds when drives had time for a reset, and lost ones to be set up anew."""
+        supervisor, clock = self._service.supervisor, self._service.clock
+        began_ns = clock.now_ns()
+        while left := supervisor.clear(clock.now_ns()):
+            returns = all(reason.cause.name in _COMES_BACK for reason in left)
+            within_s = _READY_WITHIN_S if returns else _RESET_WITHIN_S
+            if clock.now_ns() - began_ns >= within_s * 1e9:
+                break
+            await asyncio.sleep(_RESET_WITHIN_S)
+        return left
+
+    @property
+    def _only_for_a_moment(self) -> bool:
+        """Whether nothing keeps the robot from being armed but what goes by itself soon."""
+        names = {
+            reason.cause.name for reason in self._service.supervisor.blocking if not reason.over
+        }
+        return bool(names) and names <= _PASSES
+
+    async def _pass(self, goes_on: Callable[[], bool], within_s: float) -> None:
+        """Wait for something to be over, but no longer than that."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(within_s):
+                while goes_on():
+                    await asyncio.sleep(_LOOK_EVERY_S)
 
     async def _inject(self, user: str, command: Inject) -> Answer:
         del user

@@ -38,7 +38,7 @@ from safety.states import OperatingState, Request
 
 _STATUS_EVERY_NS: Final = 100_000_000
 _LOOP_EVERY_NS: Final = 1_000_000_000
-_AT_REST_WITHIN_S: Final = 3.5
+AT_REST_WITHIN_S: Final = 3.5
 _LOOK_EVERY_S: Final = 0.002
 _CHECKS_WITHIN_S: Final = 3.0
 """Some fifteen objects of each drive, all drives at once; the slowest take 0.1 s for each."""
@@ -121,7 +121,7 @@ class RobotService:
         power = self.supervisor.power
         self.supervisor.request(request, self.clock.now_ns())
         try:
-            async with asyncio.timeout(_AT_REST_WITHIN_S):
+            async with asyncio.timeout(AT_REST_WITHIN_S):
                 while not power.at_rest:
                     await asyncio.sleep(_LOOK_EVERY_S)
         except TimeoutError:

@@ -15,4 +15,6 @@ def explained(reason: ActiveReason, t_ns: int) -> Reason:
         detail=reason.detail,
         since_s=round((t_ns - reason.since_ns) * 1e-9, 3),
         latched=reason.latched,
+        follows_from=reason.follows_from,
+        over=reason.over,
     )

@@ -9,6 +9,7 @@ from daemon.supervision.watchdogs import NOT_REFERENCED, Watchdogs, Watched
 from drivers.cia402.drive_bus import DriveBus
 from drivers.conditions import ConditionChange
 from safety.causes import Severity
+from safety.consequences import Consequences, with_leads
 from safety.failsafe import ActiveReason, Failsafe
 from safety.states import OperatingState, Request, next_state, refusal
 
@@ -35,6 +36,8 @@ class Supervisor:
         self._watchdogs = Watchdogs(self.failsafe, settings, buses, self.power)
         self._on_state = on_state
         self._verdict = self.failsafe.evaluate(0, False)
+        self._consequences = Consequences()
+        self._told = self._verdict.reasons
 
     @property
     def energised(self) -> bool:
@@ -48,13 +51,14 @@ class Supervisor:
 
     @property
     def reasons(self) -> tuple[ActiveReason, ...]:
-        """Everything that is not as it should be, worst first."""
-        return self._verdict.reasons
+        """Everything that is not as it should be, worst first; what follows from another reason
+        comes behind it."""
+        return self._told
 
     @property
     def blocking(self) -> tuple[ActiveReason, ...]:
-        """What stands in the way of arming."""
-        return self._verdict.at_least(Severity.NOT_READY)
+        """What stands in the way of arming, and what it follows from."""
+        return with_leads(self._told, Severity.NOT_READY)
 
     @property
     def severity(self) -> Severity:
@@ -98,7 +102,7 @@ class Supervisor:
         """Why a request is not possible now, in words; empty if it is."""
         if self.arming and request in (Request.ARM, Request.HOME):
             return "the drives are being enabled already"
-        if self._comes_to_rest and request in (Request.ARM, Request.CLEAR, Request.HOME):
+        if self.comes_to_rest and request in (Request.ARM, Request.CLEAR, Request.HOME):
             return "the drives are still being switched off"
         # What is in the way of these two may be what they take out of the way.
         undoes = request in (Request.RESUME, Request.CLEAR)
@@ -141,14 +145,17 @@ class Supervisor:
         return left
 
     @property
-    def _comes_to_rest(self) -> bool:
+    def comes_to_rest(self) -> bool:
         """The drives were told to stop, and are not off yet."""
         return not self.power.at_rest and not self.power.wanted
 
     def _go(self, t_ns: int, request: Request | None) -> None:
         """Work out the state anew; more than one step where one leads to the next."""
-        self._verdict = self.failsafe.evaluate(t_ns, self.energised)
-        blocked = bool(self._blocking(request)) or self._comes_to_rest
+        verdict = self.failsafe.evaluate(t_ns, self.energised)
+        if verdict is not self._verdict:
+            self._verdict = verdict
+            self._told = self._consequences.told(verdict.reasons, t_ns)
+        blocked = bool(self._blocking(request)) or self.comes_to_rest
         if self.arming and self._verdict.severity >= Severity.DISARM:
             self.arming = False
             self.power.stop(t_ns)
@@ -166,4 +173,4 @@ class Supervisor:
         if after is OperatingState.RUNNING:
             self.stopped_by = ()
         elif after is OperatingState.HOLD or (before.energised and not after.energised):
-            self.stopped_by = self._verdict.at_least(Severity.HOLD) or self.stopped_by
+            self.stopped_by = with_leads(self._told, Severity.HOLD) or self.stopped_by

@@ -82,3 +82,23 @@ def test_the_tour_goes_on_after_stalls_of_a_third_of_a_second(whose: str) -> Non
         assert touring.error is None
         assert Path(touring.recording).is_dir()
         assert not one.events("state", S.FAULT.value)
+
+
+@pytest.mark.parametrize("whose", ["daemon", "lab"])
+def test_after_a_long_stall_one_cause_leads_and_clear_and_arm_lead_back(whose: str) -> None:
+    with as_shipped() as one:
+        one.running()
+        with stood_still(one.daemon.pid if whose == "daemon" else one.lab.process.pid):
+            time.sleep(1.2)
+        one.until_it_was(S.FAULT)
+        leads = {r.name for r in one.status().reasons if not r.follows_from}
+        if whose == "daemon":
+            assert leads <= {"loop_stalled", "loop_slow", "tracker_warning"}
+            assert "loop_stalled" in leads
+        else:  # nothing but their silence says that drives and tracker have one origin
+            assert len(leads & {"bus_queue_full", "node_lost"}) == 1
+            assert not {name for name in leads if name.startswith("drive_")}
+        one._acquire()  # the lease may have run out meanwhile
+        one.user.do(one.client.clear())
+        one.user.do(one.client.arm())
+        assert one.state is S.ARMED

@@ -1,0 +1,208 @@
+"""Which causes follow from others: where one thing makes twenty go wrong, that one is told first.
+
+This is telling only: what a cause does to the robot is in the table of causes, whatever it follows
+from.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+from safety.causes import Severity
+from safety.failsafe import ActiveReason
+
+_BEFORE_NS: Final = 1_000_000_000
+"""A consequence may be seen before what it follows from: the drives' silence is missed after 0.1 s,
+their heartbeats after 0.25 s, and what drives say during a stall is read at its end."""
+_AFTER_NS: Final = 2_000_000_000
+"""... and so long after it is over: a drive that lost its master takes a second to be set up."""
+_TOGETHER_NS: Final = 500_000_000
+"""The same cause of several subjects, within this: they have one origin."""
+
+_OF_A_DRIVE_THAT_IS_AWAY: Final = (
+    "node_not_ready",
+    "drive_fault",
+    "drive_following_error",
+    "drive_not_enabled",
+    "drive_emergency",
+    "drive_warning",
+    "drive_limit",
+    "tendon_slack",
+    "arming_failed",
+)
+_OF_A_DRIVE: Final = (
+    "drive_no_voltage",
+    "node_reset",
+    "node_lost",
+    *_OF_A_DRIVE_THAT_IS_AWAY,
+)
+_OF_LATE_CYCLES: Final = (
+    *_OF_A_DRIVE,
+    "bus_queue_full",
+    "bus_degraded",
+    "tracker_not_ready",
+    "tracker_warning",
+    "tracker_late",
+    "tracker_quality",
+    "setpoint_late",
+    "lease_lost",
+    "lease_abandoned",
+    "risk_unavailable",
+    "recording_dropped",
+    "loop_slow",
+)
+_OF_A_BUS: Final = ("bus_not_open", "bus_queue_full", "bus_degraded", *_OF_A_DRIVE)
+
+LEADS_TO: Final[Mapping[str, tuple[str, ...]]] = {
+    "internal_error": ("loop_stalled", "loop_late", *_OF_LATE_CYCLES),
+    "loop_stalled": ("loop_late", *_OF_LATE_CYCLES),
+    "loop_late": _OF_LATE_CYCLES,
+    "foreign_master": ("bus_off", "drive_settings_changed", *_OF_A_BUS),
+    "bus_gone": ("bus_off", *_OF_A_BUS),
+    "bus_off": _OF_A_BUS,
+    "bus_not_open": ("bus_queue_full", "bus_degraded", *_OF_A_DRIVE),
+    "bus_queue_full": ("bus_degraded", *_OF_A_DRIVE),
+    "drive_no_voltage": _OF_A_DRIVE[1:],
+    "node_reset": ("node_lost", "drive_settings_changed", *_OF_A_DRIVE_THAT_IS_AWAY),
+    "node_lost": _OF_A_DRIVE_THAT_IS_AWAY,
+    "drive_settings_changed": ("node_not_ready", "arming_failed"),
+    "node_not_ready": ("drive_not_enabled", "arming_failed"),
+    "drive_following_error": ("drive_fault", "drive_not_enabled", "drive_emergency"),
+    "drive_fault": (
+        "drive_not_enabled",
+        "drive_emergency",
+        "drive_warning",
+        "drive_limit",
+        "tendon_slack",
+        "arming_failed",
+    ),
+    "drive_not_enabled": ("arming_failed", "tendon_slack"),
+    "tracker_not_ready": ("tracker_warning", "tracker_late", "tracker_quality", "tracker_gone"),
+    "tracker_warning": ("tracker_late", "tracker_quality", "tracker_gone"),
+    "tracker_late": ("tracker_quality", "tracker_gone"),
+    "lease_lost": ("lease_abandoned", "setpoint_late"),
+    "disk_full": ("disk_low", "recorder_failed", "recording_dropped"),
+    "disk_low": ("recorder_failed", "recording_dropped"),
+    "recorder_failed": ("recording_dropped",),
+    "risk_unavailable": ("gate_refused",),
+    "risk_too_high": ("gate_refused",),
+}
+"""From what is nearest to the origin to what is farthest: of several leads the first one counts."""
+
+_RANK: Final = {name: rank for rank, name in enumerate(LEADS_TO)}
+
+_Key = tuple[str, str]
+
+
+@dataclass(slots=True)
+class _Known:
+    """A reason that there is, or was a moment ago."""
+
+    reason: ActiveReason
+    over_ns: int | None = None
+    """When its condition was gone; None while it is there."""
+    lead: _Key | None = None
+
+
+class Consequences:
+    """Remembers what followed from what, for as long as it is told."""
+
+    def __init__(self) -> None:
+        self._known: dict[_Key, _Known] = {}
+
+    def told(self, reasons: Sequence[ActiveReason], t_ns: int) -> tuple[ActiveReason, ...]:
+        """`reasons`, worst first, with what follows from another behind it.
+
+        A lead that is over stays, marked as that, while anything that follows from it does.
+        """
+        present = {_key(reason) for reason in reasons}
+        self._remember(reasons, present, t_ns)
+        for reason in reasons:
+            self._look_for_lead(self._known[_key(reason)])
+        groups: dict[_Key, list[ActiveReason]] = {}
+        for reason in reasons:
+            key = _key(reason)
+            origin = self._origin(key)
+            if origin != key:  # what stands between them may be forgotten
+                self._known[key].lead = origin
+            groups.setdefault(origin, []).append(reason)
+        told: list[ActiveReason] = []
+        for origin, members in groups.items():
+            lead = self._known[origin].reason
+            told.append(lead if origin in present else replace(lead, over=True, latched=False))
+            told += [
+                replace(reason, follows_from=lead.cause.name)
+                for reason in members
+                if _key(reason) != origin
+            ]
+        self._forget(present, set(groups), t_ns)
+        return tuple(told)
+
+    def _remember(self, reasons: Sequence[ActiveReason], present: set[_Key], t_ns: int) -> None:
+        for reason in reasons:
+            known = self._known.setdefault(_key(reason), _Known(reason))
+            if reason.since_ns != known.reason.since_ns:  # it has come anew
+                known = self._known[_key(reason)] = _Known(reason)
+            known.reason = reason
+            if not reason.latched:
+                known.over_ns = None
+            elif known.over_ns is None:
+                known.over_ns = t_ns
+        for key, known in self._known.items():
+            if key not in present and known.over_ns is None:
+                known.over_ns = t_ns
+
+    def _look_for_lead(self, known: _Known) -> None:
+        """The one nearest to the origin; of equals the oldest. What was found before may change."""
+        since_ns, name = known.reason.since_ns, known.reason.cause.name
+        found = [
+            (_RANK.get(lead.reason.cause.name, len(_RANK)), lead.reason.since_ns, key)
+            for key, lead in self._known.items()
+            if lead is not known and _may_lead(lead, name, since_ns, known.reason.subject)
+        ]
+        if found:
+            known.lead = min(found)[2]
+
+    def _origin(self, key: _Key) -> _Key:
+        seen = {key}
+        while (lead := self._known[key].lead) is not None and lead in self._known:
+            if lead in seen:
+                break
+            seen.add(lead)
+            key = lead
+        return key
+
+    def _forget(self, present: set[_Key], leads: set[_Key], t_ns: int) -> None:
+        for key, known in tuple(self._known.items()):
+            old = known.over_ns is not None and t_ns - known.over_ns > _AFTER_NS
+            if old and key not in present and key not in leads:
+                del self._known[key]
+
+
+def _may_lead(lead: _Known, name: str, since_ns: int, subject: str) -> bool:
+    """Whether a cause of that name and subject, which came then, can follow from `lead`."""
+    began_ns, leads = lead.reason.since_ns, lead.reason.cause.name
+    if leads == name:
+        earlier = (began_ns, lead.reason.subject) < (since_ns, subject)
+        return earlier and since_ns - began_ns <= _TOGETHER_NS
+    if name not in LEADS_TO.get(leads, ()) or since_ns < began_ns - _BEFORE_NS:
+        return False
+    return lead.over_ns is None or since_ns <= lead.over_ns + _AFTER_NS
+
+
+def with_leads(reasons: Sequence[ActiveReason], severity: Severity) -> tuple[ActiveReason, ...]:
+    """Those of `reasons`, as told, that are as bad as that, each group with its lead."""
+    kept: list[ActiveReason] = []
+    group: list[ActiveReason] = []
+    for reason in (*reasons, None):
+        if reason is not None and reason.follows_from:
+            group.append(reason)
+            continue
+        bad = [one for one in group if one.severity >= severity]
+        kept += [group[0], *(one for one in bad if one is not group[0])] if bad else []
+        group = [] if reason is None else [reason]
+    return tuple(kept)
+
+
+def _key(reason: ActiveReason) -> _Key:
+    return reason.cause.name, reason.subject
