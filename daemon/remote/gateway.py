@@ -8,6 +8,7 @@ nothing but STOP.
 
 import asyncio
 import os
+import resource
 import signal
 import socket
 import struct
@@ -18,7 +19,6 @@ from typing import Final
 
 import msgspec
 
-from daemon.clock import run_in_real_time
 from daemon.remote.messages import Refusal
 from daemon.remote.tls_listener import TlsListener, server_context
 from daemon.remote.wire import Format, encode
@@ -173,9 +173,11 @@ def main() -> int:
     with suppress(OSError):  # a real-time daemon's children inherit its priority
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     settings = msgspec.json.decode(sys.argv[1], type=GatewaySettings)
-    if settings.stops is None:
-        os.nice(_NICENESS)
-    run_in_real_time(_serve(settings))
+    with suppress(OSError):  # more than its share is not everybody's to give
+        os.nice(_NICENESS if settings.stops is None else -_NICENESS)
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+    asyncio.run(_serve(settings))  # by epoll: there may be thousands of descriptors
     return 0
 
 

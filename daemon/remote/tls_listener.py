@@ -5,20 +5,25 @@ oldest of them goes. So a newcomer is always let in, however many others are wai
 """
 
 import asyncio
+import resource
+import select
 import socket
 import ssl
+from collections import deque
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from daemon.clock import MonotonicClock
 
 AUTHENTICATES_WITHIN_S: Final = 1.0
-_MOST_SILENT: Final = 256
-"""Have connected and not said anything yet."""
+_MOST_SILENT: Final = 8192
+"""Have connected and not said anything yet; not more than half of the descriptors."""
 _MOST_HANDSHAKES: Final = 64
-_ACCEPTED_PER_TURN: Final = 64
+_ACCEPTED_PER_TURN: Final = 16
+_SWEEP_EVERY_S: Final = 0.02
+_DROPPED_PER_SWEEP: Final = 200
 _STARTED_PER_TURN: Final = 4
 """A handshake costs a millisecond: between so many, those who are in get their turn."""
 
@@ -36,6 +41,13 @@ def server_context(folder: Path) -> ssl.SSLContext:
     return context
 
 
+class _Newcomer(NamedTuple):
+    """Has connected and shown nothing yet."""
+
+    connection: socket.socket
+    until_s: float
+
+
 class TlsListener:
     """Accepts on a socket, from when it is made until `close`."""
 
@@ -45,62 +57,82 @@ class TlsListener:
         self._context = context
         self._on_peer = on_peer
         self._loop = asyncio.get_running_loop()
-        self._silent: dict[socket.socket, asyncio.TimerHandle] = {}
-        self._spoke: dict[socket.socket, float] = {}
-        """With when each has to be through, the oldest first."""
+        self._most_silent = _most_silent()
+        self._silent: dict[int, _Newcomer] = {}
+        """By descriptor, the oldest first."""
+        self._speaking = select.epoll()
+        """Which of them have said something: watched here, each costs the loop nothing."""
+        self._spoke: deque[_Newcomer] = deque()
         self._handshakes: dict[asyncio.Task[None], None] = {}
         self._talking: set[asyncio.Task[None]] = set()
+        self._closed = False
         listening.setblocking(False)
         self._loop.add_reader(listening, self._acceptable)
+        self._loop.add_reader(self._speaking, self._heard)
+        self._sweeping = self._loop.call_later(_SWEEP_EVERY_S, self._sweep)
 
     def close(self) -> None:
         """Let nobody in any more, and hang up on everybody."""
+        self._closed = True
+        self._sweeping.cancel()
         self._loop.remove_reader(self._listening)
-        for connection in list(self._silent):
-            self._forget(connection)
+        self._loop.remove_reader(self._speaking)
+        self._speaking.close()
+        for newcomer in [*self._silent.values(), *self._spoke]:
+            newcomer.connection.close()
         for task in [*self._handshakes, *self._talking]:
             task.cancel()
 
     def _acceptable(self) -> None:
+        until_s = self._loop.time() + AUTHENTICATES_WITHIN_S
         for _ in range(_ACCEPTED_PER_TURN):
             try:
                 connection, _ = self._listening.accept()
             except BlockingIOError:
                 return
             except OSError:  # no descriptors: make room
-                if self._silent:
-                    self._forget(next(iter(self._silent)))
+                self._drop_oldest()
                 return
             connection.setblocking(False)
-            timer = self._loop.call_later(AUTHENTICATES_WITHIN_S, self._forget, connection)
-            self._silent[connection] = timer
-            self._loop.add_reader(connection, self._speaks, connection)
-            if len(self._silent) > _MOST_SILENT:
-                self._forget(next(iter(self._silent)))
+            self._silent[connection.fileno()] = _Newcomer(connection, until_s)
+            self._speaking.register(connection, select.EPOLLIN | select.EPOLLRDHUP)
+            if len(self._silent) > self._most_silent:
+                self._drop_oldest()
 
-    def _forget(self, connection: socket.socket) -> None:
-        """It has said nothing, or must make room."""
-        self._silent.pop(connection).cancel()
-        self._spoke.pop(connection, None)
-        self._loop.remove_reader(connection)
-        connection.close()
+    def _sweep(self) -> None:
+        """Hang up on those whose time is over."""
+        self._sweeping = self._loop.call_later(_SWEEP_EVERY_S, self._sweep)
+        now_s = self._loop.time()
+        for _ in range(_DROPPED_PER_SWEEP):
+            oldest = next(iter(self._silent.values()), None)
+            if oldest is None or oldest.until_s > now_s:
+                return
+            self._drop_oldest()
 
-    def _speaks(self, connection: socket.socket) -> None:
-        self._loop.remove_reader(connection)
-        self._spoke[connection] = self._silent[connection].when()
-        if len(self._spoke) == 1:
-            self._loop.call_soon(self._start)
+    def _drop_oldest(self) -> None:
+        descriptor = next(iter(self._silent), None)
+        if descriptor is not None:
+            self._silent.pop(descriptor).connection.close()  # which the epoll sees
+
+    def _heard(self) -> None:
+        for descriptor, _ in self._speaking.poll(0, _ACCEPTED_PER_TURN):
+            self._speaking.unregister(descriptor)
+            self._spoke.append(self._silent.pop(descriptor))
+            if len(self._spoke) == 1:
+                self._loop.call_soon(self._start)
+            elif len(self._spoke) > self._most_silent:
+                self._spoke.popleft().connection.close()
 
     def _start(self) -> None:
+        if self._closed:
+            return
         for _ in range(_STARTED_PER_TURN):
             if not self._spoke:
                 return
-            connection = next(iter(self._spoke))
-            until_s = self._spoke.pop(connection)
-            self._silent.pop(connection).cancel()
+            newcomer = self._spoke.popleft()
             if len(self._handshakes) >= _MOST_HANDSHAKES:
                 next(iter(self._handshakes)).cancel()
-            task = self._loop.create_task(self._handshake(connection, until_s))
+            task = self._loop.create_task(self._handshake(*newcomer))
             self._handshakes[task] = None
             task.add_done_callback(self._done)
         if self._spoke:
@@ -143,6 +175,11 @@ class TlsListener:
         finally:
             expires.cancel()
             transport.close()
+
+
+def _most_silent() -> int:
+    most, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    return min(_MOST_SILENT, most // 2)
 
 
 def _common_name(certificate: dict[str, Any]) -> str:
