@@ -146,6 +146,8 @@ WHILE_RUNNING: Final = (
     Row("tracker_late", unplugged_and_plugged, "tool unplugged and plugged", resumes=False),
     fault("tracker_gone", "tracker.missing=3s"),
     fault("bus_degraded", "bus.can0.passive=1s"),
+    fault("foreign_master", "bus.can0.foreign_master=1s"),
+    fault("foreign_master", "bus.can0.foreign_master=1s,nmt"),
     fault("bus_queue_full", "bus.can0.full=3s", resumes=False),
     fault("bus_gone", "bus.can0.unplug=0.5s"),
     fault("bus_off", "bus.can0.down=0.5s"),
@@ -172,6 +174,7 @@ WHILE_RUNNING: Final = (
 ALONE: Final = {
     "tracker_not_ready",
     "node_not_ready",
+    "drive_settings_changed",
     "bus_not_open",
     "arming_failed",
     "recorder_failed",
@@ -247,6 +250,19 @@ def test_while_running(robot: Rig, row: Row) -> None:
     else:
         switches_off(robot, severity)
         is_armed_again(robot, severity)
+
+
+def test_a_setting_that_was_changed_behind_our_back_keeps_the_drives_off(robot: Rig) -> None:
+    robot.armed()
+    robot.user.do(robot.client.stop())
+    robot.ready()
+    robot.from_now_on()
+    robot.inject("drive.can0/3.setting=0x6085,0,1")
+    refused = robot.user.refused(robot.client.arm())
+    assert refused.name == "settings_differ"
+    assert refused.text.startswith("can0/3 0x6085:00 (quick stop ramp) reads 1, not ")
+    assert_told(robot, "drive_settings_changed")
+    robot.armed()
 
 
 def goes_on(one: Rig) -> None:
