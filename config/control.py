@@ -141,6 +141,10 @@ class Supervision(ConfigModel):
     arm_within_s: Positive = 5.0
     """The drives must be enabled this long after `arm`."""
 
+    recording_required: bool = True
+    """HOLD where the recorder fails and cannot be started again. Otherwise motion goes on, and is
+    not recorded."""
+
     disk_free_mb: NotNegative = 500.0
     """Less free space where recordings go: no arming; a tenth of it: HOLD."""
 

@@ -14,14 +14,12 @@ from config.controllers import Broyden
 from config.robot import Robot
 from daemon.control.controller import Observation, Proposal
 from daemon.control.exploration import Exploration
+from daemon.control.jacobian_correction import FIRST_STD_MM
 from daemon.control.jacobian_estimate import JacobianEstimate
 from daemon.control.model_file import load_model, model_metadata, save_model
 from daemon.control.tip_following import TipFollower
 from daemon.learning.npz_file import ModelError
 from drivers.pose import Vector
-
-_MEASURED_STD_MM = 20.0
-"""Of the Jacobian's elements after exploration, mm per travel: hysteresis more than noise."""
 
 
 class BroydenController:
@@ -53,14 +51,13 @@ class BroydenController:
         self._anchor = None
 
     def observe(self, observation: Observation) -> None:
-        if not all(map(isfinite, chain(observation.u.tolist(), observation.tip_mm.tolist()))):
+        measured = chain(observation.u.tolist(), observation.tip_mm.tolist())
+        if not (observation.believed and all(map(isfinite, measured))):
             return
         if self._estimate is None:
             self._exploration.observe(observation)
             if self._exploration.done:
-                self._begin(
-                    self._exploration.jacobian, np.eye(len(self._travel)) * _MEASURED_STD_MM**2
-                )
+                self._begin(self._exploration.jacobian, np.eye(len(self._travel)) * FIRST_STD_MM**2)
             return
         here = (observation.u / self._travel, observation.tip_mm)
         if self._anchor is None:

@@ -58,7 +58,8 @@ class Controller(Protocol):
         ...
 
     def observe(self, observation: Observation) -> None:
-        """Learn from one frame. Called for every believed frame, moving or not."""
+        """Learn from one frame. Called for every frame, moving or not; `believed` says whether
+        there is anything to learn from it."""
         ...
 
     def propose(self, observation: Observation) -> Proposal:

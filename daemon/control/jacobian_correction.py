@@ -14,7 +14,9 @@ from drivers.pose import Vector
 
 _RELATIVE_NOISE = 0.1
 """Hysteresis and curvature: the part of a motion of the tip that no Jacobian explains."""
-_FIRST_STD_MM = 20.0
+FIRST_STD_MM = 20.0
+"""Of a Jacobian's elements, mm per travel, before anything corrects them: hysteresis more than
+noise."""
 _LARGEST_STD_MM = 200.0
 _SLOWEST, _FASTEST, _TURNED = -0.5, 2.0, 0.7
 """How much less, and how much more, than J has it a step may move the tip, and how far aside. There
@@ -30,7 +32,7 @@ class JacobianCorrection:
         the axes go through their whole travel. reach: after so many travels a third is left."""
         self.difference = np.zeros((3, axes))
         """(3, m) E."""
-        self.covariance = _FIRST_STD_MM**2 * np.eye(axes)
+        self.covariance = FIRST_STD_MM**2 * np.eye(axes)
         """(m, m) P, mm², of each row."""
         self._noise_variance = noise_mm**2
         self._drift_variance = drift_mm**2

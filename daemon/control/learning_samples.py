@@ -48,7 +48,9 @@ class LearningSamples:
             self._sampler.break_off()
             return None
         sample = self._sampler.add(observation.t_ns, observation.tip_mm, observation.u)
-        if sample is None or not self._jacobian.known:
+        if sample is None or self._jacobian.forward is None:
+            # Without a model there is only what the last motions have told. Who believes those
+            # that agree with it, and no others, stays wrong where the Jacobian changes.
             return sample
         if self._plausible(sample):
             self._doubted_in_a_row = 0

@@ -13,7 +13,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from config.controllers import Learner
-from daemon.control.jacobian_correction import JacobianCorrection
+from daemon.control.jacobian_correction import FIRST_STD_MM, JacobianCorrection
+from daemon.control.jacobian_estimate import JacobianEstimate
+from daemon.control.jacobian_kernels import in_rows
 from daemon.learning.lwpr import Lwpr
 from daemon.learning.motion_sample import MotionSample
 from drivers.pose import Vector
@@ -34,8 +36,7 @@ class LearntJacobian:
         self._options = options
         self._travel = travel
         self._correction = self._no_correction()
-        self._carried: Vector | None = None
-        self._carrying = self._no_carrying()
+        self._carried: JacobianEstimate | None = None
         self._x = np.zeros(3 + 2 * len(travel))
 
     @property
@@ -75,7 +76,8 @@ class LearntJacobian:
             modelled = self._modelled(middle_mm, middle_u)
             self._correction.correct(modelled, moved, sample.delta_tip_mm)
         if share < 1.0:
-            self._carry_on(moved, sample.delta_tip_mm)
+            assert self._carried is not None
+            self._carried.correct(moved, sample.delta_tip_mm)
         else:
             self._carry(self._at(middle_mm, middle_u, share))
 
@@ -85,8 +87,8 @@ class LearntJacobian:
         return {
             "correction": self._correction.difference,
             "correction_covariance": self._correction.covariance,
-            "carried": self._carried,
-            "carried_covariance": self._carrying.covariance,
+            "carried": self._carried.jacobian,
+            "carried_covariance": self._carried.covariance,
         }
 
     def restore(self, arrays: Mapping[str, Vector]) -> None:
@@ -99,16 +101,17 @@ class LearntJacobian:
         self._correction.difference = np.array(arrays["correction"])
         self._correction.covariance = np.array(arrays["correction_covariance"])
         self._carry(arrays["carried"])
-        self._carrying.covariance = np.array(arrays["carried_covariance"])
+        assert self._carried is not None
+        self._carried.covariance = in_rows(arrays["carried_covariance"])
 
     # Axes count in shares of their travel from here on.
 
     def _at(self, tip_mm: Vector, u: Vector, share: float) -> Vector:
         assert self._carried is not None
         if share <= 0.0:
-            return self._carried
+            return self._carried.jacobian
         corrected = self._modelled(tip_mm, u) + self._correction.difference
-        return np.asarray(share * corrected + (1.0 - share) * self._carried)
+        return np.asarray(share * corrected + (1.0 - share) * self._carried.jacobian)
 
     def _modelled(self, tip_mm: Vector, u: Vector) -> Vector:
         assert self.forward is not None
@@ -122,14 +125,15 @@ class LearntJacobian:
         return self._x
 
     def _carry(self, jacobian: Vector) -> None:
-        self._carried = np.array(jacobian)
-        self._carrying = self._no_carrying()
-
-    def _carry_on(self, moved: Vector, tip_moved: Vector) -> None:
-        assert self._carried is not None
-        self._carrying.correct(self._carried, moved, tip_moved)
-        self._carried = self._carried + self._carrying.difference
-        self._carrying.difference = np.zeros_like(self._carried)
+        """Nothing is known but this. It is corrected without the limits of a model's correction:
+        those keep what has come together near the model, and from sample to sample they would turn
+        a Jacobian that has no model to stay near."""
+        self._carried = JacobianEstimate(
+            jacobian,
+            FIRST_STD_MM**2 * np.eye(len(self._travel)),
+            self._options.sample_noise_mm,
+            _CARRIED_DRIFT_MM,
+        )
 
     def _no_correction(self) -> JacobianCorrection:
         options = self._options
@@ -139,7 +143,3 @@ class LearntJacobian:
             options.correction_drift_mm,
             options.correction_reach,
         )
-
-    def _no_carrying(self) -> JacobianCorrection:
-        noise_mm = self._options.sample_noise_mm
-        return JacobianCorrection(len(self._travel), noise_mm, _CARRIED_DRIFT_MM, np.inf)

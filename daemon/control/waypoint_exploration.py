@@ -65,7 +65,8 @@ class WaypointExplorationController:
             self._next_line(observation)
 
     def observe(self, observation: Observation) -> None:
-        if np.isfinite(observation.u).all() and np.isfinite(observation.tip_mm).all():
+        finite = np.isfinite(observation.u).all() and np.isfinite(observation.tip_mm).all()
+        if observation.believed and finite:
             self._guess.add(observation.u, observation.tip_mm)
 
     def propose(self, observation: Observation) -> Proposal:

@@ -8,7 +8,7 @@ is the lag.
 
 import numpy as np
 
-from daemon.learning.dataset import Frames
+from daemon.learning.dataset import Frames, sound_frames
 from drivers.pose import Vector
 
 _LAGS_S = np.arange(0.0, 0.401, 0.025)
@@ -21,7 +21,12 @@ _RIDGE = 1e-6
 
 
 def body_lag_s(frames: Frames, travel: Vector) -> float:
-    """Seconds, 0 or more; 0 where there are too few frames to tell."""
+    """Seconds, 0 or more; 0 where there are too few frames to tell.
+
+    Frames that are not finite, out of order, or where the tip or an axis cannot have gone since the
+    one before count as missing.
+    """
+    frames = sound_frames(frames, travel)
     t_s = (frames.t_ns - frames.t_ns[:1].sum()) * 1e-9
     ends_s = _ends(t_s)
     features = len(travel) * (1 + len(travel))

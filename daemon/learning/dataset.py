@@ -25,6 +25,7 @@ from drivers.pose import Vector
 _KIND = "tentacled exploration/1"
 _PROVENANCE = "provenance"
 _APART_NS = 3_600_000_000_000
+_FASTEST_TRAVEL_PER_S = 10.0
 _FRAMES = ("t_ns", "tip_mm", "u", "line")
 
 
@@ -68,6 +69,39 @@ class Frames:
                 samples.append(sample)
                 lines.append(int(self.line[np.searchsorted(self.t_ns, sampler.began_ns)]))
         return MotionTable.of(samples, lines, self.u.shape[1])
+
+
+def finite_frames(frames: Frames) -> Frames:
+    """Those with nothing but numbers in them."""
+    values = np.hstack([frames.tip_mm, frames.u])
+    return _rows(frames, np.asarray(np.isfinite(values).all(axis=1)))
+
+
+def sound_frames(frames: Frames, travel: Vector) -> Frames:
+    """Those that are finite, in order, and where tip and axes can have gone from those around.
+
+    A median of five is right with two of them wrong. travel: (m,) of the axes; no axis goes through
+    all of it in a tenth of a second.
+    """
+    finite = finite_frames(frames)
+    later = np.diff(finite.t_ns, prepend=finite.t_ns[:1] - 1) > 0
+    ordered = _rows(finite, later & (finite.t_ns == np.maximum.accumulate(finite.t_ns)))
+    span_s = np.ptp(_neighbours(ordered.t_ns), axis=1) * 1e-9
+    aside_mm = np.abs(ordered.tip_mm - np.median(_neighbours(ordered.tip_mm), axis=1)).max(axis=1)
+    share = (np.abs(ordered.u - np.median(_neighbours(ordered.u), axis=1)) / travel).max(axis=1)
+    possible = aside_mm <= SamplingSettings().fastest_mm_s * span_s
+    return _rows(ordered, possible & (share <= _FASTEST_TRAVEL_PER_S * span_s))
+
+
+def _neighbours(values: NDArray[Any]) -> NDArray[Any]:
+    """(n, 5, ...) each value among those around it, at the ends among the first or last five."""
+    count = len(values)
+    first = np.clip(np.arange(count) - 2, 0, max(count - 5, 0))
+    return np.asarray(values[np.minimum(first[:, None] + np.arange(5), max(count - 1, 0))])
+
+
+def _rows(frames: Frames, keep: NDArray[np.bool_]) -> Frames:
+    return Frames(**{name: getattr(frames, name)[keep] for name in _FRAMES})
 
 
 @dataclass(frozen=True)

@@ -31,11 +31,18 @@ class DirectRecorder:
         self._measured_at_bytes = -1
         """So long was the file when the room on the disk was looked at."""
 
-    async def start(self, folder: Path, header: Mapping[str, str], t_ns: int, wall_ns: int) -> None:
+    async def start(
+        self,
+        folder: Path,
+        header: Mapping[str, str],
+        t_ns: int,
+        wall_ns: int,
+        name: str = RUN_FILE,
+    ) -> None:
         if self._writer is not None:
             raise RecordingError(f"already recording in {self._writer.path.parent}")
         try:
-            self._writer = RunWriter(folder / RUN_FILE, header, wall_ns - t_ns)
+            self._writer = RunWriter(folder / name, header, wall_ns - t_ns)
         except OSError as error:
             raise RecordingError(f"cannot record in {folder}: {error.strerror}") from error
         self._folder = folder

@@ -49,13 +49,22 @@ class RecorderStatus(NamedTuple):
     """Why nothing is being written at the moment; empty: all is well."""
     free_mb: float | None
     bytes_written: int
+    lost: bool = False
+    """Nothing more will come of this recording: a new one has to be started."""
 
 
 class Recorder(Protocol):
     """Takes what happens. No call but `start` and `stop` ever waits, and none of these fails."""
 
-    async def start(self, folder: Path, header: Mapping[str, str], t_ns: int, wall_ns: int) -> None:
-        """Begin `run.mcap` in an existing folder.
+    async def start(
+        self,
+        folder: Path,
+        header: Mapping[str, str],
+        t_ns: int,
+        wall_ns: int,
+        name: str = RUN_FILE,
+    ) -> None:
+        """Begin a recording of this name in an existing folder.
 
         header: what the file says of itself. t_ns, wall_ns: one moment on the monotonic clock and
         as a date. Raises RecordingError.
@@ -114,6 +123,8 @@ class FlightRecorder:
         if not failed and self._link is not None and self._silent_ticks >= _SILENT_TICKS:
             failed = "the recorder process does not answer"
         recording = self._link is not None and not self._link.ended
+        silent = self._silent_ticks >= _SILENT_TICKS
+        lost = self._link is not None and (self._link.ended or silent or self._progress.lost)
         return RecorderStatus(
             recording,
             self._folder if recording else None,
@@ -121,6 +132,7 @@ class FlightRecorder:
             failed,
             self._progress.free_mb,
             self._progress.bytes_written,
+            lost,
         )
 
     @property
@@ -128,11 +140,18 @@ class FlightRecorder:
         """The recorder process' ID; None: there is none."""
         return None if self._link is None else self._link.pid
 
-    async def start(self, folder: Path, header: Mapping[str, str], t_ns: int, wall_ns: int) -> None:
+    async def start(
+        self,
+        folder: Path,
+        header: Mapping[str, str],
+        t_ns: int,
+        wall_ns: int,
+        name: str = RUN_FILE,
+    ) -> None:
         if self._link is not None:
             raise RecordingError(f"already recording in {self._folder}")
         self._reset(folder)
-        path = str((folder / RUN_FILE).absolute())
+        path = str((folder / name).absolute())
         self._records.begin(Begin(path=path, header=dict(header), wall_offset_ns=wall_ns - t_ns))
         try:
             self._link = RecorderLink(self._records.buffer, self._on_line)

@@ -27,6 +27,8 @@ class PatientFile:
         """Bytes that the operating system has taken."""
         self.failed = ""
         """Why it does not take more; empty: it does."""
+        self.deleted = False
+        """Whether its name is gone, as of the last `sync`."""
 
     @property
     def pending(self) -> int:
@@ -51,7 +53,7 @@ class PatientFile:
                 taken = os.write(self._fd, self._pending)
                 self.written += taken
                 del self._pending[:taken]
-            self.failed = ""
+            self.failed = "the file was deleted" if self.deleted else ""
         except OSError as error:
             self.failed = error.strerror or str(error)
 
@@ -59,6 +61,8 @@ class PatientFile:
         """Wait until the disk has what was handed over."""
         try:
             os.fdatasync(self._fd)
+            if os.fstat(self._fd).st_nlink == 0:
+                self.deleted, self.failed = True, "the file was deleted"
         except OSError as error:
             self.failed = error.strerror or str(error)
 

@@ -43,6 +43,8 @@ class Progress(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     dropped: int = 0
     """For lack of room on the disk."""
     failed: str = ""
+    lost: bool = False
+    """The file was deleted: what is written will never be seen."""
 
 
 class Record(NamedTuple):

@@ -110,6 +110,7 @@ class RecorderProcess:
                 free_mb=free_mb(self._writer.path.parent),
                 dropped=self._writer.dropped,
                 failed=failed or self._writer.failed,
+                lost=self._writer.deleted,
             )
         with contextlib.suppress(OSError):  # nobody reads, or nobody is there
             os.write(self._answers, msgspec.json.encode(progress) + b"\n")

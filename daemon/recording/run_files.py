@@ -14,6 +14,11 @@ REPORT_FILE: Final = "report.html"
 _UNFINISHED: Final = ".part"
 
 
+def segment_file(number: int) -> str:
+    """Name of a run's first recording, or of the one that went on when the last one was lost."""
+    return RUN_FILE if number == 1 else f"run-{number}.mcap"
+
+
 def unfinished(path: Path) -> Path:
     """Where a recording stands until it is finished."""
     return path.with_name(path.name + _UNFINISHED)

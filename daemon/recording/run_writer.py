@@ -51,6 +51,11 @@ class RunWriter:
         return self._file.failed
 
     @property
+    def deleted(self) -> bool:
+        """Whether somebody has removed the file meanwhile, as of the last `sync`."""
+        return self._file.deleted
+
+    @property
     def bytes_written(self) -> int:
         """Bytes that are in the file."""
         return self._file.written

@@ -1,6 +1,7 @@
 """Keeps what the watchdogs look at up to date, from everything the service knows."""
 
 from collections.abc import Callable
+from typing import Final, NamedTuple
 
 from daemon.loop.control_step import ControlLoop
 from daemon.loop.timekeeping import Timekeeping
@@ -14,6 +15,18 @@ from drivers.axis_scale import tension_range_n
 from safety.states import OperatingState
 
 _FEW_MISSED_PER_S = 2
+
+
+class RecordingTrouble(NamedTuple):
+    """What is wrong with the recording of a run that is going on."""
+
+    failed: str = ""
+    """What keeps it from being written at the moment; empty: nothing."""
+    lost: str = ""
+    """Why it was given up; empty: it was not."""
+
+
+NO_TROUBLE: Final = RecordingTrouble()
 
 
 class Lookout:
@@ -30,6 +43,8 @@ class Lookout:
     ) -> None:
         self.setpoint_age_s: Callable[[int], float | None] = lambda _: None
         """For as long as set-points are being followed; None: they are not."""
+        self.look_at_recording: Callable[[], RecordingTrouble] = lambda: NO_TROUBLE
+        """Sees to the present run's recording, and tells what is wrong with it."""
         self._tracker = tracker
         self._loop = loop
         self._supervisor = supervisor
@@ -74,7 +89,7 @@ class Lookout:
     def look_at_recorder(self) -> None:
         """How the recording does, and how much room there is for it."""
         watched, recorder = self._supervisor.watched, self._surroundings.recorder.status
-        watched.recorder_failed = recorder.failed
+        watched.recorder_failed, watched.recording_lost = self.look_at_recording()
         watched.recordings_dropped = recorder.dropped
         watched.disk_free_mb = recorder.free_mb if recorder.recording else self._free_mb
 

@@ -8,7 +8,9 @@ from typing import Final
 from daemon.recording.error_table import ErrorTable
 from daemon.recording.flight_recorder import RecordingError
 from daemon.recording.result import Result, write_result
+from daemon.recording.run_files import segment_file
 from daemon.remote.messages import Event, Message, Tip
+from daemon.service.lookout import NO_TROUBLE, RecordingTrouble
 from daemon.service.robot_service import RobotService
 from safety.causes import Severity, cause
 from safety.states import OperatingState
@@ -16,6 +18,9 @@ from safety.states import OperatingState
 _RUNNING: Final = OperatingState.RUNNING.value
 _STOPS_THE_MOTION: Final = Severity.HOLD
 _MOST_FAULTS: Final = 1000
+_RESTART_AFTER_S: Final = (0.0, 0.5, 2.0)
+"""Waiting before each attempt to begin a lost recording again, all through a run. A process starts
+in a second; what has killed three of them kills the fourth."""
 
 MakeFolder = Callable[[], Awaitable[Path]]
 """Makes the folder of the next run, with all that explains the run in it. Raises OSError."""
@@ -39,11 +44,16 @@ class RunRecording:
         """Of the first and the last step within a cycle."""
         self._followed = ("", "")
         self._ending: asyncio.Task[None] | None = None
+        self._restarting: asyncio.Task[None] | None = None
+        self._restarts = self._segment = 0
+        self._lost = ""
+        """Why the recording was given up; empty: it was not."""
         listeners = service.surroundings.listeners
         listeners.add(self._hear)
         listeners.add_for(Tip, self._hear_step)
         listeners.add_for(Event, self._hear_event)
         service.at_rest.append(self._end_soon)
+        service.lookout.look_at_recording = self.look
 
     async def begin(self) -> None:
         """Start recording. Raises RecordingError."""
@@ -52,15 +62,24 @@ class RunRecording:
         self._faults, self._steps, self._times_ns = [], 0, None
         self._refused_before, self._held_before = self._service.loop.refusals, self._service.holds
         self._followed = ("", "")
-        clock, robot = self._service.clock, self._service.robot
+        self._restarts, self._segment, self._lost = 0, 1, ""
         try:
             self.folder = await self._make_folder()
         except OSError as error:
             raise RecordingError(f"no folder for the run: {error}") from None
-        header = {"robot": robot.robot, "version": self._service.version, "seed": str(self._seed)}
-        await self._recorder.start(self.folder, header, clock.now_ns(), clock.wall_time_ns())
+        await self._start(self.folder)
         self._recording = True
         self._service.publish(self._service.status())
+
+    def look(self) -> RecordingTrouble:
+        """What is wrong with the recording; one that is lost is begun again. Called often."""
+        if not self._recording:
+            return NO_TROUBLE
+        status = self._recorder.status
+        if status.lost and not self._lost and self._restarting is None:
+            task = asyncio.get_running_loop().create_task(self._restart(status.failed))
+            self._restarting = task
+        return RecordingTrouble(status.failed or self._lost, self._lost)
 
     async def end(self) -> None:
         """Finish the recording, and write its result. Does nothing when there is none."""
@@ -97,10 +116,65 @@ class RunRecording:
             self._ending = asyncio.get_running_loop().create_task(self._end())
 
     async def _end(self) -> None:
+        if self._restarting is not None:
+            await self._restarting
         result = self.result()
         await self._recorder.stop()
         assert self.folder is not None
-        write_result(self.folder, result)
+        try:
+            write_result(self.folder, result)
+        except OSError as error:  # somebody has removed the folder, or the disk is full
+            self._tell("no_result", f"the run's result cannot be written: {error}")
+
+    async def _start(self, folder: Path) -> None:
+        """Raises RecordingError."""
+        clock, robot = self._service.clock, self._service.robot
+        header = {"robot": robot.robot, "version": self._service.version, "seed": str(self._seed)}
+        if self._restarts:
+            header["goes_on_after_gap"] = str(self._restarts)
+        name = segment_file(self._segment)
+        await self._recorder.start(folder, header, clock.now_ns(), clock.wall_time_ns(), name)
+
+    async def _restart(self, why: str) -> None:
+        """Go on in a new file, some attempts long. What happens meanwhile is in neither."""
+        clock = self._service.clock
+        began_ns = clock.now_ns()
+        self._tell("recorder_lost", f"{why}: it is started again")
+        try:
+            while self._recording and self._restarts < len(_RESTART_AFTER_S):
+                await asyncio.sleep(_RESTART_AFTER_S[self._restarts])
+                self._restarts += 1
+                try:
+                    await self._begin_segment()
+                except (RecordingError, OSError) as error:
+                    why = str(error)
+                    continue
+                gap_s = (clock.now_ns() - began_ns) * 1e-9
+                text = f"recording goes on in {self._recorded_in}, {gap_s:.1f} s are missing"
+                self._tell("recording_gap", text)
+                return
+            self._lost = why
+        finally:
+            self._restarting = None
+
+    async def _begin_segment(self) -> None:
+        """Raises RecordingError, OSError."""
+        await self._recorder.stop()
+        assert self.folder is not None
+        self._segment += 1
+        if self._restarts > 1:  # where the last attempt has failed, the folder may be gone
+            folder = await self._make_folder()
+            if folder != self.folder:
+                self.folder, self._segment = folder, 1
+        await self._start(self.folder)
+
+    @property
+    def _recorded_in(self) -> str:
+        assert self.folder is not None
+        return str(self.folder / segment_file(self._segment))
+
+    def _tell(self, name: str, text: str) -> None:
+        self._service.events.tell("note", name, text, subject="recorder")
 
     def _hear(self, message: Message) -> None:
         if self._recording:

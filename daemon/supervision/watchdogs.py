@@ -30,6 +30,8 @@ class Watched:
     tensions_n: Sequence[tuple[str, float, float, float]] = ()
     """Of each tendon: its axis, its tension, and what it must stay between."""
     recorder_failed: str = ""
+    recording_lost: str = ""
+    """Why nothing is recorded, and will not be; empty: it is, or will be in a moment."""
     recordings_dropped: int = 0
     disk_free_mb: float | None = None
 
@@ -58,7 +60,7 @@ class Watchdogs:
         self._check_tracker(watched, t_ns, energised)
         self._check_drives(t_ns)
         self._check_operator(watched, t_ns, energised, moving)
-        self._check_recorder(watched, t_ns)
+        self._check_recorder(watched, t_ns, energised)
         for axis, tension_n, lowest_n, highest_n in watched.tensions_n:
             slack = energised and not homing and tension_n < lowest_n
             over = tension_n > highest_n
@@ -119,7 +121,7 @@ class Watchdogs:
         late = moving and age_s is not None and not age_s <= settings.setpoint_hold_after_s
         self._set("setpoint_late", late, t_ns, "operator")
 
-    def _check_recorder(self, watched: Watched, t_ns: int) -> None:
+    def _check_recorder(self, watched: Watched, t_ns: int, energised: bool) -> None:
         free_mb, least_mb = watched.disk_free_mb, self._settings.disk_free_mb
         low = free_mb is not None and free_mb < least_mb
         full = free_mb is not None and free_mb < least_mb * _LOW_TO_FULL
@@ -128,6 +130,8 @@ class Watchdogs:
         self._set("disk_full", full, t_ns, "recorder", told)
         failed = watched.recorder_failed
         self._set("recorder_failed", bool(failed), t_ns, "recorder", failed)
+        lost = watched.recording_lost if self._settings.recording_required and energised else ""
+        self._set("not_recorded", bool(lost), t_ns, "recorder", lost)
         more = watched.recordings_dropped > self._dropped_before
         self._dropped_before = watched.recordings_dropped
         self._set("recording_dropped", more, t_ns, "recorder")

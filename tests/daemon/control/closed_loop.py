@@ -12,7 +12,7 @@ from config.emulated_plants import SoftArmPlant
 from config.exploration import WaypointExploration
 from config.loader import load_robot
 from config.robot import Robot
-from config.trajectory import Rectangle
+from config.trajectory import Lissajous, Rectangle
 from daemon.control.axis_ranges import AxisRanges
 from daemon.control.blend import Blend
 from daemon.control.controller import Controller, Observation
@@ -176,7 +176,7 @@ class ClosedLoop:
         for k in range(round((blend.duration_s + wait_s) / DT_S)):
             self.step(*blend.at(k * DT_S))
 
-    def follow(self, options: Rectangle) -> Followed:
+    def follow(self, options: Rectangle | Lissajous) -> Followed:
         """The whole trajectory, from its start."""
         trajectory = make_trajectory(options, Path())
         errors, true_errors, u = [], [], []

@@ -213,6 +213,21 @@ def test_a_frame_that_is_not_a_number_teaches_nothing() -> None:
     np.testing.assert_array_equal(loop.controller.jacobian, before)
 
 
+def test_a_tip_that_is_only_extrapolated_teaches_nothing() -> None:
+    loop = LinearRobot()
+    loop.explore()
+    before = loop.controller.jacobian
+    elsewhere = loop.seen()
+    for share in (0.1, 0.2, 0.3):
+        loop.controller.observe(
+            elsewhere._replace(
+                u=elsewhere.u + share, tip_mm=elsewhere.tip_mm - 50.0 * share, believed=False
+            )
+        )
+    loop.controller.observe(elsewhere)
+    np.testing.assert_array_equal(loop.controller.jacobian, before)
+
+
 def test_without_noise_and_memory_a_correction_is_broydens_own() -> None:
     generator = np.random.default_rng(3)
     jacobian, moved = generator.normal(size=(3, 6)), 0.01 * generator.normal(size=6)

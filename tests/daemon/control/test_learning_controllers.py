@@ -11,6 +11,7 @@ import pytest
 
 from config.controllers import load_controller_options
 from config.exploration import MotorBabbling
+from config.trajectory import Lissajous
 from daemon.control.controller import ControllerError
 from daemon.control.learning_controller import LearningController
 from daemon.control.make_controller import make_controller
@@ -86,7 +87,19 @@ def test_a_load_that_was_never_felt_is_learnt_in_a_lap(kind: str, model: str) ->
 def test_without_a_model_the_first_motions_teach_enough(kind: str) -> None:
     babbling = MotorBabbling(duration_s=30.0).model_dump()
     loop = started(made(kind, babbling=babbling), START_MM, LOAD_G)
-    assert followed(loop)[0].mean_mm < 1.0
+    assert followed(loop)[0].mean_mm < 1.2
+
+
+@both
+def test_without_a_model_a_figure_of_eight_is_followed_round_after_round(kind: str) -> None:
+    """It leads where no motion has been, and along each of its ways again and again."""
+    eight = Lissajous(
+        kind="lissajous", center_mm=(0.0, 0.0, 185.0), amplitude_mm=(30.0, 30.0, 0.0), cycle_s=40.0
+    )
+    loop = started(made(kind), np.array(eight.center_mm))
+    rounds = [loop.follow(eight) for _ in range(3)]
+    assert all(one.mean_mm < 2.0 for one in rounds), [one.mean_mm for one in rounds]
+    assert rounds[-1].max_mm < 12.0
 
 
 def test_babbling_that_shows_nothing_is_not_enough() -> None:

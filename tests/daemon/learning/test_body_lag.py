@@ -1,5 +1,7 @@
 """How late a body follows its axes is found in what was seen."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -18,6 +20,27 @@ def test_gaps_do_no_harm() -> None:
     for first in (200, 500, 501, 900):
         frames = without(frames, first, first + 60)
     assert body_lag_s(frames, RANGES.travel) == pytest.approx(0.1, abs=0.01)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e9, -1e300])
+@pytest.mark.parametrize("where", ["tip_mm", "u"])
+def test_a_frame_that_is_nonsense_does_no_harm(value: float, where: str) -> None:
+    frames = arm_frames(12, noise_mm=0.1, lag_s=0.1)
+    column = getattr(frames, where).copy()
+    for place in (0, 400, 401, len(frames) - 1):
+        column[place] = value
+    lag_s = body_lag_s(replace(frames, **{where: column}), RANGES.travel)
+    if where == "tip_mm" or not np.isfinite(value):
+        assert lag_s == pytest.approx(0.1, abs=0.01)
+    assert lag_s > 0.05
+
+
+def test_frames_that_come_twice_or_too_late_do_no_harm() -> None:
+    frames = arm_frames(12, noise_mm=0.1, lag_s=0.1)
+    t_ns = frames.t_ns.copy()
+    t_ns[300], t_ns[500] = t_ns[299], t_ns[400]
+    lag_s = body_lag_s(replace(frames, t_ns=t_ns), RANGES.travel)
+    assert lag_s == pytest.approx(0.1, abs=0.01)
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 100])

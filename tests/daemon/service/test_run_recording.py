@@ -1,0 +1,173 @@
+"""A recorder that dies is started again, the gap is told, and nothing moves unrecorded for long."""
+
+import asyncio
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+
+from config.robot import Robot
+from daemon.recording.direct_recorder import DirectRecorder
+from daemon.recording.flight_recorder import RecorderStatus, RecordingError
+from daemon.recording.recovery import recover_unfinished
+from daemon.recording.run_files import RUN_FILE
+from daemon.recording.run_reader import RunReader
+from daemon.remote.messages import Arm, Resume, Stop
+from safety.states import OperatingState
+from tests.daemon.service import rig as rigs
+from tests.daemon.service.rig import Rig, on_a_rig
+
+S = OperatingState
+
+
+class MortalRecorder(DirectRecorder):
+    """Its process can be killed, and may refuse to start."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.killed = False
+        self.refuses = False
+        self.started: list[str] = []
+
+    async def start(
+        self,
+        folder: Path,
+        header: Mapping[str, str],
+        t_ns: int,
+        wall_ns: int,
+        name: str = RUN_FILE,
+    ) -> None:
+        if self.refuses:
+            raise RecordingError("the recorder process did not start in time")
+        await super().start(folder, header, t_ns, wall_ns, name)
+        self.started.append(name)
+
+    def kill(self) -> None:
+        """As SIGKILL does: what was written is there, and the file is not finished."""
+        assert self._writer is not None
+        self._writer.flush()
+        self._writer._file.close()
+        self._writer, self.killed = None, True
+
+    async def stop(self) -> None:
+        self.killed = False
+        await super().stop()
+
+    @property
+    def status(self) -> RecorderStatus:
+        if self.killed:
+            why = "the recorder process has ended by itself"
+            return RecorderStatus(False, None, 0, why, None, 0, lost=True)
+        return super().status
+
+
+@pytest.fixture(autouse=True)
+def mortal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rigs, "DirectRecorder", MortalRecorder)
+
+
+def recorder_of(rig: Rig) -> MortalRecorder:
+    recorder = rig.service.surroundings.recorder
+    assert isinstance(recorder, MortalRecorder)
+    return recorder
+
+
+def test_a_killed_recorder_goes_on_in_a_new_file_and_the_gap_is_told(tmp_path: Path) -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.running()
+        recorder_of(rig).kill()
+        await rig.until(lambda: bool(rig.events("note", "recording_gap")), 3.0)
+        assert rig.in_state(S.RUNNING)
+        assert "are missing" in rig.events("note", "recording_gap")[0].text
+        assert rig.events("note", "recorder_lost")
+        await rig.until(lambda: "recorder_failed" not in rig.causes, 1.0)
+        assert recorder_of(rig).started == ["run.mcap", "run-2.mcap"]
+        await rig.do(Stop)
+        await rig.until_state(S.READY)
+
+    on_a_rig(scene, folder=tmp_path)
+    outcomes = recover_unfinished(tmp_path)
+    assert [outcome.path.name for outcome in outcomes if outcome.messages] == ["run.mcap"]
+    second = RunReader(tmp_path / "run-2.mcap")
+    told = b"".join(message.data for message in second.messages(["/event"]))
+    assert b"recording goes on in" in told
+    assert second.whole
+    assert second.metadata["run"]["goes_on_after_gap"] == "1"
+
+
+def test_where_recording_stays_impossible_the_robot_is_held_and_may_be_armed_again(
+    tmp_path: Path,
+) -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.running()
+        recorder = recorder_of(rig)
+        recorder.refuses = True
+        recorder.kill()
+        await rig.until_state(S.HOLD, within_s=5.0)
+        assert {"not_recorded", "recorder_failed"} <= rig.causes
+        refusal = await rig.refused(Resume)
+        assert "not_recorded" in {reason.name for reason in refusal.reasons}
+        await rig.do(Stop)
+        await rig.until_state(S.READY)
+        refused = await rig.refused(Arm)
+        assert refused.name == "not_recording"
+        recorder.refuses = False
+        (tmp_path / "run.mcap.part").unlink()  # the next run would have a folder of its own
+        await rig.do(Arm)
+        assert "not_recorded" not in rig.causes
+
+    on_a_rig(scene, folder=tmp_path)
+
+
+def test_a_robot_file_may_say_that_motion_goes_on_unrecorded() -> None:
+    def change(robot: Robot) -> Robot:
+        supervision = robot.supervision.model_copy(update={"recording_required": False})
+        return robot.model_copy(update={"supervision": supervision})
+
+    async def scene(rig: Rig) -> None:
+        await rig.running()
+        recorder = recorder_of(rig)
+        recorder.refuses = True
+        recorder.kill()
+        await rig.until(lambda: bool(rig.recording.look().lost), 5.0)
+        await asyncio.sleep(0.5)
+        assert rig.in_state(S.RUNNING)
+        assert "recorder_failed" in rig.causes
+        assert "not_recorded" not in rig.causes
+        await rig.do(Stop)
+        await rig.until_state(S.READY)
+
+    on_a_rig(scene, change=change)
+
+
+def test_a_recorder_that_dies_again_and_again_is_given_up() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.running()
+        recorder = recorder_of(rig)
+        for _ in range(3):
+            recorder.kill()
+            await rig.until(lambda: not recorder.killed and recorder.status.recording, 5.0)
+        recorder.kill()
+        await rig.until_state(S.HOLD, within_s=5.0)
+        assert len(recorder.started) == 4
+        assert "not_recorded" in rig.causes
+
+    on_a_rig(scene)
+
+
+def test_a_run_whose_folder_was_deleted_ends_in_words_and_not_in_an_error(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+
+    async def scene(rig: Rig) -> None:
+        await rig.running()
+        recorder = recorder_of(rig)
+        recorder.refuses = True
+        recorder.kill()
+        await rig.until_state(S.HOLD, within_s=5.0)
+        shutil.rmtree(folder)
+        await rig.do(Stop)
+        await rig.until(lambda: bool(rig.events("note", "no_result")))
+
+    on_a_rig(scene, folder=folder)
