@@ -1,13 +1,16 @@
 """`tentacled emulate ROBOT.yaml`: the robot's hardware, emulated, in a process of its own."""
 
 import argparse
+import asyncio
 import sys
 from pathlib import Path
+from typing import Final
 
 from config.patience import patient
 from config.problems import ConfigError
 from daemon.cli import EXIT_FAILED, EXIT_OK
 from daemon.clock import MonotonicClock, run_in_real_time
+from daemon.resident_memory import give_back_compiler
 from daemon.robot_argument import CheckedRobot, add_robot_argument, robot_or_explain
 from daemon.runtime_directory import default_runtime_directory
 from daemon.stop_signals import StopSignals
@@ -15,6 +18,9 @@ from sim_backends.lab import Lab, LabError
 from sim_backends.lab_ports import LabPorts
 from sim_backends.play import PLAYS
 from sim_backends.scenario import load_scenario, play_scenario
+
+_COMPILED_WITHIN_S: Final = 2.0
+"""By then a lab has run everything that it compiles."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,6 +61,7 @@ async def _emulate(checked: CheckedRobot, arguments: argparse.Namespace) -> None
         if scenario is not None:
             play_scenario(scenario, lab, lambda line: print(line, flush=True))
         _tell(robot.robot, directory, list(robot.buses))
+        asyncio.get_running_loop().call_later(_COMPILED_WITHIN_S, give_back_compiler)
         await stop.wait(arguments.duration)
     finally:
         await ports.close()

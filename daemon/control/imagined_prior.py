@@ -11,7 +11,6 @@ comes to with sharp rewards and very many samples.
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import hadamard
 
 from daemon.control.tip_following import damped_solution
 from daemon.learning.local_controller_settings import LocalControllerSettings
@@ -81,7 +80,7 @@ def _mean_products(
     """
     regressors = Regressors(fields, settings)
     axes, places = settings.axes, len(fields.scale)
-    pattern = hadamard(1 << (3 + places).bit_length())[:, 1 : 4 + places].astype(np.float64)
+    pattern = _hadamard(1 << (3 + places).bit_length())[:, 1 : 4 + places]
     tip_steps = np.broadcast_to(
         settings.tip_step_mm / np.sqrt(3.0) * pattern[:, :3], (fields.count, len(pattern), 3)
     )
@@ -100,3 +99,11 @@ def _mean_products(
     ).reshape(fields.count, len(pattern), -1)
     mean: Vector = products.mean(axis=1)
     return mean
+
+
+def _hadamard(order: int) -> Vector:
+    """(n, n) of ±1 whose columns are orthogonal (Sylvester). order: n, a power of two."""
+    pattern = np.ones((1, 1))
+    while len(pattern) < order:
+        pattern = np.block([[pattern, pattern], [pattern, -pattern]])
+    return pattern

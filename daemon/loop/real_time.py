@@ -1,19 +1,19 @@
 """What the operating system and the interpreter are asked for, so that the loop keeps its time."""
 
-import ctypes
 import gc
 import os
 from typing import Final
 
-_MCL_CURRENT_AND_FUTURE: Final = 1 | 2
+from daemon.resident_memory import give_back_compiler, lock_memory
+
 _PRIORITY: Final = 50
 
 
 class RealTime:
     """Memory kept in RAM, no surprise garbage collection, and a priority above other programs.
 
-    Memory is locked once, before any device is connected: that takes a second or two, in which
-    drives would miss our heartbeat. Priority and collector change whenever drives are energised.
+    Memory is locked once, before any device is connected and after all that a step needs was
+    compiled and run. Priority and collector change whenever drives are energised.
     """
 
     def __init__(self) -> None:
@@ -26,10 +26,10 @@ class RealTime:
         """Before the devices are connected. What was made until now is never collected again."""
         gc.collect()
         gc.freeze()
-        if ctypes.CDLL(None, use_errno=True).mlockall(_MCL_CURRENT_AND_FUTURE) == 0:
-            self._memory_locked = True
-        else:
-            reason = os.strerror(ctypes.get_errno())
+        give_back_compiler()
+        reason = lock_memory()
+        self._memory_locked = not reason
+        if reason:
             self.refused.append(f"memory is not locked ({reason}): LimitMEMLOCK=infinity")
 
     def enter(self) -> None:

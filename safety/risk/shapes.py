@@ -8,7 +8,6 @@ from math import pi, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
 from safety.risk.environment import InsertionPort
 from safety.risk.mixture import FloatArray, IndexArray
@@ -68,6 +67,8 @@ def sphere(triangles: int) -> Mesh:
     turn = pi * (1.0 + sqrt(5.0)) * number
     flat = np.sqrt(1.0 - height**2)
     points = np.stack([flat * np.cos(turn), flat * np.sin(turn), height], axis=1)
+    from scipy.spatial import ConvexHull  # half of scipy, which no running daemon needs
+
     faces = ConvexHull(points).simplices.astype(np.int64)
     a, b, c = (points[faces[:, k]] for k in range(3))
     inwards = np.einsum("ti,ti->t", np.cross(b - a, c - a), a) < 0.0

@@ -26,6 +26,7 @@ PARTS: Final = (
     "experiment",
     "local_controllers",
     "lwpr",
+    "memory",
     "plant",
     "recording",
     "remote",

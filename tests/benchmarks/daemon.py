@@ -32,7 +32,7 @@ from tests.hil.processes import command
 
 _MEASURED_S = 20.0
 _STOPS = 100
-_STARTS_WITHIN_S = 300.0
+STARTS_WITHIN_S = 300.0
 """Seconds on an idle machine; this is for one that hardly runs at all."""
 _CLEARED_EVERY_S = 1.0
 _CIRCLE = {
@@ -43,7 +43,7 @@ _CIRCLE = {
     "cycles": 100,
 }
 Options = dict[str, Any]
-_PLAIN: Options = {"kind": "constant_curvature"}
+PLAIN: Options = {"kind": "constant_curvature"}
 
 
 def measure(tiny: bool = False) -> Figures:
@@ -105,8 +105,8 @@ def loop_figures(
     measured_s: float = _MEASURED_S,
 ) -> Figures:
     """Lateness of the bus cycle and length of the control step, while a circle is followed."""
-    controller = _learner() if learning else _PLAIN
-    with _robot(period_s, real_time) as (directory, daemon):
+    controller = learner() if learning else PLAIN
+    with emulated_robot(period_s, real_time) as (directory, daemon):
         core = max(os.sched_getaffinity(0))
         if burner:
             os.sched_setaffinity(daemon.pid, {core})
@@ -123,9 +123,9 @@ async def _followed(
     measured_s: float,
 ) -> Figures:
     async with await RobotClient.connect(
-        LocalAddress.in_folder(directory), wait_s=_STARTS_WITHIN_S
+        LocalAddress.in_folder(directory), wait_s=STARTS_WITHIN_S
     ) as robot:
-        await _running(robot, controller)
+        await until_running(robot, controller)
         before = (await robot.status()).loop.missed
         with around:
             trips: list[float] = []
@@ -148,14 +148,14 @@ async def _followed(
     }
 
 
-def _learner() -> Options:
+def learner() -> Options:
     """What `make run` follows with, learning all the time."""
     return {"kind": "reward_weighted", "model": str(pretrained(load_robot(SOFT_ARM)))}
 
 
 def stop_figures(stops: int = _STOPS) -> Figures:
     """From `stop()` in the client to the quick stop on the bus, as the recording dates it."""
-    with _robot(0.01, True) as (directory, _):
+    with emulated_robot(0.01, True) as (directory, _):
         return asyncio.run(_stopped_again_and_again(directory, stops))
 
 
@@ -164,10 +164,10 @@ async def _stopped_again_and_again(directory: Path, stops: int) -> Figures:
     confirmed: list[float] = []
     not_confirmed = at_rest_before = 0
     async with await RobotClient.connect(
-        LocalAddress.in_folder(directory), wait_s=_STARTS_WITHIN_S
+        LocalAddress.in_folder(directory), wait_s=STARTS_WITHIN_S
     ) as robot:
         while len(to_bus) < stops and at_rest_before < 10 * stops:
-            recording = await _running(robot)
+            recording = await until_running(robot)
             await asyncio.sleep(0.5)
             asked_ns = time.monotonic_ns()
             answer = await robot.stop()
@@ -217,12 +217,12 @@ def _loop(loop: LoopStatus) -> Figures:
     }
 
 
-async def _running(robot: RobotClient, controller: Options = _PLAIN) -> str:
+async def until_running(robot: RobotClient, controller: Options = PLAIN) -> str:
     """The robot follows its circle. Returns the folder of the recording.
 
     On a machine this busy something may stand in the way for a while: then once more.
     """
-    end = time.monotonic() + _STARTS_WITHIN_S
+    end = time.monotonic() + STARTS_WITHIN_S
     while True:
         try:
             await robot.acquire()
@@ -255,11 +255,13 @@ async def _started(robot: RobotClient, controller: Options, end: float) -> str:
 
 
 @contextmanager
-def _robot(cycle_period_s: float, real_time: bool) -> Iterator[tuple[Path, subprocess.Popen[str]]]:
-    """Lab and daemon of the shipped arm, with another bus cycle."""
+def emulated_robot(
+    cycle_period_s: float, real_time: bool, file: Path = SOFT_ARM
+) -> Iterator[tuple[Path, subprocess.Popen[str]]]:
+    """Lab and daemon of a shipped arm, with another bus cycle."""
     with tempfile.TemporaryDirectory(prefix="t-") as name:
         directory = Path(name)
-        robot = yaml.safe_load(SOFT_ARM.read_text())
+        robot = yaml.safe_load(file.read_text())
         robot["buses"]["can0"]["cycle_period_s"] = cycle_period_s
         path = directory / "robot.yaml"
         path.write_text(yaml.safe_dump(robot))
