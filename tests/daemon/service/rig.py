@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 from config.robot import Robot
 from daemon.lab_connections import LabConnections
 from daemon.recording.direct_recorder import DirectRecorder
+from daemon.recording.flight_recorder import Recorder
 from daemon.remote.messages import (
     Acquire,
     Answer,
@@ -145,12 +146,22 @@ def on_a_rig(
     folder: Path | None = None,
     seed: int = 1,
     begins_in: OperatingState = OperatingState.READY,
+    recorder: Recorder | None = None,
 ) -> Rig:
     """Play `scene` with a daemon whose devices are set up. Everything is taken down afterwards."""
     with tempfile.TemporaryDirectory() as name:
         place = folder or Path(name)
         return run_in_virtual_time(
-            _play(scene, path, change, risk or NoModel(), place, seed, begins_in)
+            _play(
+                scene,
+                path,
+                change,
+                risk or NoModel(),
+                place,
+                seed,
+                begins_in,
+                recorder or DirectRecorder(),
+            )
         )
 
 
@@ -162,6 +173,7 @@ async def _play(
     folder: Path,
     seed: int,
     begins_in: OperatingState,
+    recorder: Recorder,
 ) -> Rig:
     file = check_robot(path).file
     robot = change(file.robot)
@@ -172,7 +184,7 @@ async def _play(
     surroundings = Surroundings(
         LabConnections(lab, clock),
         clock,
-        DirectRecorder(),
+        recorder,
         risk,
         simulated=True,
         new_token=lambda: f"token-{next(tokens)}",
@@ -206,7 +218,9 @@ async def _renew(rig: Rig) -> None:
     while True:
         await asyncio.sleep(0.5)
         if rig.renewing and rig.token:
-            await rig.ask(Acquire(token=rig.token))
+            answer = await rig.ask(Acquire(token=rig.token))
+            if isinstance(answer, Answer) and answer.token:
+                rig.token = answer.token  # another one, where the lease had run out meanwhile
 
 
 def _injector(lab: Lab) -> Callable[[str], Coroutine[Any, Any, None]]:
