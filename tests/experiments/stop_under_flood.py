@@ -21,7 +21,7 @@ import yaml
 from daemon.remote.client import RobotClient
 from daemon.remote.client_errors import ClientError
 from tests import SOFT_ARM
-from tests.benchmarks.daemon import _first_quick_stop_ns, _process, _running
+from tests.benchmarks.daemon import _first_quick_stop_ns, _process, until_running
 from tests.benchmarks.timing import percentiles
 from tests.daemon.remote.over_tls import free_port, make_certificates
 from tests.experiments.floods import FLOODS, local, remote
@@ -68,7 +68,7 @@ async def _stopped(
         await RobotClient.connect(local(folder), wait_s=30.0) as robot,
         await RobotClient.connect(far, wait_s=30.0) as kept,
     ):
-        await _running(robot)  # everything has been started and compiled
+        await until_running(robot)  # everything has been started and compiled
         await robot.stop()
         if flood != NO_FLOOD:
             where = [str(folder), str(port), str(stop_port)]
@@ -85,7 +85,7 @@ async def _stopped(
 
 
 async def _stop_once(robot: RobotClient, stop: Any, outcome: Outcome) -> None:
-    recording = await _running(robot)
+    recording = await until_running(robot)
     await asyncio.sleep(_MOVES_FOR_S)
     asked_ns = time.monotonic_ns()
     try:
