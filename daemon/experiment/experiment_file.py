@@ -59,7 +59,24 @@ def _with_robot(path: Path, document: YamlDocument, experiment: Experiment) -> E
         raise ConfigError([document.problem(("robot",), text)])
     overridden = _overridden(document, file.robot.emulation, experiment)
     robot = file.robot.model_copy(update={"emulation": overridden})
+    why = _why_not_followed(experiment, robot, path.parent)
+    if why:
+        raise ConfigError([document.problem(("trajectory",), why)])
     return ExperimentFile(path, experiment, file, robot)
+
+
+def _why_not_followed(experiment: Experiment, robot: Robot, folder: Path) -> str:
+    """Why the trajectory cannot be followed, as far as that is known without a controller."""
+    # Who only wants to know where the robot file is does not wait for numpy.
+    from daemon.control.reachability import Bounds, unreachable
+    from daemon.control.trajectories import make_trajectory
+
+    try:
+        trajectory = make_trajectory(experiment.trajectory, folder)
+    except ValueError as error:
+        return str(error)
+    speed = getattr(experiment.controller, "max_tip_speed_mm_s", None)
+    return unreachable(trajectory, Bounds(robot.workspace, tip_speed_mm_s=speed)) or ""
 
 
 def robot_path(name: str, path: Path) -> Path:

@@ -133,6 +133,37 @@ def test_an_experiment_s_controller_is_loaded_with_its_model(
     assert load.controller["kind"] == "reward_weighted"
     assert load.controller["model"] == str(tmp_path / "model.npz")
     assert asked == [("soft_arm", 80, 1)]
+    assert load.robot == "soft_arm"
+
+
+def test_waypoints_are_read_here_and_sent_as_data(
+    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    way = tmp_path / "way.csv"
+    way.write_text("t, x, y, z\n1, 0, 0, 185\n3, 4, 0, 185\n")
+    file = tmp_path / "load.yaml"
+    file.write_text("trajectory:\n  kind: waypoints\n  file: way.csv\n  cycles: 1\n")
+    with Daemon(root / ROBOT) as robot:
+        hold_lease(root / ROBOT, robot)
+        assert tentacled("load", file) == OK
+        load: Any = robot.carried_out[0][1]
+        assert load.trajectory == {
+            "kind": "waypoints",
+            "cycles": 1,
+            "points": [[0.0, 0.0, 0.0, 185.0], [2.0, 4.0, 0.0, 185.0]],
+        }
+        assert load.robot == ""
+        rows = [f"{number}, {number / 7}, 0, 185" for number in range(5000)]
+        way.write_text("\n".join(["t, x, y, z", *rows]))
+        assert tentacled("load", file) == FAILED
+        assert "more than a message holds" in capsys.readouterr().err
+        way.write_text("nonsense")
+        assert tentacled("load", file) == FAILED
+        assert f"{way}:1: the header must be" in capsys.readouterr().err
+        file.write_text("robot: nowhere.yaml\ntrajectory:\n  kind: hold\n")
+        assert tentacled("load", file) == FAILED
+        assert "is no robot file" in capsys.readouterr().err
+        assert len(robot.carried_out) == 1
 
 
 @pytest.mark.parametrize("name", ["arm", "disarm", "start", "hold", "resume", "clear"])
