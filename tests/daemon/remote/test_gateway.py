@@ -12,6 +12,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import pytest
+import zenoh
 
 from daemon.clock import run_in_real_time
 from daemon.remote.client import RobotClient
@@ -136,6 +137,33 @@ def test_a_stop_comes_through_any_number_of_idle_connections(
                 )
             finally:
                 close_all(flood)
+
+    run_in_real_time(test())
+
+
+def test_who_asks_too_much_is_told_so_and_others_get_their_answers(
+    tmp_path: Path, certificates: Path
+) -> None:
+    async def test() -> None:
+        async with (
+            serving_all(tmp_path, certificates) as served,
+            raw(served.local) as viewer,
+        ):
+            await until_up(served)
+            replies: list[bool] = []
+
+            def came(reply: zenoh.Reply) -> None:
+                replies.append(reply.err is not None and b"busy" in reply.err.payload.to_bytes())
+
+            callback = zenoh.handlers.Callback(came, indirect=False)
+            for _ in range(1500):
+                viewer.session.get(viewer.keys.telemetry("state"), callback)
+            async with raw(served.remote("alice")) as other:
+                (reply,) = await other.get(other.keys.telemetry("state"))
+                assert not reply.refused
+                (reply,) = await other.get(other.keys.whoami("alice"))
+                assert not reply.refused
+            await until(lambda: any(replies))
 
     run_in_real_time(test())
 

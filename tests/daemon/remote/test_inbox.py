@@ -4,7 +4,7 @@ import asyncio
 import threading
 
 from daemon.clock import run_in_real_time
-from daemon.remote.inbox import Inbox
+from daemon.remote.inbox import Inbox, Quota
 from tests.daemon.remote.rig import until
 
 USERS = ("alice", "bob")
@@ -158,3 +158,21 @@ def test_a_loop_that_has_ended_does_not_hurt_who_leaves_something() -> None:
     inbox.setpoint("alice", b"set-point", "")
     assert not inbox.question("alice", "question")
     assert not inbox.stop("alice", "STOP")
+
+
+def test_a_quota_is_so_many_a_second_and_those_of_one_second_at_once() -> None:
+    class Still:
+        """Time goes on when it is told to."""
+
+        t_ns = 0
+
+        def now_ns(self) -> int:
+            return self.t_ns
+
+    clock = Still()
+    quota = Quota(100, clock)
+    assert [quota.take() for _ in range(101)] == [True] * 100 + [False]
+    clock.t_ns += 50_000_000
+    assert [quota.take() for _ in range(6)] == [True] * 5 + [False]
+    clock.t_ns += 3_600_000_000_000
+    assert sum(quota.take() for _ in range(200)) == 100
