@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 from daemon.cli import EXIT_FAILED, EXIT_OK
 
 if TYPE_CHECKING:
-    from safety.risk.environment import InsertionPort
-    from safety.risk.shapes import Mesh
+    from safety.risk.environment import InsertionPort, Mesh
 
 _KINDS = {
     "chest": "a cavity like that of a chest; the arm comes in at the origin, along z",

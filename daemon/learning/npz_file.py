@@ -3,14 +3,23 @@
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+_LINE: Final = 200
+"""Characters."""
+
 
 class ModelError(ValueError):
     """A file that cannot be loaded: not a model, or not one of this robot's."""
+
+
+def in_a_line(error: Exception) -> str:
+    """What a reader of files says that it has met, short enough to be told."""
+    words = " ".join(str(error).split())
+    return f"{type(error).__name__}: {words}"[:_LINE]
 
 
 def save_npz(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:

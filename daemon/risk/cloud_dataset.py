@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from config.robot import Robot
-from daemon.learning.npz_file import save_npz
+from daemon.learning.npz_file import in_a_line, save_npz
 from daemon.learning.robot_fit import misfit_of
-from daemon.risk.cloud_file import in_a_line
 from safety.risk.mixture import FloatArray
 
 SingleArray = NDArray[np.float32]

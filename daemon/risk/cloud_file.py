@@ -6,22 +6,15 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.learning.npz_file import in_a_line
 from safety.risk.environment import MM_PER, Unit
 from safety.risk.mixture import FloatArray
 
 _ARRAY: Final = "points"
-_LINE: Final = 200
-"""Characters."""
 
 
 class CloudFileError(ValueError):
     """No cloud. Says what is wrong with the file."""
-
-
-def in_a_line(error: Exception) -> str:
-    """What a reader of files says that it has met, short enough to be told."""
-    words = " ".join(str(error).split())
-    return f"{type(error).__name__}: {words}"[:_LINE]
 
 
 def read_cloud(path: Path, unit: Unit) -> FloatArray:

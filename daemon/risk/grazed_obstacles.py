@@ -11,9 +11,9 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from safety.risk.environment import Environment, environment
+from safety.risk.environment import Environment, Mesh, environment
 from safety.risk.mixture import FloatArray
-from safety.risk.shapes import Mesh, box
+from safety.risk.shapes import box
 
 _SMALLEST_MM, _LARGEST_MM = 8.0, 80.0
 _NEAR_BASE: Final = 0.3

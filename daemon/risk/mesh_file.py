@@ -7,17 +7,17 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.risk.cloud_file import in_a_line
+from daemon.learning.npz_file import in_a_line
 from safety.risk.environment import (
     MM_PER,
     Environment,
     EnvironmentFaultError,
     Free,
     InsertionPort,
+    Mesh,
     Unit,
     environment,
 )
-from safety.risk.shapes import Mesh
 
 SUFFIXES: Final = (".stl", ".obj", ".ply")
 _STL_HEADER, _STL_TRIANGLE = 84, 50

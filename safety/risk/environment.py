@@ -11,7 +11,7 @@ bodies overlap or a surface is there twice, and there the risks would not mean t
 """
 
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +54,13 @@ _ASKEW: Final = np.array(
 """Directions from a piercing, in no line with what people draw."""
 _RAYS: Final = np.random.default_rng(0).normal(size=(16, 3))
 """Directions to try until one meets no edge."""
+
+
+class Mesh(NamedTuple):
+    """vertices_mm: (v, 3). triangles: (t, 3), counterclockwise seen from free space."""
+
+    vertices_mm: FloatArray
+    triangles: IndexArray
 
 
 class EnvironmentFaultError(ValueError):

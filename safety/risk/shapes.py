@@ -5,12 +5,12 @@ All are closed; their normals point into free space.
 
 from collections.abc import Sequence
 from math import pi, sqrt
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
-from safety.risk.environment import InsertionPort
-from safety.risk.mixture import FloatArray, IndexArray
+from safety.risk.environment import InsertionPort, Mesh
+from safety.risk.mixture import FloatArray
 
 CHEST_PORT: Final = InsertionPort((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), radius_mm=10.0, depth_mm=30.0)
 """The arm comes in at the origin, along z."""
@@ -24,13 +24,6 @@ _BULGES: Final = (  # from where, how far into the cavity in mm, how wide in rad
 _RIB_MM, _RIB_SPACING_MM = 3.0, 26.0
 _WAVES, _WAVE_MM = 12, 6.0
 _APART_MM: Final = 2.0
-
-
-class Mesh(NamedTuple):
-    """vertices_mm: (v, 3). triangles: (t, 3), counterclockwise seen from free space."""
-
-    vertices_mm: FloatArray
-    triangles: IndexArray
 
 
 def box(size_mm: Sequence[float], centre_mm: Sequence[float], cuts: int = 1) -> Mesh:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from daemon.risk.mesh_file import read_environment, write_mesh
-from safety.risk.environment import EnvironmentFaultError, InsertionPort
-from safety.risk.shapes import Mesh, ball, box, chest, turned
+from safety.risk.environment import EnvironmentFaultError, InsertionPort, Mesh
+from safety.risk.shapes import ball, box, chest, turned
 
 BLOCK = box((40.0, 30.0, 20.0), (0.0, 0.0, 0.0), 2)
 

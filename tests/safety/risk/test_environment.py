@@ -15,11 +15,12 @@ from safety.risk.environment import (
     Environment,
     EnvironmentFaultError,
     InsertionPort,
+    Mesh,
     environment,
     triangle_tree,
 )
 from safety.risk.mixture import FloatArray
-from safety.risk.shapes import Mesh, ball, box, chest, joined, quartered, turned
+from safety.risk.shapes import ball, box, chest, joined, quartered, turned
 from tests.safety.risk.scenes import mixture_of, random_scene, solid_share
 
 CUBE = box((40.0, 40.0, 40.0), (0.0, 0.0, 0.0), cuts=2)

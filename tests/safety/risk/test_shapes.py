@@ -3,19 +3,8 @@
 import numpy as np
 import pytest
 
-from safety.risk.environment import environment
-from safety.risk.shapes import (
-    CHEST_PORT,
-    Mesh,
-    ball,
-    balls,
-    box,
-    chest,
-    quartered,
-    slot,
-    sphere,
-    turned,
-)
+from safety.risk.environment import Mesh, environment
+from safety.risk.shapes import CHEST_PORT, ball, balls, box, chest, quartered, slot, sphere, turned
 
 
 @pytest.mark.parametrize(
