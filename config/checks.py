@@ -226,9 +226,18 @@ def _travel(axis: Axis) -> tuple[str, tuple[float, float]]:
 
 
 def _cylinder_findings(parts: Parts) -> Iterator[Finding]:
-    """A piston cannot push out more gas than there is in front of it."""
+    """A cylinder per chamber, whose piston cannot push out more gas than there is before it."""
     if parts.emulation is None or not isinstance(parts.emulation.plant, SoftArmPlant):
         return
+    chambers = len(parts.emulation.plant.chamber_area_ratios)
+    if len(parts.axes) != chambers:
+        text = f"{len(parts.axes)} axes cannot fill the {chambers} chambers of emulation.plant"
+        yield ("axes",), text
+    for index, axis in enumerate(parts.axes):
+        if axis is not None and not isinstance(axis, LinearStepper):
+            yield ("axes", index, "kind"), "a soft_arm is moved by linear_stepper axes"
+        elif axis is not None and axis.bore_mm is None:
+            yield ("axes", index, "bore_mm"), "is missing: the axis pushes a soft_arm's gas"
     volume_ml = parts.emulation.plant.cylinder_volume_ml
     for index, axis in enumerate(parts.axes):
         if not isinstance(axis, LinearStepper) or axis.bore_mm is None:

@@ -9,7 +9,7 @@ Key = str | int
 
 @dataclass(frozen=True, order=True)
 class Problem:
-    """One thing wrong with a file. `line` and `column` count from 1."""
+    """One thing wrong with a file. `line` and `column` count from 1; 0: with the file itself."""
 
     file: str
     line: int
@@ -18,7 +18,7 @@ class Problem:
     message: str
 
     def __str__(self) -> str:
-        where = f"{self.file}:{self.line}:{self.column}: "
+        where = f"{self.file}:{self.line}:{self.column}: " if self.line else f"{self.file}: "
         return where + (f"{self.key_path}: " if self.key_path else "") + self.message
 
 

@@ -62,7 +62,7 @@ def read_yaml(path: Path) -> YamlDocument:
 
 
 def _unreadable(path: Path, message: str) -> YamlDocument:
-    return YamlDocument(str(path), None, [Problem(str(path), 1, 1, "", message)])
+    return YamlDocument(str(path), None, [Problem(str(path), 0, 0, "", message)])
 
 
 def parse_yaml(text: str, file: str) -> YamlDocument:

@@ -19,7 +19,7 @@ EXIT_INTERRUPTED: Final = 130
 # In the order in which a newcomer needs them.
 _COMMANDS: Final = {
     "demo": "show it all, with nothing plugged in: lab, daemon and a client round a rectangle",
-    "check": "say what is wrong with a robot file, and where",
+    "check": "say what is wrong with a robot, experiment, scenario or study file, and where",
     "emulate": "start the emulated lab of a robot",
     "probe": "connect to tracker and drives and show what they say",
     "inject": "make an emulated device misbehave",

@@ -27,7 +27,7 @@ from sim_backends.devices.drive.axis import Axis as DriveAxis
 from sim_backends.devices.drive.drive import EmulatedDrive
 from sim_backends.devices.drive.mechanics import AxisMechanics
 from sim_backends.faults import FaultyDevice, inject
-from sim_backends.plants.plant import Plant, TipLoad
+from sim_backends.plants.plant import Plant, PlantError, TipLoad
 from sim_backends.plants.shooting import warm_up
 from sim_backends.plants.soft_arm import SoftArm
 from sim_backends.plants.tendon_arm import TendonArm
@@ -160,7 +160,10 @@ def plant_of(emulation: Emulation, robot: Robot) -> Plant:
     bores = [axis.bore_mm if isinstance(axis, LinearStepper) else None for axis in robot.axes]
     if None in bores:
         raise LabError("a soft arm needs linear_stepper axes with a bore_mm: they push its gas")
-    return SoftArm(emulation.plant, [bore for bore in bores if bore is not None])
+    try:
+        return SoftArm(emulation.plant, [bore for bore in bores if bore is not None])
+    except (ValueError, PlantError) as error:
+        raise LabError(f"this soft arm cannot be at rest: {error}") from None
 
 
 def _tendon_arm(plant: TendonArmPlant, robot: Robot) -> Plant:
@@ -169,7 +172,10 @@ def _tendon_arm(plant: TendonArmPlant, robot: Robot) -> Plant:
         raise LabError(
             f"a tendon arm needs a tendon_motor axis for each of its {len(plant.tendons)} tendons"
         )
-    return TendonArm(plant)
+    try:
+        return TendonArm(plant)
+    except (ValueError, PlantError) as error:
+        raise LabError(f"this tendon arm cannot be at rest: {error}") from None
 
 
 def _drives(

@@ -12,7 +12,7 @@ from config.loader import RobotFile
 from config.problems import ConfigError, Problem
 from config.robot import Robot
 from config.schema_errors import schema_problems
-from config.yaml_document import YamlDocument, read_yaml
+from config.yaml_document import Location, YamlDocument, read_yaml
 from daemon.recording.run_folder import describe_run
 from daemon.robot_argument import check_robot
 
@@ -27,6 +27,11 @@ class ExperimentFile:
     experiment: Experiment
     file: RobotFile
     robot: Robot
+    document: YamlDocument
+
+    def problem(self, location: Location, message: str) -> Problem:
+        """A problem at `location` of this file, found by a check that lives elsewhere."""
+        return self.document.problem(location, message)
 
     def describe(self, folder: Path, wall_ns: int, seed: int) -> None:
         """Write into a run's folder what is run, with which model. Raises OSError."""
@@ -62,7 +67,7 @@ def _with_robot(path: Path, document: YamlDocument, experiment: Experiment) -> E
     why = _why_not_followed(experiment, robot, path.parent)
     if why:
         raise ConfigError([document.problem(("trajectory",), why)])
-    return ExperimentFile(path, experiment, file, robot)
+    return ExperimentFile(path, experiment, file, robot, document)
 
 
 def _why_not_followed(experiment: Experiment, robot: Robot, folder: Path) -> str:

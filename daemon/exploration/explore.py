@@ -80,7 +80,9 @@ def _experiment(
         seed=seed,
         longest_s=_BEGINS_WITHIN_S + _LINE_AT_MOST * through_s * options.waypoints,
     )
-    return ExperimentFile(file.path, experiment, file, _loaded(file.robot, tip_load_g))
+    return ExperimentFile(
+        file.path, experiment, file, _loaded(file.robot, tip_load_g), file.document
+    )
 
 
 def _middle(robot: Robot) -> tuple[float, float, float]:

@@ -53,7 +53,7 @@ _CONTACT_REMEDY: Final = (
     "with --despite-contact and lead it out"
 )
 _RESET_WITHIN_S: Final = 0.2
-_READY_WITHIN_S: Final = 3.0
+_READY_WITHIN_S: Final = 6.0
 _PASSES: Final = frozenset(
     {"node_not_ready", "tracker_not_ready", "tracker_late", "tracker_quality"}
 )

@@ -1,0 +1,102 @@
+"""`tentacled check`: what it passes can be built, what cannot is explained with its place."""
+
+from pathlib import Path
+
+import pytest
+
+from daemon.cli import main
+from tests import SHIPPED_ROBOTS, SOFT_ARM
+from tests.experiments.check_mutations import KINDS, shipped, try_many
+
+CONFIG = SHIPPED_ROBOTS.parent
+FEW = 25
+
+
+def checked(path: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, str, str]:
+    code = main(["check", str(path)])
+    told = capsys.readouterr()
+    return code, told.out, told.err
+
+
+@pytest.mark.parametrize("path", [path for kind in KINDS for path in shipped(kind)], ids=str)
+def test_every_shipped_file_is_sound(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, err = checked(path, capsys)
+    assert (code, err) == (0, "")
+    assert "is sound" in out
+
+
+def test_a_soft_arm_of_three_axes_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "three.yaml"
+    lines = SOFT_ARM.read_text().splitlines()
+    path.write_text("\n".join(line for line in lines if "name: distal_" not in line))
+    code, out, err = checked(path, capsys)
+    assert (code, out) == (1, "")
+    assert "axes: 3 axes cannot fill the 6 chambers of emulation.plant" in err
+
+
+def test_an_experiment_without_its_waypoints_is_explained(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "lost.yaml"
+    path.write_text(
+        "experiment: lost\nrobot: builtin:soft_arm\ncontroller: {kind: broyden}\n"
+        "trajectory: {kind: waypoints, file: nowhere.csv}\n"
+    )
+    code, _, err = checked(path, capsys)
+    assert code == 1
+    assert err.startswith(f"{path}:4:13: trajectory: ")
+    assert f"{tmp_path / 'nowhere.csv'}: No such file" in err
+    assert main(["experiment", str(path), "--out", str(tmp_path / "out")]) == 1
+    assert "nowhere.csv" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_controller_that_does_not_fit_the_robot_is_explained(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "unfit.yaml"
+    path.write_text(
+        "experiment: unfit\nrobot: builtin:tendon_arm\ncontroller: {kind: constant_curvature}\n"
+        "trajectory: {kind: hold, position_mm: [0.0, 0.0, 190.0], duration_s: 1.0}\n"
+    )
+    code, _, err = checked(path, capsys)
+    assert code == 1
+    assert err.startswith(f"{path}:3:13: controller: ")
+
+
+def test_a_fault_that_there_is_not_is_explained_in_a_scenario(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "strange.yaml"
+    path.write_text("scenario: strange\nevents:\n  - {at_s: 1.0, inject: tracker.mising=1s}\n")
+    code, _, err = checked(path, capsys)
+    assert code == 1
+    assert "events[0].inject" in err
+    assert "did you mean 'missing'" in err
+
+
+@pytest.mark.parametrize("name", ["nowhere.yaml", "x" * 300 + ".yaml"])
+def test_a_file_that_cannot_be_read_has_no_line(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out, err = checked(tmp_path / name, capsys)
+    assert (code, out) == (1, "")
+    assert err.startswith(f"{tmp_path / name}: ")
+    assert ":1:1" not in err
+
+
+def test_a_file_of_no_kind_is_told_which_kinds_there_are(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "what.yaml"
+    path.write_text("experimnt: x\n")
+    code, _, err = checked(path, capsys)
+    assert code == 1
+    assert "robot, experiment, scenario, study (did you mean 'experiment'?)" in err
+
+
+def test_damaged_files_are_explained_or_can_be_built() -> None:
+    """`python -m tests.experiments.check_mutations` tries ten thousand."""
+    assert sum(try_many(FEW, seed=7).values()) == FEW
