@@ -18,6 +18,7 @@ from typing import Any, Final
 
 import yaml
 
+from daemon.recording.run_files import RUN_FILE
 from daemon.remote.client import RobotClient
 from daemon.remote.client_errors import ClientError
 from tests import SOFT_ARM
@@ -33,6 +34,7 @@ OPERATOR: Final = "alice"
 _USERS: Final = {OPERATOR: "operator", "bob": "viewer"}
 _MOVES_FOR_S: Final = 0.3
 _SETTLES_S: Final = 0.5
+_RECORDED_WITHIN_S: Final = 30.0
 
 
 class Outcome:
@@ -97,6 +99,9 @@ async def _stop_once(robot: RobotClient, stop: Any, outcome: Outcome) -> None:
     if not answer.confirmed:
         outcome.lost.append("not confirmed")
     await asyncio.sleep(_SETTLES_S)
+    async with asyncio.timeout(_RECORDED_WITHIN_S):
+        while not (Path(recording) / RUN_FILE).exists():  # the recorder finishes it
+            await asyncio.sleep(_SETTLES_S)
     told_ns = _first_quick_stop_ns(Path(recording), asked_ns)
     if told_ns is None:
         outcome.lost.append("no quick stop in the recording")
