@@ -7,8 +7,6 @@ of the recording with `--from`.
 
 import argparse
 import sys
-import tempfile
-from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,8 +16,10 @@ from config.exploration import WaypointExploration
 from config.loader import RobotFile
 from daemon.cli import EXIT_FAILED, EXIT_OK, EXIT_USAGE
 from daemon.robot_argument import add_robot_argument, robot_or_explain
+from daemon.stop_signals import all_like_ctrl_c
 
 if TYPE_CHECKING:
+    from daemon.exploration.parts import ExplorationParts
     from daemon.learning.dataset import Dataset
 
 _DEFAULT = WaypointExploration(kind="waypoint_exploration")
@@ -60,6 +60,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--run", type=Path, metavar="DIR", help="keep the recording, in a new folder"
     )
     parser.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on with what was interrupted, whatever ended it",
+    )
+    parser.add_argument(
         "--from",
         dest="recorded",
         type=Path,
@@ -94,7 +99,6 @@ def run(arguments: argparse.Namespace) -> int:
         return EXIT_USAGE
     try:
         dataset = _seen(checked.file, options, arguments)
-        dataset.save(arguments.out)
     except FileExistsError:
         print(f"{arguments.run} is there already: name a new folder", file=sys.stderr)
         return EXIT_FAILED
@@ -110,28 +114,65 @@ def _seen(
     file: RobotFile, options: WaypointExploration, arguments: argparse.Namespace
 ) -> "Dataset":
     from daemon.experiment.trial import TrialError
-    from daemon.exploration.explore import dataset_of_run, explore
+    from daemon.exploration.explore import dataset_of_run
 
     if arguments.recorded is not None:
-        return dataset_of_run(arguments.recorded, file, {"run": str(arguments.recorded)})
+        dataset = dataset_of_run(arguments.recorded, file, {"run": str(arguments.recorded)})
+        dataset.save(arguments.out)
+        return dataset
     if file.robot.emulation is None:
         raise TrialError(
             f"{file.path} has no 'emulation': let its daemon explore, and take the run with --from"
         )
-    with _folder(arguments.run) as folder:
-        return explore(
-            file,
-            options,
-            arguments.seed,
-            Path(folder),
-            lambda line: print(line, flush=True),
-            tip_load_g=arguments.tip_load,
-            real_time=arguments.real_time,
-        )
+    return _explored(file, options, arguments)
 
 
-def _folder(kept: Path | None) -> "nullcontext[str] | tempfile.TemporaryDirectory[str]":
-    if kept is None:
-        return tempfile.TemporaryDirectory(prefix="tentacled-")
-    kept.mkdir(parents=True)
-    return nullcontext(str(kept))
+def _explored(
+    file: RobotFile, options: WaypointExploration, arguments: argparse.Namespace
+) -> "Dataset":
+    """What is interrupted, or fails on the way, is kept to go on from."""
+    from daemon.exploration.parts import ExplorationParts
+
+    load_g, real_time = arguments.tip_load, arguments.real_time
+    parts = ExplorationParts(arguments.out, file, options, arguments.seed, load_g, real_time)
+    if arguments.run is not None and arguments.run.exists():
+        raise FileExistsError
+    if arguments.resume:
+        parts.check()
+        print(f"{parts.lines_done()} of {options.waypoints} lines are there already", flush=True)
+    else:
+        _begin(parts)
+    try:
+        with all_like_ctrl_c():
+            parts.explore(lambda line: print(line, flush=True))
+        dataset = parts.dataset()
+        dataset.save(arguments.out)
+    except BaseException:
+        _keep(parts, options.waypoints)
+        raise
+    parts.end(arguments.run)
+    return dataset
+
+
+def _begin(parts: "ExplorationParts") -> None:
+    from daemon.learning.dataset import DatasetError
+
+    try:
+        parts.begin()
+    except FileExistsError:
+        raise DatasetError(
+            f"an interrupted exploration is kept in {parts.folder}: go on with --resume, or remove "
+            f"it"
+        ) from None
+
+
+def _keep(parts: "ExplorationParts", waypoints: int) -> None:
+    done = parts.lines_done()
+    if not done:
+        parts.end(None)
+        return
+    print(
+        f"ended after {done} of {waypoints} lines; they are kept in {parts.folder}: the same "
+        f"command with --resume goes on",
+        file=sys.stderr,
+    )

@@ -1,6 +1,10 @@
 """An emulated arm explored in virtual time: what is seen, and what is made of it."""
 
 import json
+import signal
+import subprocess
+import sys
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -182,6 +186,37 @@ def test_explore_and_pretrain_on_the_command_line(
     assert Dataset.load(tmp_path / "again.npz", FILE.robot).sha256 == (
         Dataset.load(data, FILE.robot).sha256
     )
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_an_exploration_that_is_ended_goes_on_where_it_was(
+    number: signal.Signals, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data, parts = tmp_path / "data.npz", tmp_path / "data.npz.parts"
+    words = ["explore", str(PATH), "--out", str(data), "--waypoints", "12"]
+    command = [sys.executable, "-m", "daemon.cli", *words]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    part = parts / "1" / "run.mcap.part"
+    while not (part.exists() and part.stat().st_size > 300_000):
+        assert process.poll() is None
+        time.sleep(0.02)
+    process.send_signal(number)
+    _, told = process.communicate(timeout=60.0)
+    assert process.returncode != EXIT_OK
+    assert not data.exists()
+    if number is not signal.SIGKILL:
+        assert "--resume goes on" in told
+
+    assert main(words) == EXIT_FAILED
+    assert "go on with --resume" in capsys.readouterr().err
+    assert main([*words, "--seed", "2", "--resume"]) == EXIT_FAILED
+    assert "asked for otherwise (seed)" in capsys.readouterr().err
+    assert main([*words, "--resume"]) == EXIT_OK
+    assert "of 12 lines are there already" in capsys.readouterr().out
+    dataset = Dataset.load(data, FILE.robot)
+    assert len(dataset.provenance["parts"]) == 2
+    assert 12 <= len(np.unique(dataset.frames.line)) <= 18
+    assert not parts.exists()
 
 
 @pytest.mark.parametrize(
