@@ -7,10 +7,11 @@ RUNTIME := $(VENV)/runtime.stamp
 DEVELOPMENT := $(VENV)/development.stamp
 PIP := $(BIN)/pip --disable-pip-version-check --quiet
 
-.PHONY: help install run test hil lint bench experiments mutation lock clean
+.PHONY: help install run quick test hil lint bench experiments mutation lock clean
 
 help:
 	@echo "make run          emulated lab, daemon and a client: once round a rectangle, live"
+	@echo "make quick        lint, types and cheap tests of every package: a minute, after each change"
 	@echo "make test         lint, types and tests"
 	@echo "make hil          the daemon as processes, through every fault: five minutes of real time"
 	@echo "make bench        measure latency and CPU time; prints one JSON, plots to runs/bench"
@@ -34,6 +35,9 @@ $(DEVELOPMENT): $(RUNTIME) requirements-test.lock
 
 run: $(RUNTIME)
 	@$(BIN)/tentacled demo
+
+quick: $(DEVELOPMENT)
+	@$(BIN)/python -m tests.quick
 
 # What numba compiles is kept: tests with a clock of their own must not wait for it.
 test: lint

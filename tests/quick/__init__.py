@@ -1,0 +1,1 @@
+"""The tests to run after each change: `make quick`, within a minute on two idle cores."""
