@@ -205,10 +205,13 @@ def _is_probability(value: float) -> bool:
 
 def _is_place(nearest: Nearest | None) -> bool:
     """Whether it can be told to people and programs."""
-    if nearest is None or not len(nearest.place_mm) == len(nearest.obstacle_mm) == 3:
-        return False
-    numbers = (nearest.clearance_mm, nearest.arc_mm, *nearest.place_mm, *nearest.obstacle_mm)
-    return all(map(isfinite, (*numbers, *(part for mean in nearest.means_mm for part in mean))))
+    return (
+        nearest is not None
+        and len(nearest.place_mm) == len(nearest.obstacle_mm) == 3
+        and all(map(isfinite, (nearest.clearance_mm, nearest.arc_mm)))
+        and all(map(isfinite, (*nearest.place_mm, *nearest.obstacle_mm)))
+        and all(isfinite(part) for mean in nearest.means_mm for part in mean)
+    )
 
 
 def _words_of(error: Exception) -> str:
