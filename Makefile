@@ -60,6 +60,7 @@ experiments: $(DEVELOPMENT)
 	@$(BIN)/python -m tests.experiments.body_point
 	@$(BIN)/python -m tests.experiments.grazing
 	@$(BIN)/python -m tests.experiments.chaos --pairs 200
+	@$(BIN)/python -m tests.experiments.undeclared_load
 	@for robot in tendon_arm soft_arm; do $(BIN)/tentacled mdn calibrate config/robots/$$robot.yaml \
 		--model config/models/$$robot.npz --out runs/calibrated/$$robot || exit 1; done
 	@$(BIN)/tentacled reproduce ho2018 --out runs/ho2018

@@ -81,6 +81,11 @@ class RiskSettings(ConfigModel):
     threshold: Probability = 0.05
     """A step whose contact risk is above this is shortened or refused."""
 
+    tip_accuracy_mm: Positive = 1.0
+    """How well the measured tip is known to be the model's: standard deviation per coordinate, of
+    the tracker's accuracy and of where the sensor sits. A tip that stays further from where the
+    model has the body than this and the body's own spread explain makes the risk unavailable."""
+
     slide: bool = True
     """Whether a step that leads too near to something is turned aside, to go along it, before the
     gate is asked. Otherwise the robot holds there."""

@@ -132,6 +132,10 @@ CAUSES: Final[tuple[Cause, ...]] = (
     Cause("risk_unavailable", _H, 0.1, _RESUME,
           "the risk of collision is not known: its model is missing, late or outside what it knows",
           "see the detail; resume when the model answers in time"),
+    Cause("body_not_as_modelled", _H, 0.0, _SELF,
+          "the tip is not where the model of the body has it, so the risk of collision is unknown",
+          "look for what the body touches; take off what hangs at the tip, or train a model with it"
+          " and declare it as risk.tip_load_g; then resume"),
     Cause("gate_refused", _H, 1.0, _RESUME,
           "the limits leave nothing of what the controller asks for",
           "see which limit; resume with a reference that the robot can reach"),

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol, runtime_checkable
 
 MAXIMUM_RISK: Final = 1.0
 
@@ -92,6 +92,33 @@ class RiskSource(Protocol):
         ...
 
 
+class TipComparison(NamedTuple):
+    """How the measured tip fits the model of the body."""
+
+    statistic: float
+    """Of the sequential test: 1 raises its alarm, 0 takes it back."""
+    probability: float
+    """Of a tip further out than the measured one, if the body is as the model has it."""
+    off_mm: float
+    """How far the tip is from the mean of the model's."""
+    doubt: str
+    """Why the risk cannot be told, and what to do; empty while the tip fits."""
+
+
+@runtime_checkable
+class TipComparing(Protocol):
+    """A `RiskSource` that knows where the tip should be, and can tell a body from its model."""
+
+    def compare(
+        self, lately: Sequence[Sequence[float]], tip_mm: Sequence[float], t_ns: int
+    ) -> TipComparison | None:
+        """Take the (3,) tip of a frame, with the axes at (m,) at its time and shortly before it.
+
+        None: nothing can be told there, and the last word stands.
+        """
+        ...
+
+
 class NoModel:
     """Stands in where there is no model: says always the same, and that it is no model."""
 
@@ -167,6 +194,18 @@ def room_of(source: RiskSource, u: Sequence[float], risk: float) -> Room | None:
         if room is None or not len(room.u) == len(room.slope) == len(u):
             return None
         return room if all(map(isfinite, (room.room_mm, *room.u, *room.slope))) else None
+    except Exception:  # a model must not end the loop
+        return None
+
+
+def compared(
+    source: TipComparing, lately: Sequence[Sequence[float]], tip_mm: Sequence[float], t_ns: int
+) -> TipComparison | None:
+    """What the source makes of a measured tip; None where it makes nothing of it, or fails."""
+    try:
+        found = source.compare(lately, tip_mm, t_ns)
+        numbers = None if found is None else (found.statistic, found.probability, found.off_mm)
+        return found if numbers is None or all(map(isfinite, numbers)) else None
     except Exception:  # a model must not end the loop
         return None
 

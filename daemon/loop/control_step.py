@@ -25,7 +25,16 @@ from drivers.clock import Clock
 from drivers.pose import Pose, Vector
 from safety.gate import RISK, RISK_UNAVAILABLE, Decision, Gate, Measured
 from safety.permit import PermittedStep
-from safety.risk_source import Nearest, RiskSource, Room, name_of, room_of
+from safety.risk_source import (
+    Nearest,
+    RiskSource,
+    Room,
+    TipComparing,
+    TipComparison,
+    compared,
+    name_of,
+    room_of,
+)
 from safety.states import Request
 
 FRAME_PERIOD_NS: Final = {"normal": 25_000_000, "fast": 15_151_515}
@@ -34,6 +43,8 @@ _ASKED_ABOVE: Final = 1e-3
 """mm or rad: what is less is a few counts."""
 _LEARNING_S: Final = 0.5e-3
 """After each bus cycle. A frame that comes meanwhile waits for so long."""
+_LATELY_NS: Final = (0, 100_000_000, 200_000_000, 300_000_000)
+"""Before a frame: a body follows its axes late, one of gas by 0.05 to 0.2 s."""
 _OF_THE_GATE: Final = ("risk_too_high", "risk_unavailable", "gate_refused")
 SLIDING: Final = "sliding"
 _STUCK_BELOW: Final = 0.02
@@ -108,6 +119,9 @@ class ControlLoop:
         self._tendons = [tension_range_n(axis) is not None for axis in robot.axes]
         self._risk = risk
         self._risk_name = name_of(risk)
+        self._tip_comparing = risk if isinstance(risk, TipComparing) else None
+        self._compared: TipComparison | None = None
+        """The last word on whether the tip is where the model of the body has it."""
         self._last_step: PermittedStep | None = None
         self._last_frame_ns: int | None = None
         self._begun = False
@@ -119,6 +133,8 @@ class ControlLoop:
         if sensed is None:
             return
         believed = self._estimate(sensed)
+        if believed:
+            self._compare(sensed)
         wish = self._decide(sensed, believed)
         decision = self._pass_the_gate(sensed, wish)
         self._act(decision)
@@ -199,6 +215,19 @@ class ControlLoop:
         believed = self.filter.update(sensed.frame.t_ns, sensed.frame.tip)
         self._believe(self.filter.estimate(sensed.frame.t_ns))
         return believed
+
+    def _compare(self, sensed: Sensed) -> None:
+        """Whether the tip is where the model of the body has it: energised or not."""
+        tip, t_ns = self.tip, sensed.frame.t_ns
+        if tip is None or self._tip_comparing is None:
+            return
+        lately = [self.history.at(t_ns - ago_ns).tolist() for ago_ns in _LATELY_NS]
+        found = compared(self._tip_comparing, lately, tip.position_mm.tolist(), t_ns)
+        if found is None:
+            return
+        self._compared = found
+        now_ns = self._clock.now_ns()
+        self._supervisor.failsafe.set("body_not_as_modelled", bool(found.doubt), now_ns, "tip")
 
     def _believe(self, tip: TipEstimate | None) -> None:
         self.tip = tip
@@ -311,6 +340,8 @@ class ControlLoop:
         supervisor = self._supervisor
         self.refusals += bool(decision.refused)
         too_high, unknown = decision.refused == RISK, decision.refused == RISK_UNAVAILABLE
+        if self._compared is not None and self._compared.doubt:
+            unknown = False  # that follows from a cause which is told by itself
         told = decision.risk_detail
         supervisor.failsafe.set("risk_too_high", too_high, now_ns, "gate", told)
         supervisor.failsafe.set("risk_unavailable", unknown, now_ns, "gate", told)
@@ -375,7 +406,7 @@ class ControlLoop:
                     scale=decision.scale,
                     reasons=[*decision.limits, *([SLIDING] if wish.slides else [])],
                     detail=decision.risk_detail,
-                    **_told(decision.nearest),
+                    **_told(decision.nearest, self._compared),
                 )
             )
 
@@ -390,11 +421,14 @@ def _distance_mm(one: list[float] | None, other: list[float] | None) -> float | 
     return None if one is None or other is None else math.dist(one, other)
 
 
-def _told(nearest: Nearest | None) -> dict[str, Any]:
+def _told(nearest: Nearest | None, tip: TipComparison | None) -> dict[str, Any]:
     """As a message has it."""
+    compared_tip: dict[str, Any] = {}
+    if tip is not None:
+        compared_tip = {"tip_statistic": tip.statistic, "tip_off_mm": tip.off_mm}
     if nearest is None:
-        return {}
-    return {
+        return compared_tip
+    return compared_tip | {
         "clearance_mm": nearest.clearance_mm,
         "arc_mm": nearest.arc_mm,
         "place_mm": list(nearest.place_mm),

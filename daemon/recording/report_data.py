@@ -55,6 +55,8 @@ _COLUMNS: Final[dict[type[Message], dict[str, Column]]] = {
         "place_mm": Column(lambda risk: risk.place_mm, 3),
         "obstacle_mm": Column(lambda risk: risk.obstacle_mm, 3),
         "means_mm": Column(lambda risk: _flat(risk.means_mm)),
+        "tip_statistic": number(lambda risk: risk.tip_statistic),
+        "tip_off_mm": number(lambda risk: risk.tip_off_mm),
     },
     Loop: {
         "lateness_p50_s": number(lambda loop: loop.status.lateness_p50_s),
@@ -101,7 +103,8 @@ class RunData:
     axes: Series | None
     """actual, target, proposed, permitted, force."""
     risk: Series | None
-    """contact, body_point, threshold, scale, clearance_mm, place_mm, obstacle_mm, means_mm."""
+    """contact, body_point, threshold, scale, clearance_mm, place_mm, obstacle_mm, means_mm,
+    tip_statistic, tip_off_mm."""
     loop: Series | None
     """lateness_p50_s, lateness_p99_s, lateness_max_s, step_p50_s, step_p99_s, missed."""
     states: list[tuple[float, str]]

@@ -147,6 +147,10 @@ def risk_figure(run: RunData) -> Figure | None:
         if np.isfinite(risk[name]).any():
             told = True
             _draw(above, risk.t_s, risk[name], color=colour, lw=0.9, label=label)
+    tip = risk["tip_statistic"]
+    if np.isfinite(tip).any():
+        _draw(below, risk.t_s, tip, color=WARNING, lw=0.9, label="tip not as modelled (1: alarm)")
+        below.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0))
     threshold = risk["threshold"]
     _draw(above, risk.t_s, threshold, color=ALARM, lw=1.0, ls="--", label="threshold")
     above.set_ylabel("probability")

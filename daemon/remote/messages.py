@@ -207,6 +207,10 @@ class Risk(Message, frozen=True, kw_only=True, tag="risk/1"):
     """... and the place of the surface nearest to it."""
     means_mm: list[list[float]] | None = None
     """Of the components of the mixture over the body's points."""
+    tip_statistic: float | None = None
+    """Of the test whether the measured tip is where the model has it: 1 raises its alarm."""
+    tip_off_mm: float | None = None
+    """How far the measured tip is from the mean of the model's."""
 
 
 class Loop(Message, frozen=True, kw_only=True, tag="loop/1"):

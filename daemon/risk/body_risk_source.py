@@ -15,8 +15,17 @@ from drivers.clock import WallClock
 from safety.risk.body_risk import Beside, BodyRisk
 from safety.risk.contact import WorstPlace
 from safety.risk.environment import Environment, EnvironmentFaultError, InsertionPort
+from safety.risk.mixture import FloatArray
 from safety.risk.risk_model import RiskModelError
-from safety.risk_source import Nearest, NoModel, RiskReading, RiskSource, Room
+from safety.risk.tip_consistency import TipConsistency, TipModel
+from safety.risk_source import (
+    Nearest,
+    NoModel,
+    RiskReading,
+    RiskSource,
+    Room,
+    TipComparison,
+)
 
 _MARGIN_MM: Final = 10.0
 """Beyond the body's radius, to which the grid of distances is exact."""
@@ -24,6 +33,10 @@ _MARGIN_MM: Final = 10.0
 
 _SAME_LOAD_G: Final = 1.0
 _DAY_NS: Final = 86_400_000_000_000
+_NOT_AS_MODELLED: Final = (
+    "the tip is not where the model of the body has it: look for what the body touches; take off "
+    "what hangs at the tip, or train a model with it and declare it as risk.tip_load_g"
+)
 _TOO_OLD: Final = "the model is older than risk.oldest_days: see the body anew, and train another"
 
 
@@ -35,9 +48,19 @@ class BodyRiskSource:
     """A `RiskSource`: says how long it took, which pure mathematics cannot."""
 
     def __init__(
-        self, risk: BodyRisk, name: str, clock: WallClock, until_ns: int | None = None
+        self,
+        risk: BodyRisk,
+        name: str,
+        clock: WallClock,
+        until_ns: int | None = None,
+        tip: TipModel | None = None,
     ) -> None:
-        """until_ns: date from which on the model is too old to be believed; None: never."""
+        """until_ns: date from which on the model is too old to be believed; None: never.
+
+        tip: where measured tips are compared with; None: nothing is compared.
+        """
+        self._tip = tip
+        self._consistency = TipConsistency()
         self._risk = risk
         self._name = name
         self._clock = clock
@@ -55,6 +78,8 @@ class BodyRiskSource:
         began_ns = self._clock.now_ns()
         if self._until_ns is not None and self._clock.wall_time_ns() >= self._until_ns:
             return RiskReading(1.0, None, 0.0, self._name, doubt=_TOO_OLD)
+        if not self._consistency.consistent:
+            return RiskReading(1.0, None, 0.0, self._name, doubt=_NOT_AS_MODELLED)
         told = self._risk.of_way(u_from, u_to)
         took_s = (self._clock.now_ns() - began_ns) * 1e-9
         if isinstance(told, str):
@@ -69,6 +94,21 @@ class BodyRiskSource:
             nearest,
             leaving=told.leaving,
         )
+
+    def compare(
+        self, lately: Sequence[Sequence[float]], tip_mm: Sequence[float], t_ns: int
+    ) -> TipComparison | None:
+        """As `TipComparing` has it."""
+        if self._tip is None:
+            return None
+        place = self._tip.place([np.asarray(u, np.float64) for u in lately], np.asarray(tip_mm))
+        if place is None:
+            return None
+        self._risk.take_as_shifted(place.shift)
+        fits = self._consistency.add(place.probability, t_ns)
+        statistic = self._consistency.statistic
+        doubt = "" if fits else _NOT_AS_MODELLED
+        return TipComparison(statistic, place.probability, place.off_mm, doubt)
 
     def room(self, u: Sequence[float], risk: float) -> Room | None:
         """What is told beside the risk is of this place from now on: no step has to wait for it."""
@@ -112,8 +152,10 @@ def make_risk_source(
     except (EnvironmentFaultError, ValueError) as error:
         raise RiskFilesError(str(error)) from None
     name = f"{model_path.name}, {mesh_path.name}"
-    source = BodyRiskSource(risk, name, clock, _believed_until_ns(read, settings, model_path))
-    _compile(source, read.model.known[0] / read.model.scale)
+    until_ns = _believed_until_ns(read, settings, model_path)
+    tip = TipModel(read.model, settings.tip_accuracy_mm)
+    source = BodyRiskSource(risk, name, clock, until_ns, tip)
+    _compile(source, tip, read.model.known[0] / read.model.scale)
     return source
 
 
@@ -138,11 +180,12 @@ def _environment(surface: Surface, path: Path) -> Environment:
     return read_environment(path, surface.free, hole, surface.unit)
 
 
-def _compile(source: BodyRiskSource, u: Sequence[float]) -> None:
+def _compile(source: BodyRiskSource, tip: TipModel, u: FloatArray) -> None:
     """The first answers take seconds: not in the loop."""
     for _ in range(2):
-        source.assess(list(u), list(u), 0)
-        source.room(list(u), 0.5)
+        source.assess(u.tolist(), u.tolist(), 0)
+        source.room(u.tolist(), 0.5)
+        tip.place([u], np.zeros(3))
 
 
 def _nearest(worst: WorstPlace, beside: Beside | None) -> Nearest:

@@ -24,6 +24,9 @@ _LONGEST_SEGMENT: Final = 0.1
 _MOST_SEGMENTS: Final = 20
 _FEWER: Final = 5
 """Times fewer shapes tell the room: it is asked for many times, and decides nothing."""
+_NO_NEARER_MM: Final = 5.0
+"""Where nearly all shapes stay away by so much more than the body is shifted, the shifted ones do
+not touch either."""
 _ROOM_TO_MM: Final = 10.0
 """Round that nothing is near."""
 _ROOM_STEP: Final = 0.04
@@ -69,6 +72,11 @@ class BodyRisk:
         self._contact = ContactModel(model.basis, grid, surroundings.port, samples, seed)
         thicker = model.basis.on_the_safe_side()
         self._fewer = ContactModel(thicker, grid, surroundings.port, samples // _FEWER, seed)
+        self._shifted = ContactModel(model.basis, grid, surroundings.port, samples, seed)
+        self._shift: FloatArray | None = None
+        self._shift_mm = 0.0
+        self._begin_shifted: tuple[Mixture, Mixture] | None = None
+        """Where the last way began, and the same with the shift."""
         self._samples = samples
         self._hardly_proved_mm = 0.5 * grid.error_mm
         self._body_point = BodyPointRisk(surroundings)
@@ -80,6 +88,17 @@ class BodyRisk:
         """m, the actuation vector's length."""
         return self._model.inputs
 
+    def take_as_shifted(self, shift: FloatArray | None) -> None:
+        """The body was seen to be off from the middle of what it may be: ask for that one too.
+
+        shift: (d,) of its shape's coefficients. What a body is off by stays with it on its next
+        steps. None: nothing was seen.
+        """
+        self._shift, self._shift_mm, self._begin_shifted = shift, 0.0, None
+        if shift is not None:
+            nodes = np.tensordot(shift, self._model.basis.modes, axes=1)
+            self._shift_mm = float(np.linalg.norm(nodes, axis=1).max())
+
     def of_way(self, u_from: Sequence[float], u_to: Sequence[float]) -> WayRisk | str:
         """The risk of going straight from (m,) to (m,); words where it cannot be told."""
         for u in (u_from, u_to):
@@ -89,7 +108,17 @@ class BodyRisk:
         if mixtures is None:
             return f"the model gives no finite answer at {_words(u_to)}"
         contact = self._contact.along(mixtures)
+        away_mm = contact.on_the_way.lowest_1_percent_mm
+        if self._shift is not None and away_mm < self._shift_mm + _NO_NEARER_MM:
+            shifted = self._shifted.along(self._as_seen(mixtures, self._shift))
+            if shifted.on_the_way.upper_limit > contact.on_the_way.upper_limit:
+                contact = shifted
         return WayRisk(contact.on_the_way, contact.leaving)
+
+    def _as_seen(self, mixtures: list[Mixture], shift: FloatArray) -> list[Mixture]:
+        if self._begin_shifted is None or self._begin_shifted[0] is not mixtures[0]:
+            self._begin_shifted = (mixtures[0], _moved(mixtures[0], shift))
+        return [self._begin_shifted[1], *(_moved(mixture, shift) for mixture in mixtures[1:])]
 
     def beside(self, u: Sequence[float]) -> Beside | None:
         """At (m,) u; None where it cannot be told."""
@@ -124,7 +153,11 @@ class BodyRisk:
         mixture = self._model.shapes.mixture(u)
         if mixture is None:
             return None
-        return self._fewer.clearance_mm(mixture, share) - self._hardly_proved_mm
+        room_mm = self._fewer.clearance_mm(mixture, share)
+        if self._shift is not None and room_mm < self._shift_mm + _ROOM_TO_MM:
+            shifted = _moved(mixture, self._shift)
+            room_mm = min(room_mm, self._fewer.clearance_mm(shifted, share))
+        return room_mm - self._hardly_proved_mm
 
     def _mixtures(self, u_from: Sequence[float], u_to: Sequence[float]) -> list[Mixture] | None:
         """Over the shape's coefficients, along the way."""
@@ -143,6 +176,10 @@ class BodyRisk:
         mixture = self._model.shapes.mixture(u_from)
         self._begin = None if mixture is None else (u_from, mixture)
         return mixture
+
+
+def _moved(mixture: Mixture, shift: FloatArray) -> Mixture:
+    return Mixture(mixture.weights, mixture.means_mm + shift, mixture.factors_per_mm)
 
 
 def _words(u: Sequence[float]) -> str:

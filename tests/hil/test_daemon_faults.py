@@ -66,6 +66,8 @@ NOT_FROM_OUTSIDE: Final = {
     "gate_refused": "trajectories out of reach are refused; a model asks for little beyond them",
     "controller_failed": "no shipped controller fails on what can be asked of it from outside",
     "not_referenced": "the soft arm's encoders keep their zeros: see service/test_homing.py",
+    "body_not_as_modelled": "the soft arm has no model of its body; "
+    "tests/daemon/service/test_body_not_as_modelled.py has it",
     "tendon_slack": "the soft arm has no tendons",
     "tendon_over_tension": "the soft arm has no tendons",
     "internal_error": "it would be a defect",

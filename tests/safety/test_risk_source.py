@@ -13,8 +13,10 @@ from safety.risk_source import (
     RiskReading,
     RiskSource,
     Room,
+    TipComparison,
     ask,
     believed,
+    compared,
     name_of,
     room_of,
 )
@@ -314,3 +316,36 @@ def test_without_a_model_nothing_is_claimed() -> None:
 
 def test_the_stand_in_can_say_any_risk() -> None:
     assert ask(NoModel(0.7), [], [], 0, LATEST_S).risk == 0.7
+
+
+# Tips that are compared.
+
+
+class Compares:
+    def __init__(self, answer: TipComparison | Exception | None) -> None:
+        self._answer = answer
+
+    def compare(self, lately: object, tip_mm: object, t_ns: int) -> TipComparison | None:
+        if isinstance(self._answer, Exception):
+            raise self._answer
+        return self._answer
+
+
+GOOD = TipComparison(0.5, 0.1, 3.0, "")
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        None,
+        RuntimeError("a model"),
+        GOOD._replace(statistic=float("nan")),
+        GOOD._replace(probability=float("inf")),
+        GOOD._replace(off_mm=float("nan")),
+    ],
+)
+def test_a_comparison_that_fails_or_is_no_number_is_none(
+    answer: TipComparison | Exception | None,
+) -> None:
+    assert compared(Compares(answer), [[0.0]], [0.0, 0.0, 0.0], 0) is None
+    assert compared(Compares(GOOD), [[0.0]], [0.0, 0.0, 0.0], 0) is GOOD

@@ -14,7 +14,7 @@ from daemon.risk.body_risk_source import RiskFilesError, make_risk_source
 from daemon.risk.mesh_file import write_mesh
 from daemon.risk.model_file import write_model
 from safety.risk.shapes import box
-from safety.risk_source import NoModel, ask
+from safety.risk_source import NoModel, TipComparing, ask
 from tests.safety.risk.test_body_risk import arrays, at
 
 ROBOT = Path(__file__).parents[3] / "config" / "robots" / "tendon_arm.yaml"
@@ -184,3 +184,30 @@ def test_with_a_damaged_model_the_daemon_does_not_start(
     told = capsys.readouterr().err
     assert str(folder / "arm.npz") in told
     assert "tentacled mdn train" in told
+
+
+def test_a_tip_that_stays_where_the_body_cannot_be_makes_the_risk_unavailable(folder: Path) -> None:
+    source = make_risk_source(load_robot(folder / "robot.yaml"), Clock())
+    assert isinstance(source, TipComparing)
+    u, tip_mm = at(0.5), [5.0, 0.0, 200.0]
+    fits = source.compare([u], tip_mm, 0)
+    assert fits is not None
+    assert fits.doubt == ""
+    assert fits.off_mm < 5.0
+    frames, told = 0, fits
+    while not told.doubt:
+        frames += 1
+        answer = source.compare([u], [150.0, 0.0, 200.0], frames * 25_000_000)
+        assert answer is not None
+        told = answer
+        assert frames < 20
+    assert frames == 7
+    assert told.statistic >= 1.0
+    reading = ask(source, u, u, 0, 0.02)
+    assert reading.risk == 1.0
+    assert "risk.tip_load_g" in reading.doubt
+    assert source.compare([at(50.0)], tip_mm, 0) is None, "not known there"
+    for _ in range(400):
+        frames += 1
+        source.compare([u], tip_mm, frames * 25_000_000)
+    assert ask(source, u, u, 0, 0.02).doubt == ""

@@ -215,3 +215,42 @@ def test_a_way_out_of_one_thing_into_another_says_that_too(
     through = told(between, at(3.2), at(-2.0)).leaving
     assert through is not None
     assert through.added > 0.3
+
+
+# A body that was seen to be off from the middle of what it may be.
+
+
+def test_what_the_body_is_off_by_counts_and_never_makes_the_risk_less(risk: BodyRisk) -> None:
+    def at_rest(first: float) -> float:
+        told = risk.of_way(at(first), at(first))
+        assert isinstance(told, WayRisk)
+        return told.contact.upper_limit
+
+    plain = at_rest(1.5)
+    risk.take_as_shifted(np.array([10.0, 0.0]))
+    towards = at_rest(1.5)
+    risk.take_as_shifted(np.array([-10.0, 0.0]))
+    away = at_rest(1.5)
+    risk.take_as_shifted(None)
+    assert plain < 0.05 < towards
+    assert away == plain == at_rest(1.5)
+
+
+def test_the_room_is_that_of_the_body_as_it_was_seen(risk: BodyRisk) -> None:
+    plain = risk.room(at(1.5), 0.05)
+    risk.take_as_shifted(np.array([5.0, 0.0]))
+    shifted = risk.room(at(1.5), 0.05)
+    risk.take_as_shifted(None)
+    assert plain is not None
+    assert shifted is not None
+    assert shifted.room_mm < plain.room_mm - 3.0
+
+
+def test_far_from_everything_the_shift_is_not_asked_for(risk: BodyRisk) -> None:
+    far = risk.of_way(at(-5.0), at(-4.9))
+    risk.take_as_shifted(np.array([3.0, 0.0]))
+    still_far = risk.of_way(at(-5.0), at(-4.9))
+    risk.take_as_shifted(None)
+    assert isinstance(far, WayRisk)
+    assert isinstance(still_far, WayRisk)
+    assert still_far.contact.lowest_1_percent_mm == far.contact.lowest_1_percent_mm

@@ -1,0 +1,201 @@
+"""Whether a measured tip fits the model: the mixture's tail, and the sequential test over it."""
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from safety.risk.mixture import Mixture
+from safety.risk.risk_model import RiskModel, risk_model
+from safety.risk.tip_consistency import (
+    LIMIT_S,
+    REFERENCE,
+    RENEWED_S,
+    TipConsistency,
+    TipModel,
+    false_alarms_per_hour,
+)
+from safety.risk.tip_kernels import tail
+from tests.safety.risk.test_body_risk import arrays
+
+FRAME_NS = 25_000_000
+HOPELESS = 1e-12
+AT_THE_REFERENCE = float(np.exp(-REFERENCE))
+
+
+class Stream:
+    """Frames, one after the other."""
+
+    def __init__(self) -> None:
+        self.test = TipConsistency()
+        self.t_ns = 0
+        self.add(0.5, 1)
+
+    def add(self, probability: float, frames: int) -> int:
+        """How many frames it took for the test to change its mind; all, if it did not."""
+        before = self.test.consistent
+        for number in range(1, frames + 1):
+            self.t_ns += FRAME_NS
+            if self.test.add(probability, self.t_ns) is not before:
+                return number
+        return frames
+
+
+def mixture(random: np.random.Generator, components: int, d: int) -> Mixture:
+    weights = random.dirichlet(np.ones(components))
+    factors = np.triu(0.2 * random.normal(size=(components, d, d)), 1)
+    factors += np.eye(d) * random.uniform(0.3, 1.0, (components, 1, d))
+    return Mixture(weights, random.normal(size=(components, d)), factors)
+
+
+@pytest.mark.parametrize("d", [3, 8])
+def test_the_tail_is_that_of_each_component_beyond_its_ellipsoid_through_the_tip(d: int) -> None:
+    random = np.random.default_rng(d)
+    one, modes, base = mixture(random, 4, d), random.normal(size=(d, 3)), random.normal(size=3)
+    variance = np.array([0.5, 1.0, 2.0])
+    for place in random.normal(scale=6.0, size=(20, 3)):
+        expected = 0.0
+        for weight, mean, factor in zip(one.weights, one.means_mm, one.factors_per_mm, strict=True):
+            covariance = modes.T @ np.linalg.inv(factor.T @ factor) @ modes + np.diag(variance)
+            off = place - base - mean @ modes
+            expected += weight * chi2.sf(off @ np.linalg.solve(covariance, off), 3)
+        parts = one.weights, one.means_mm, one.factors_per_mm
+        found = tail(*parts, base, modes, variance, place)
+        assert found == pytest.approx(expected, rel=1e-9, abs=1e-14)
+
+
+def test_a_tip_far_out_raises_the_alarm_in_seven_frames_and_not_in_six() -> None:
+    stream = Stream()
+    assert stream.add(HOPELESS, 20) == 7
+    assert stream.test.consistent is False
+    assert stream.test.statistic >= 1.0
+
+
+def test_six_frames_of_an_outlier_are_forgotten() -> None:
+    stream = Stream()
+    for _ in range(100):
+        stream.add(HOPELESS, 6)
+        assert stream.test.consistent
+        assert 0.8 < stream.test.statistic < 1.0
+        stream.add(0.5, 20)
+    assert stream.test.statistic == 0.0
+
+
+def test_what_one_body_in_three_hundred_does_never_adds_up() -> None:
+    stream = Stream()
+    assert stream.add(AT_THE_REFERENCE, 100_000) == 100_000
+    assert stream.test.consistent
+
+
+def test_a_little_less_likely_takes_its_time() -> None:
+    stream = Stream()
+    frames = stream.add(AT_THE_REFERENCE * np.exp(-1.0), 1000)
+    assert frames * FRAME_NS * 1e-9 == pytest.approx(LIMIT_S, abs=0.03)
+
+
+def test_it_takes_four_good_seconds_to_take_the_alarm_back() -> None:
+    stream = Stream()
+    stream.add(HOPELESS, 7)
+    stream.add(HOPELESS, 2000)
+    assert stream.test.statistic == 2.0
+    frames = stream.add(0.9, 1000)
+    assert frames * FRAME_NS * 1e-9 == pytest.approx(2.0 * LIMIT_S, abs=0.03)
+    assert stream.test.consistent
+    assert stream.test.statistic == 0.0
+
+
+def test_an_alarm_stays_while_the_tip_is_only_just_not_far_enough_out() -> None:
+    stream = Stream()
+    stream.add(HOPELESS, 7)
+    assert stream.add(AT_THE_REFERENCE, 5000) == 5000
+    assert not stream.test.consistent
+
+
+def test_a_gap_says_nothing_of_what_was_in_it() -> None:
+    test = TipConsistency()
+    for frame in range(2):
+        assert test.add(HOPELESS, frame * 60_000_000_000)
+    assert test.statistic == pytest.approx(12.0 * 0.1 / LIMIT_S)
+
+
+@pytest.mark.parametrize("nothing", [np.nan, np.inf])
+def test_what_is_no_number_is_no_evidence(nothing: float) -> None:
+    stream = Stream()
+    stream.add(HOPELESS, 3)
+    before = stream.test.statistic
+    stream.add(nothing, 1000)
+    assert stream.test.statistic == before
+
+
+def test_a_frame_that_goes_back_in_time_counts_nothing() -> None:
+    test = TipConsistency()
+    test.add(0.5, 10 * FRAME_NS)
+    assert test.add(HOPELESS, 0)
+    assert test.statistic == 0.0
+
+
+def test_there_is_at_most_one_false_alarm_in_an_hour_of_a_body_as_modelled() -> None:
+    """What is promised, and what comes of bodies that stay as they are for a while."""
+    assert false_alarms_per_hour() <= 1.0
+    random, alarms, hours = np.random.default_rng(0), 0, 100.0
+    stream = Stream()
+    for _ in range(round(hours * 3600.0 / RENEWED_S)):
+        probability = float(random.random())
+        if probability > AT_THE_REFERENCE and stream.test.statistic == 0.0:
+            stream.t_ns += round(RENEWED_S * 1e9)  # nothing happens
+            continue
+        alarmed = False
+        for _ in range(round(RENEWED_S * 1e9 / FRAME_NS)):
+            before = stream.test.consistent
+            stream.add(probability, 1)
+            alarmed |= before and not stream.test.consistent
+        alarms += alarmed
+    assert 0.5 < alarms / hours < 1.3
+    assert alarms / hours == pytest.approx(false_alarms_per_hour(), rel=0.3)
+
+
+# The model's tip.
+
+
+@pytest.fixture(scope="module")
+def model() -> RiskModel:
+    """Its tip goes along x, 10 mm per unit of the first input."""
+    return risk_model(arrays(), "silu", "relu")
+
+
+def test_the_tip_is_looked_for_where_the_axes_lately_were(model: RiskModel) -> None:
+    tip, now, before = TipModel(model, 1.0), np.array([2.0, 0, 0, 0]), np.array([1.0, 0, 0, 0])
+    middle = tip.place([now], np.zeros(3))
+    assert middle is not None
+    mean_mm = model.basis.base_mm[-1] + np.array([10.0, 0.0, 0.0])
+    alone, lately = tip.place([now], mean_mm), tip.place([now, before], mean_mm)
+    assert alone is not None
+    assert lately is not None
+    assert alone.probability < lately.probability
+    assert lately.off_mm < alone.off_mm
+
+
+def test_nothing_is_said_where_the_model_knows_nothing(model: RiskModel) -> None:
+    tip = TipModel(model, 1.0)
+    known, strange = np.zeros(4), np.array([50.0, 0.0, 0.0, 0.0])
+    assert tip.place([known, strange], np.zeros(3)) is None
+    assert tip.place([], np.zeros(3)) is None
+
+
+def test_how_far_the_shape_is_off_goes_with_the_tip(model: RiskModel) -> None:
+    at = np.zeros(4)
+    tip = TipModel(model, 1e-3)
+    place = tip.place([at], model.basis.base_mm[-1] + np.array([3.0, -2.0, 0.0]))
+    assert place is not None
+    assert place.off_mm == pytest.approx(np.hypot(3.0, 2.0), abs=0.5)
+    assert place.shift @ model.basis.modes[:, -1] == pytest.approx([3.0, -2.0, 0.0], abs=0.5)
+
+
+def test_a_less_accurate_tip_is_less_of_a_surprise_and_moves_the_shape_less(
+    model: RiskModel,
+) -> None:
+    at, place = np.zeros(4), model.basis.base_mm[-1] + np.array([8.0, 0.0, 0.0])
+    fine, coarse = (TipModel(model, accuracy).place([at], place) for accuracy in (0.1, 10.0))
+    assert fine is not None
+    assert coarse is not None
+    assert fine.probability < coarse.probability
+    assert np.linalg.norm(fine.shift) > np.linalg.norm(coarse.shift)
