@@ -264,7 +264,8 @@ async def _next_step(rig: Rig, setting: Setting) -> Any:
 
 async def _watch(rig: Rig, shafts: ShaftWitness) -> None:
     while True:
-        shafts.look(rig.service.clock.now_ns() * 1e-9, rig.shafts())
+        jammed = [shaft.blocked for shaft in _shafts(rig)]
+        shafts.look(rig.service.clock.now_ns() * 1e-9, rig.shafts(), jammed)
         await asyncio.sleep(_SHAFTS_EVERY_S)
 
 

@@ -25,7 +25,8 @@ _NOT_FROM_A_DESK: Final = {
     "encoder": "its zero is lost: somebody has to refer the axis anew",
     "wrong_identity": "another product stands there: somebody has to change it",
 }
-_EMERGENCIES: Final = (0x1000, 0x2310, 0x3210, 0x4310, 0x7121, 0x7305, 0x8110, 0x8611, 0xFF01)
+_EMERGENCIES: Final = (0x1000, 0x2310, 0x3210, 0x4310, 0x7121, 0x8110, 0x8611, 0xFF01)
+"""Without 0x7305, an encoder's, for the same reason."""
 _SETTINGS: Final = (0x1017, 0x6007, 0x605A, 0x605E, 0x6065, 0x6085, 0x60C2)
 """Objects of a drive that decide how it stops, and how it follows."""
 _CODES: Final = {"bits": (1,), "code": _EMERGENCIES, "index": _SETTINGS, "subindex": (0,)}

@@ -207,14 +207,21 @@ class ShaftWitness:
         self._limits = limits
         self._before: tuple[float, Sequence[float]] | None = None
         self._found: dict[tuple[str, str], Outside] = {}
+        self._was_free: list[bool] = []
 
-    def look(self, t_s: float, shafts: Sequence[float]) -> None:
-        """shafts: counts, in the order of the axes."""
+    def look(self, t_s: float, shafts: Sequence[float], jammed: Sequence[bool] = ()) -> None:
+        """shafts: counts, in the order of the axes. jammed: whether something holds them.
+
+        One that comes free jumps to its target, which is no farther than its following error.
+        """
+        free = [not now for now in jammed] or [True] * len(shafts)
+        was_free, self._was_free = self._was_free or free, free
         for place, (limits, counts) in enumerate(zip(self._limits, shafts, strict=True)):
             at = counts / limits.counts_per_mm
             self._note(t_s, limits, "shaft", at, limits.highest + _SHAFT_OVERSHOOT_MM)
             self._note(t_s, limits, "shaft below", -at, _SHAFT_OVERSHOOT_MM - limits.lowest)
-            if self._before is not None and t_s > self._before[0]:
+            loose = free[place] and was_free[place]
+            if loose and self._before is not None and t_s > self._before[0]:
                 before_s, before = self._before
                 moved = abs(counts - before[place]) / abs(limits.counts_per_mm)
                 velocity = moved / (t_s - before_s)

@@ -89,6 +89,15 @@ def test_shafts_are_looked_at_where_they_really_are() -> None:
     assert {one.what for one in shafts.take_outside()} == {"shaft below", "shaft's velocity"}
 
 
+def test_a_shaft_that_comes_free_may_jump_to_its_target() -> None:
+    shafts = ShaftWitness([LIMITS])
+    for k, (mm, jammed) in enumerate(((20.0, True), (20.0, True), (20.5, False))):
+        shafts.look(k * 0.01, [mm * LIMITS.counts_per_mm], [jammed])
+    assert shafts.take_outside() == []
+    shafts.look(0.03, [21.0 * LIMITS.counts_per_mm], [False])
+    assert [one.what for one in shafts.take_outside()] == ["shaft's velocity"]
+
+
 def event(kind: str, name: str, text: str = "so it is", detail: str = "") -> Event:
     return Event(
         sequence=0, t_ns=0, kind=kind, name=name, subject="", present=True, text=text, detail=detail
