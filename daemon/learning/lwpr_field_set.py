@@ -1,13 +1,29 @@
 """One set of receptive fields that learns one or more outputs: a sample in, all steps in order."""
 
+from collections.abc import Callable
+from typing import Any
+
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from daemon.learning.lwpr_fields import FieldArrays, unpack_metrics
 from daemon.learning.lwpr_metric import adapt
-from daemon.learning.lwpr_prediction import blend_confidence, blend_slopes, derivative
-from daemon.learning.lwpr_query import activate, predict
-from daemon.learning.lwpr_regression import close, learn
+from daemon.learning.lwpr_prediction import (
+    Projections,
+    blend_confidence,
+    blend_slopes,
+    derivative,
+)
+from daemon.learning.lwpr_query import Active, Bells, Inputs, Models, activate, predict
+from daemon.learning.lwpr_regression import (
+    DirectionRule,
+    LearningFields,
+    Sample,
+    Scales,
+    close,
+    learn,
+)
 from daemon.learning.lwpr_settings import LwprSettings
 from drivers.pose import Vector
 
@@ -18,9 +34,36 @@ _INHERITS_ABOVE = 0.1
 
 _NO_CONFIDENCE = 1e20
 
+_Found = tuple[int, NDArray[np.int64], Vector]
+"""As `Active`, but made faster."""
 
-_Active = tuple[int, NDArray[np.int64], Vector]
-"""How many fields weigh a point, which, and how much: only so many of either are set."""
+
+class _Direct:
+    """A kernel, called past numba's dispatcher once it is compiled for the types of a first call.
+
+    At every call the dispatcher looks up the type of each array in each named tuple, which takes
+    about a microsecond per ten of them: a quarter of what a query takes. The types of all arguments
+    must be those of the first call, that is float64 in one piece where there are arrays.
+    """
+
+    def __init__(self, kernel: Any) -> None:
+        self._kernel = kernel
+        self._compiled: Callable[..., Any] | None = None
+
+    def __call__(self, *arguments: Any) -> Any:
+        if self._compiled is None:
+            signature = tuple(
+                numba.typeof(argument)  # type: ignore[no-untyped-call]
+                for argument in arguments
+            )
+            self._kernel.compile(signature)
+            self._compiled = self._kernel.overloads[signature].entry_point
+        return self._compiled(*arguments)
+
+
+_activate, _predict, _learn, _close, _blend_confidence, _derivative = (
+    _Direct(kernel) for kernel in (activate, predict, learn, close, blend_confidence, derivative)
+)
 
 
 class FieldSet:
@@ -34,14 +77,19 @@ class FieldSet:
         self._localised = np.array(settings.localised_on, dtype=np.int64)
         self._regressed = np.array(settings.regressed_on, dtype=np.int64)
         periods = settings.period_of_inputs
-        self._localised_period = periods[self._localised]
-        self._regressed_period = periods[self._regressed]
-        self._forgetting = (
-            settings.forgetting_initial,
-            settings.forgetting_final,
-            settings.forgetting_tau,
+        selected = (
+            self._localised,
+            periods[self._localised],
+            self._regressed,
+            periods[self._regressed],
         )
-        self._bisquare = settings.kernel == "bisquare"
+        self._inputs = Inputs(self._norm_in, *selected)
+        self._scales = Scales(self._norm_in, norm_out, *selected)
+        self._direction_rule = DirectionRule(
+            float(settings.forgetting_initial), float(settings.forgetting_final),
+            float(settings.forgetting_tau), float(settings.init_s2), float(settings.add_threshold),
+        )  # fmt: skip
+        self._bisquare, self._cutoff = settings.kernel == "bisquare", float(settings.cutoff)
         self.arrays = FieldArrays(settings, len(norm_out))
         self.pruned = 0
         self._make_workspace()
@@ -51,6 +99,11 @@ class FieldSet:
         self._fields = np.empty(shape[0], dtype=np.int64)
         self._weights = np.empty(shape[0])
         self._errors = np.empty((*shape[:2], 2))
+        arrays = self.arrays
+        self._bells = Bells(arrays.centres, arrays.metrics, self._bisquare)
+        self._models = _gathered(Models, arrays)
+        self._projections = _gathered(Projections, arrays)
+        self._learning = _gathered(LearningFields, arrays)
 
     def reserve(self, fields: int) -> None:
         """Room for so many fields."""
@@ -63,24 +116,15 @@ class FieldSet:
         if arrays.make_room():
             self._make_workspace()
         fields, weights = self._fields, self._weights
-        found, nearest, next_nearest, largest, second_largest = activate(
-            x, self._norm_in, self._localised, self._localised_period, arrays.centres,
-            arrays.metrics, arrays.count, self._bisquare, _LEARNT_ABOVE, fields, weights,
-        )  # fmt: skip
+        found, nearest, next_nearest, largest, second_largest = _activate(
+            x, self._inputs, self._bells, arrays.count, _LEARNT_ABOVE, fields, weights
+        )
         predicted = np.empty(len(self._norm_out))
-        learn(
-            x, y, self._norm_in, self._norm_out, self._regressed, self._regressed_period, found,
-            fields, weights, arrays.anchor, arrays.mean, arrays.inherited, arrays.heir,
-            arrays.trusted, arrays.outputs, arrays.directions, arrays.along, arrays.along_sum,
-            arrays.load, arrays.load_sum, arrays.slope, self._errors, predicted,
-        )  # fmt: skip
+        sample = Sample(x, y, found, fields, weights)
+        _learn(self._scales, sample, self._learning, self._errors, predicted)
         if settings.adapt_metric:
-            self._adapt(x, (found, fields, weights))
-        largest_rank = close(
-            found, fields, arrays.outputs, arrays.directions, arrays.along, arrays.load,
-            arrays.inherited, arrays.slope, len(self._regressed), self._forgetting,
-            settings.init_s2, settings.add_threshold,
-        )  # fmt: skip
+            self._adapt(sample)
+        largest_rank = _close(sample, self._learning, len(self._regressed), self._direction_rule)
         arrays.largest_rank = max(arrays.largest_rank, largest_rank)
         if largest <= settings.generate_below and (settings.compat or settings.generate_below > 0):
             shaped_by = nearest if largest > _INHERITS_ABOVE * settings.generate_below else None
@@ -89,11 +133,12 @@ class FieldSet:
             self._prune(nearest, next_nearest)
         return predicted
 
-    def _adapt(self, x: Vector, active: _Active) -> None:
-        arrays, settings = self.arrays, self._settings
+    def _adapt(self, sample: Sample) -> None:
+        arrays, settings, inputs = self.arrays, self._settings, self._inputs
         adapt(
-            x, self._norm_in, self._localised, self._localised_period, *active, self._regressed,
-            self._regressed_period, arrays.anchor, arrays.mean,
+            sample.x, inputs.norm, inputs.localised, inputs.localised_period, sample.found,
+            sample.fields, sample.weights, inputs.regressed, inputs.regressed_period,
+            arrays.anchor, arrays.mean,
             arrays.along, arrays.load, arrays.centres, arrays.metrics, arrays.root, arrays.rate,
             arrays.log_rate, arrays.meta_trace, arrays.outputs, arrays.directions, self._errors,
             self._bisquare, settings.penalty, settings.meta, settings.meta_rate, settings.compat,
@@ -101,23 +146,19 @@ class FieldSet:
 
     def predict(self, x: Vector) -> Vector:
         """(k,) at x."""
-        arrays, predicted = self.arrays, np.empty(len(self._norm_out))
-        predict(
-            x, self._norm_in, self._norm_out, self._localised, self._localised_period,
-            self._regressed, self._regressed_period, arrays.centres, arrays.metrics, arrays.count,
-            self._bisquare, self._settings.cutoff, arrays.anchor, arrays.mean, arrays.trusted,
-            arrays.outputs, arrays.slope, predicted,
+        predicted = np.empty(len(self._norm_out))
+        _predict(
+            x, self._inputs, self._norm_out, self._bells, self._models, self.arrays.count,
+            self._cutoff, predicted,
         )  # fmt: skip
         return predicted
 
     def confidence(self, x: Vector) -> Vector:
         """(k,) one standard deviation of the prediction."""
-        arrays, active = self.arrays, self._look(x, self._settings.cutoff)
         confidence = np.empty(len(self._norm_out))
-        blend_confidence(
-            x, self._norm_in, self._regressed, self._regressed_period, *active, arrays.anchor,
-            arrays.mean, arrays.trusted, arrays.outputs, arrays.directions, arrays.along,
-            arrays.load, arrays.slope, self._settings.compat, confidence,
+        _blend_confidence(
+            x, self._inputs, Active(*self._look(x, self._cutoff)), self._models, self._projections,
+            self._settings.compat, confidence,
         )  # fmt: skip
         known = confidence < _NO_CONFIDENCE
         confidence[known] *= self._norm_out[known]
@@ -125,20 +166,16 @@ class FieldSet:
 
     def jacobian(self, x: Vector) -> NDArray[np.float64]:
         """(k, n) derivative of the prediction."""
-        arrays, active = self.arrays, self._look(x, self._settings.cutoff)
         jacobian = np.empty(self._derivative_scale.shape)
-        derivative(
-            x, self._norm_in, self._localised, self._localised_period, self._regressed,
-            self._regressed_period, *active, self._bisquare, arrays.centres, arrays.metrics,
-            arrays.anchor, arrays.mean, arrays.trusted, arrays.outputs, arrays.slope, jacobian,
-        )  # fmt: skip
+        active = Active(*self._look(x, self._cutoff))
+        _derivative(x, self._inputs, active, self._bells, self._models, jacobian)
         jacobian *= self._derivative_scale
         return jacobian
 
     def slopes(self, x: Vector) -> NDArray[np.float64]:
         """(k, n) mean slope by weight."""
         slopes = np.zeros(self._derivative_scale.shape)
-        blended = self._blend_slopes(self._look(x, self._settings.cutoff))
+        blended = self._blend_slopes(self._look(x, self._cutoff))
         slopes[:, self._regressed] = blended[:, : len(self._regressed)]
         slopes *= self._derivative_scale
         return slopes
@@ -149,7 +186,7 @@ class FieldSet:
 
     def activation(self, x: Vector) -> float:
         """The largest weight at x."""
-        found, _, weights = self._look(x, self._settings.cutoff)
+        found, _, weights = self._look(x, self._cutoff)
         return float(weights[:found].max(initial=0.0))
 
     @property
@@ -177,18 +214,14 @@ class FieldSet:
         self.pruned = int(arrays.get("pruned", 0))
         self._make_workspace()
 
-    def _look(self, x: Vector, cutoff: float) -> _Active:
+    def _look(self, x: Vector, cutoff: float) -> _Found:
         """Reads only: has its own memory, so that a query disturbs nothing."""
-        arrays = self.arrays
-        count = arrays.count
+        count = self.arrays.count
         fields, weights = np.empty(count, dtype=np.int64), np.empty(count)
-        found = activate(
-            x, self._norm_in, self._localised, self._localised_period, arrays.centres,
-            arrays.metrics, count, self._bisquare, cutoff, fields, weights,
-        )[0]  # fmt: skip
+        found = _activate(x, self._inputs, self._bells, count, cutoff, fields, weights)[0]
         return found, fields, weights
 
-    def _add(self, x: Vector, y: Vector, nearest: int | None, active: _Active) -> None:
+    def _add(self, x: Vector, y: Vector, nearest: int | None, active: _Found) -> None:
         """A field at x, which takes the shape of the nearest if that is given."""
         arrays, (found, fields, _) = self.arrays, active
         scaled, y = x / self._norm_in, y / self._norm_out
@@ -197,7 +230,7 @@ class FieldSet:
         if not self._settings.compat and arrays.trusted[fields[:found]].any():
             arrays.inherit(y, self._blend_slopes(active))
 
-    def _blend_slopes(self, active: _Active) -> NDArray[np.float64]:
+    def _blend_slopes(self, active: _Found) -> NDArray[np.float64]:
         """(k, n and zeros) of normalised inputs and outputs."""
         blended = np.empty(self.arrays.slope.shape[1:])
         blend_slopes(*active, self.arrays.trusted, self.arrays.slope, blended)
@@ -229,3 +262,8 @@ class FieldSet:
                 last = directions[output["rank"] - 2]
             total += last["error"] / last["weight"] if last["error"] > 0.0 else np.inf
         return float(total)
+
+
+def _gathered(kind: Any, arrays: FieldArrays) -> Any:
+    """The arrays that the kernels want together; to be made anew when arrays are."""
+    return kind(*(getattr(arrays, name) for name in kind._fields))

@@ -1,8 +1,12 @@
 """What fields say of their prediction at a point: slopes, derivative, confidence. Compiled."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+from daemon.learning.lwpr_query import Active, Bells, Inputs, Models
 
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.int64]
@@ -10,6 +14,18 @@ Records = NDArray[np.void]
 
 _FAST = {"contract", "reassoc", "nsz"}
 _kernel = njit(cache=True, error_model="numpy", fastmath=_FAST)
+
+
+class Projections(NamedTuple):
+    """The directions that the models of c fields are regressed on.
+
+    directions: (c, k, r) records of `lwpr_fields.DIRECTION`. along: (c, k, r, w) unit vectors that
+    inputs are projected on. load: (c, k, r, w) what a projection explains of the inputs.
+    """
+
+    directions: Records
+    along: FloatArray
+    load: FloatArray
 
 
 @_kernel
@@ -52,20 +68,10 @@ def blend_slopes(
 @_kernel
 def blend_confidence(
     x: FloatArray,
-    norm_in: FloatArray,
-    where: IndexArray,
-    period: FloatArray,
-    found: int,
-    fields: IndexArray,
-    weights: FloatArray,
-    anchor: FloatArray,
-    mean: FloatArray,
-    trusted: NDArray[np.bool_],
-    outputs: Records,
-    directions: Records,
-    along: FloatArray,
-    load: FloatArray,
-    slope: FloatArray,
+    inputs: Inputs,
+    active: Active,
+    models: Models,
+    projections: Projections,
     compat: bool,
     confidence: FloatArray,
 ) -> None:
@@ -75,6 +81,10 @@ def blend_confidence(
     and how far the fields disagree. A field that has seen too few samples to count its errors, or
     spent them all on its directions, cannot tell. Infinite where none can (`compat`: 1e20).
     """
+    norm_in, where, period = inputs.norm, inputs.regressed, inputs.regressed_period
+    found, fields, weights = active
+    anchor, mean, trusted, outputs, slope = models
+    directions, along, load = projections
     size, width = where.size, mean.shape[1]
     at, here = np.zeros(width), np.empty(width)
     for i in range(size):
@@ -119,25 +129,17 @@ def blend_confidence(
 @_kernel
 def derivative(
     x: FloatArray,
-    norm_in: FloatArray,
-    localised: IndexArray,
-    localised_period: FloatArray,
-    regressed: IndexArray,
-    regressed_period: FloatArray,
-    found: int,
-    fields: IndexArray,
-    weights: FloatArray,
-    bisquare: bool,
-    centres: FloatArray,
-    metrics: FloatArray,
-    anchor: FloatArray,
-    mean: FloatArray,
-    trusted: NDArray[np.bool_],
-    outputs: Records,
-    slope: FloatArray,
+    inputs: Inputs,
+    active: Active,
+    bells: Bells,
+    models: Models,
     jacobian: FloatArray,
 ) -> None:
     """The prediction derived by all inputs: (k, n), normalised. 0 where no field speaks."""
+    norm_in, localised, localised_period, regressed, regressed_period = inputs
+    found, fields, weights = active
+    centres, metrics, bisquare = bells
+    anchor, mean, trusted, outputs, slope = models
     size, count = regressed.size, jacobian.shape[0]
     at, here = np.zeros(mean.shape[1]), np.empty(mean.shape[1])
     for i in range(size):

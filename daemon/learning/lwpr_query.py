@@ -4,6 +4,8 @@ Centres and metrics lie coordinate by coordinate, so that one pass over all fiel
 rows of multiplications: with two thousand fields this pass is what a query costs.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -19,27 +21,71 @@ _FAST = {"contract", "reassoc", "nsz"}
 _kernel = njit(cache=True, error_model="numpy", fastmath=_FAST)
 
 
+class Inputs(NamedTuple):
+    """What inputs are divided by, (n,), and which of them are localised on and regressed on.
+
+    localised: (l,) and regressed: (r,) indices of inputs. localised_period: (l,) and
+    regressed_period: (r,) normalised, 0 where an input does not come round.
+    """
+
+    norm: FloatArray
+    localised: IndexArray
+    localised_period: FloatArray
+    regressed: IndexArray
+    regressed_period: FloatArray
+
+
+class Bells(NamedTuple):
+    """Where c fields are and how wide, normalised.
+
+    centres: (l, c). metrics: (l, c) the diagonals, or (l(l+1)/2, c) the coefficients of the
+    quadratic form. bisquare: the kernel is that, and else a Gaussian.
+    """
+
+    centres: FloatArray
+    metrics: FloatArray
+    bisquare: bool
+
+
+class Models(NamedTuple):
+    """The linear models of c fields, normalised: prediction = level + slope · (x - mean).
+
+    anchor, mean: (c, w) of the regression inputs and zeros up to the width w. trusted: (c,).
+    outputs: (c, k) records of `lwpr_fields.OUTPUT`. slope: (c, k, w).
+    """
+
+    anchor: FloatArray
+    mean: FloatArray
+    trusted: NDArray[np.bool_]
+    outputs: Records
+    slope: FloatArray
+
+
+class Active(NamedTuple):
+    """How many fields weigh a point, which, and how much: only so many of either are set."""
+
+    found: int
+    fields: IndexArray
+    weights: FloatArray
+
+
 @_kernel
 def activate(
     x: FloatArray,
-    norm_in: FloatArray,
-    where: IndexArray,
-    period: FloatArray,
-    centres: FloatArray,
-    metrics: FloatArray,
+    inputs: Inputs,
+    bells: Bells,
     count: int,
-    bisquare: bool,
     cutoff: float,
     fields: IndexArray,
     weights: FloatArray,
 ) -> tuple[int, int, int, float, float]:
     """Writes the fields that weigh x more than `cutoff`, and their weights.
 
-    x: (n,) as measured. where: (l,) the localisation inputs. period: (l,) normalised, 0 is none.
-    centres: (l, capacity). metrics: (l, capacity) the diagonals, or (l(l+1)/2, capacity) the
-    coefficients of the quadratic form. Returns how many they are, the nearest field and the next
-    (-1: there is none), and the weights of these two. Raises ValueError unless x is finite.
+    x: (n,) as measured. count: fields in use. Returns how many they are, the nearest field and the
+    next (-1: there is none), and the weights of these two. Raises ValueError unless x is finite.
     """
+    norm_in, where, period = inputs.norm, inputs.localised, inputs.localised_period
+    centres, metrics, bisquare = bells
     if x.size != norm_in.size:
         raise ValueError("the input has not as many elements as the model's inputs")
     for i in range(x.size):
@@ -73,33 +119,23 @@ def activate(
 @_kernel
 def predict(
     x: FloatArray,
-    norm_in: FloatArray,
+    inputs: Inputs,
     norm_out: FloatArray,
-    localised: IndexArray,
-    localised_period: FloatArray,
-    regressed: IndexArray,
-    regressed_period: FloatArray,
-    centres: FloatArray,
-    metrics: FloatArray,
+    bells: Bells,
+    models: Models,
     count: int,
-    bisquare: bool,
     cutoff: float,
-    anchor: FloatArray,
-    mean: FloatArray,
-    trusted: NDArray[np.bool_],
-    outputs: Records,
-    slope: FloatArray,
     predicted: FloatArray,
 ) -> None:
     """The mean of what the trusted fields predict at x, by their weights (k,); 0 where none is.
 
-    x: (n,) as measured. Inputs and fields as for `activate`. ValueError unless x is finite.
+    x: (n,) as measured. norm_out: (k,) what outputs are divided by. count and cutoff as for
+    `activate`. ValueError unless x is finite.
     """
+    norm_in, regressed, regressed_period = inputs.norm, inputs.regressed, inputs.regressed_period
+    anchor, mean, trusted, outputs, slope = models
     fields, weights = np.empty(count, dtype=np.int64), np.empty(count)
-    found = activate(
-        x, norm_in, localised, localised_period, centres, metrics, count, bisquare, cutoff, fields,
-        weights,
-    )[0]  # fmt: skip
+    found = activate(x, inputs, bells, count, cutoff, fields, weights)[0]
     width, total = mean.shape[1], 0.0
     at, here = np.zeros(width), np.empty(width)
     for i in range(regressed.size):

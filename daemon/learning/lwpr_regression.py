@@ -5,7 +5,7 @@ the inputs that are left vary with the output that is left (partial least square
 D'Souza and Schaal (2005), table 1, with every sum forgetting.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -30,38 +30,103 @@ _inlined = njit(cache=True, error_model="numpy", fastmath=_FAST, forceinline=Tru
 """What is called per output: counting references to its arrays would take as long as its work."""
 
 
+class Scales(NamedTuple):
+    """What inputs (n,) and outputs (k,) are divided by, and which inputs a field learns from.
+
+    localised: (l,) and regressed: (r,) indices of inputs. localised_period: (l,) and
+    regressed_period: (r,) normalised, 0 where an input does not come round.
+    """
+
+    norm_in: FloatArray
+    norm_out: FloatArray
+    localised: IndexArray
+    localised_period: FloatArray
+    regressed: IndexArray
+    regressed_period: FloatArray
+
+
+class Sample(NamedTuple):
+    """A sample as measured, x (n,) and y (k,), for the `found` fields that it fell into.
+
+    fields: (c,) which they are. weights: (c,) what each weighs it. Only `found` of either are set.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    found: int
+    fields: IndexArray
+    weights: FloatArray
+
+
+class LearningFields(NamedTuple):
+    """All that c fields keep of their linear models, of k outputs and up to r directions each.
+
+    anchor, mean: (c, w) of the regression inputs and zeros up to the width w. heir, trusted: (c,).
+    inherited, slope: (c, k, w). outputs: (c, k) and directions: (c, k, r) records of
+    `lwpr_fields.OUTPUT` and `DIRECTION`. along, along_sum, load, load_sum: (c, k, r, w). What each
+    is stands with `lwpr_fields.FieldArrays`. Normalised.
+    """
+
+    anchor: FloatArray
+    mean: FloatArray
+    inherited: FloatArray
+    heir: NDArray[np.bool_]
+    trusted: NDArray[np.bool_]
+    outputs: Records
+    directions: Records
+    along: FloatArray
+    along_sum: FloatArray
+    load: FloatArray
+    load_sum: FloatArray
+    slope: FloatArray
+
+
+class DirectionVectors(NamedTuple):
+    """Of the r directions of one output in one field: all (r, w), as in `LearningFields`."""
+
+    along: FloatArray
+    along_sum: FloatArray
+    load: FloatArray
+    load_sum: FloatArray
+
+
+class DirectionRule(NamedTuple):
+    """How directions forget, from `initial` to `final` by `tau`, the energy that a new one begins
+    with, and the share of the error that one must take away for another to be tried."""
+
+    initial: float
+    final: float
+    tau: float
+    init_s2: float
+    add_threshold: float
+
+
 @_kernel
 def learn(
-    x: FloatArray,
-    y: FloatArray,
-    norm_in: FloatArray,
-    norm_out: FloatArray,
-    where: IndexArray,
-    period: FloatArray,
-    found: int,
-    fields: IndexArray,
-    weights: FloatArray,
-    anchor: FloatArray,
-    mean: FloatArray,
-    inherited: FloatArray,
-    heir: NDArray[np.bool_],
-    trusted: NDArray[np.bool_],
-    outputs: Records,
-    directions: Records,
-    along: FloatArray,
-    along_sum: FloatArray,
-    load: FloatArray,
-    load_sum: FloatArray,
-    slope: FloatArray,
+    scales: Scales,
+    sample: Sample,
+    learning: LearningFields,
     errors: FloatArray,
     predicted: FloatArray,
 ) -> None:
-    """A sample (x, y), as measured, for the `found` fields that it fell into.
+    """Learn a sample in all fields that it fell into.
 
-    where: (n,) the regression inputs; period: (n,) normalised, 0 is none. For the metric's step it
-    leaves errors (c, k, 2): of the mean, and of the model before it learnt the sample. predicted:
-    (k,) what the trusted fields say now. Raises ValueError unless y is finite.
+    For the metric's step it leaves errors (c, k, 2), normalised: of the mean, and of the model
+    before it learnt the sample. predicted: (k,) what the trusted fields say after it, in the
+    outputs' own units. Raises ValueError unless y is finite.
     """
+    norm_in, norm_out = scales.norm_in, scales.norm_out
+    where, period = scales.regressed, scales.regressed_period
+    x, y, found, fields, weights = sample
+    anchor, mean, inherited, heir = (
+        learning.anchor,
+        learning.mean,
+        learning.inherited,
+        learning.heir,
+    )
+    trusted, outputs, directions = learning.trusted, learning.outputs, learning.directions
+    along, along_sum, load = learning.along, learning.along_sum, learning.load
+    load_sum, slope = learning.load_sum, learning.slope
     if y.size != norm_out.size:
         raise ValueError("the output has not as many elements as the model's outputs")
     for k in range(y.size):
@@ -103,10 +168,8 @@ def learn(
             remainder[0] = target - output.mean
             for i in range(width):
                 left[i] = here[i]
-            _project(
-                w, settled, output, mine, left, remainder, along[f, k], along_sum[f, k],
-                load[f, k], load_sum[f, k],
-            )  # fmt: skip
+            vectors = DirectionVectors(along[f, k], along_sum[f, k], load[f, k], load_sum[f, k])
+            _project(w, settled, output, mine, vectors, left, remainder)
             mature = _mature_rank(output.rank, mine, size)
             errors[f, k, 0], errors[f, k, 1] = remainder[0], remainder[mature]
             _sum_up(mature, mine, along[f, k], load[f, k], inherited[f, k], tangent)
@@ -126,18 +189,16 @@ def _project(
     settled: bool,
     output: Record,
     directions: Records,
+    vectors: DirectionVectors,
     left: FloatArray,
     remainder: FloatArray,
-    along: FloatArray,
-    along_sum: FloatArray,
-    load: FloatArray,
-    load_sum: FloatArray,
 ) -> None:
     """What each direction leaves of the inputs (`left`) and of the output, then learns of them.
 
     A direction takes its part out as it was before this sample: `remainder` (r+1,) are errors on a
     sample never seen. One pass over a direction's vectors, because they are what the time goes to.
     """
+    along, along_sum, load, load_sum = vectors
     size, taken = left.size, 0.0
     for r in range(output.rank):
         d = directions[r]
@@ -200,27 +261,16 @@ def _sum_up(
 
 
 @_kernel
-def close(
-    found: int,
-    fields: IndexArray,
-    outputs: Records,
-    directions: Records,
-    along: FloatArray,
-    load: FloatArray,
-    inherited: FloatArray,
-    slope: FloatArray,
-    size: int,
-    forgetting: tuple[float, float, float],
-    init_s2: float,
-    add_threshold: float,
-) -> int:
+def close(sample: Sample, learning: LearningFields, size: int, rule: DirectionRule) -> int:
     """The end of a sample: a further direction where it pays, then the counts and forgetting.
 
-    size: n. forgetting: initial, final, tau. Returns the largest number of directions.
+    size: how many inputs are regressed on. Returns the largest number of directions.
     """
-    largest = 0
-    initial, final, tau = forgetting
-    for a in range(found):
+    fields, largest = sample.fields, 0
+    outputs, directions, slope = learning.outputs, learning.directions, learning.slope
+    along, load, inherited = learning.along, learning.load, learning.inherited
+    initial, final, tau, init_s2, add_threshold = rule
+    for a in range(sample.found):
         f = fields[a]
         for k in range(outputs.shape[1]):
             output, mine = outputs[f, k], directions[f, k]
