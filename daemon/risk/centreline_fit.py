@@ -45,7 +45,6 @@ _NEARBY: Final = 1
 _NEAR_MM: Final = 3.0
 """From the surface: so much noise is usual."""
 _ENOUGH_MM: Final = 1e-3
-_NUDGE: Final = 1e-5
 _TRIED_POINTS: Final = 64
 _TRIED_PIECES: Final = 16
 _TRIED_BENDS: Final = (0.45, 1.1)
@@ -224,7 +223,7 @@ class _Fit:
         """(p, q) of the misses by the parameters, which are those of the last misses."""
         found = np.empty((parameters.size, len(self._points)))
         numbers = self._surface.length_mm, self._numbers
-        slopes(self._points, parameters, self._terms, *numbers, self._pieces, now, _NUDGE, found)
+        slopes(self._points, parameters, self._terms, *numbers, self._pieces, now, found)
         return found.T
 
     def _cost(self, off: FloatArray, parameters: FloatArray, scale_mm: float) -> float:

@@ -7,6 +7,8 @@ from numba import njit
 
 _NEAR = 1
 """Pieces to either side, among which a curve that has moved a little is looked for."""
+_NUDGE = 1e-5
+"""By which a parameter is changed for a derivative."""
 
 _kernel = njit(cache=True, error_model="numpy", nogil=True)
 _inlined = njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
@@ -118,7 +120,7 @@ def misses(points, nodes, surface, found, pieces):  # type: ignore[no-untyped-de
 
 
 @_kernel
-def slopes(points, parameters, terms, length_mm, surface, pieces, now, nudge, found):  # type: ignore[no-untyped-def]
+def slopes(points, parameters, terms, length_mm, surface, pieces, now, found):  # type: ignore[no-untyped-def]
     """Write (q, p) derivatives of the misses by the parameters.
 
     now, pieces: what `misses` has found at these parameters.
@@ -126,12 +128,12 @@ def slopes(points, parameters, terms, length_mm, surface, pieces, now, nudge, fo
     last = len(terms)
     nodes, bends, nudged = np.empty((last + 1, 3)), np.empty((last, 2)), parameters.copy()
     for k in range(len(parameters)):
-        nudged[k] += nudge
+        nudged[k] += _NUDGE
         placed(nudged, terms, length_mm, bends, nodes)
         for i in range(len(points)):
             begin, end = max(0, pieces[i] - _NEAR), min(last, pieces[i] + _NEAR + 1)
             piece, _ = _nearest(nodes, points[i], begin, end)
-            found[k, i] = (_off(nodes, points[i], piece, surface) - now[i]) / nudge
+            found[k, i] = (_off(nodes, points[i], piece, surface) - now[i]) / _NUDGE
         nudged[k] = parameters[k]
 
 
