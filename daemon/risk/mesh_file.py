@@ -23,6 +23,7 @@ SUFFIXES: Final = (".stl", ".obj", ".ply")
 _STL_HEADER, _STL_TRIANGLE = 84, 50
 """Bytes of a binary STL file: before the triangles, the last four of them how many there are; and
 of each."""
+_TRIANGLE: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
 
 
 def read_environment(
@@ -49,14 +50,10 @@ def write_mesh(path: Path, mesh: Mesh) -> None:
 
 def _read(path: Path, unit: Unit) -> Mesh:
     """Triangles whose corners are one where they are in one place: STL has none in common."""
-    from trimesh import load_mesh  # slow to come
-
     try:
         _check_suffix(path)
         suffix = path.suffix[1:].lower()
-        content = _readable(path.read_bytes(), suffix)
-        loaded: Any = load_mesh(BytesIO(content), file_type=suffix, process=False)
-        corners = MM_PER[unit] * np.asarray(loaded.triangles, np.float64).reshape(-1, 3)
+        corners = MM_PER[unit] * _corners(_readable(path.read_bytes(), suffix), suffix)
     except OSError as error:
         raise EnvironmentFaultError(error.strerror or "cannot be read") from None
     except EnvironmentFaultError:
@@ -70,6 +67,26 @@ def _read(path: Path, unit: Unit) -> Mesh:
     return Mesh(places, faces[(a != b) & (b != c) & (c != a)])
 
 
+def _corners(content: bytes, suffix: str) -> NDArray[np.float64]:
+    """(3t, 3) of all triangles, one after the other, as the file has them."""
+    if suffix == "stl" and _is_binary_stl(content):
+        # As it is shipped. The other reader is slow to come, and brings 50 MB to stay.
+        triangles = np.frombuffer(content, _TRIANGLE, offset=_STL_HEADER)
+        return triangles["corners"].astype(np.float64).reshape(-1, 3)
+    from trimesh import load_mesh
+
+    loaded: Any = load_mesh(BytesIO(content), file_type=suffix, process=False)
+    return np.asarray(loaded.triangles, np.float64).reshape(-1, 3)
+
+
+def _is_binary_stl(content: bytes) -> bool:
+    """Whether it is exactly as long as it says."""
+    if len(content) < _STL_HEADER:
+        return False
+    said = int.from_bytes(content[_STL_HEADER - 4 : _STL_HEADER], "little")
+    return len(content) == _STL_HEADER + said * _STL_TRIANGLE
+
+
 def _readable(content: bytes, suffix: str) -> bytes:
     """What a file of words says, whatever alphabet its names are in; bytes of another as they are.
 
@@ -81,10 +98,8 @@ def _readable(content: bytes, suffix: str) -> bytes:
         return content.decode("utf-8", "replace").encode()
     if suffix != "stl":
         return content
-    if len(content) >= _STL_HEADER:
-        said = int.from_bytes(content[_STL_HEADER - 4 : _STL_HEADER], "little")
-        if len(content) == _STL_HEADER + said * _STL_TRIANGLE:
-            return content
+    if _is_binary_stl(content):
+        return content
     if content.lstrip()[:5].lower() != b"solid" or b"\0" in content:
         raise EnvironmentFaultError(_cut_off(content))
     if b"endsolid" not in content.lower():

@@ -1,11 +1,16 @@
 """Surroundings from files: every format, every unit, and what is wrong named with the file."""
 
+import subprocess
+import sys
+from importlib.resources import files
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
-from daemon.risk.mesh_file import read_environment, write_mesh
+from daemon.risk.mesh_file import _corners, read_environment, write_mesh
 from safety.risk.environment import EnvironmentFaultError, InsertionPort, Mesh
 from safety.risk.shapes import ball, box, chest, turned
 
@@ -172,3 +177,22 @@ def test_several_bodies_in_one_file_are_all_there(tmp_path: Path) -> None:
     path.write_text("\n".join(lines))
     read = read_environment(path)
     assert read.solid(np.array([[0.0, 0, 0], [60.0, 0, 0], [40.0, 0, 0]])).tolist() == [1, 1, 0]
+
+
+def test_a_binary_stl_file_is_read_as_another_reader_reads_it() -> None:
+    content = (Path(str(files("config"))) / "surfaces" / "chest.stl").read_bytes()
+    theirs = trimesh.load_mesh(BytesIO(content), file_type="stl", process=False)
+    ours = _corners(content, "stl")
+    assert ours.shape == (3 * len(theirs.faces), 3)
+    assert np.array_equal(ours, np.asarray(theirs.triangles).reshape(-1, 3))
+
+
+def test_a_binary_stl_file_needs_no_other_reader() -> None:
+    code = (
+        "import sys\nfrom importlib.resources import files\nfrom pathlib import Path\n"
+        "from daemon.risk.mesh_file import read_environment\n"
+        "read_environment(Path(str(files('config'))) / 'surfaces' / 'chest.stl', 'inside')\n"
+        "print('trimesh' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
