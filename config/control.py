@@ -143,6 +143,15 @@ class Supervision(ConfigModel):
     setpoint_hold_after_s: Positive = 0.25
     """In teleoperation: no valid set-point for this long: HOLD."""
 
+    tracking_error_mm: Positive | None = None
+    """How far the tip may be from its reference, beyond what the reference went in the last second,
+    before it must be seen to come nearer. None: 3 % of the workspace's diagonal, 8 mm without
+    one."""
+
+    tracking_patience_s: Positive = 4.0
+    """So long it may stay farther away and come no nearer: HOLD; half of it where it goes away. An
+    abrupt load on a body with a dead time of 0.25 s and a lag of 0.5 s takes 3 s of it."""
+
     arm_within_s: Positive = 5.0
     """The drives must be enabled this long after `arm`."""
 

@@ -142,6 +142,10 @@ CAUSES: Final[tuple[Cause, ...]] = (
     Cause("controller_failed", _H, 0.0, _RESUME,
           "the controller gave no usable answer",
           "see the detail; choose another controller or model, then resume"),
+    Cause("tracking_diverges", _H, 0.0, _RESUME,
+          "the tip does not get to its reference, or goes away from it",
+          "choose another controller, or learn a model first, then resume; look whether something "
+          "holds the body"),
     Cause("out_of_workspace", _H, 0.1, _SELF,
           "the tip is outside its workspace",
           "stop, and bring it back by hand or by a reference that leads inside"),

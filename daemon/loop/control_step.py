@@ -17,6 +17,7 @@ from daemon.loop.reference import Aim, Reference
 from daemon.loop.timekeeping import Timekeeping
 from daemon.remote.messages import Axes, Message, Risk, Tip
 from daemon.supervision.supervisor import Supervisor
+from daemon.supervision.tracking_error import TrackingError
 from drivers.aurora.frame import TrackerFrame
 from drivers.axis_scale import tension_range_n
 from drivers.cia402.axis_channel import AxisChannel
@@ -49,6 +50,10 @@ _OF_THE_GATE: Final = ("risk_too_high", "risk_unavailable", "gate_refused")
 SLIDING: Final = "sliding"
 _STUCK_BELOW: Final = 0.02
 """Share of a proposal under which the gate lets practically nothing through."""
+
+_LITTLE_BELOW: Final = 0.5
+"""... and under which a tip cannot be expected to get anywhere in time."""
+_FROM_OUTSIDE: Final = (RISK, "tension")
 
 
 class Sensed(NamedTuple):
@@ -125,6 +130,7 @@ class ControlLoop:
         self._last_step: PermittedStep | None = None
         self._last_frame_ns: int | None = None
         self._begun = False
+        self._tracking_error = TrackingError.of(robot)
 
     def step(self, frame: TrackerFrame) -> None:
         """Sense, estimate, decide, gate, act, publish."""
@@ -138,6 +144,7 @@ class ControlLoop:
         wish = self._decide(sensed, believed)
         decision = self._pass_the_gate(sensed, wish)
         self._act(decision)
+        self._judge(sensed, believed, wish, decision)
         on_bus_ns = self._clock.now_ns()
         self._publish(sensed, believed, wish, decision)
         self._timekeeping.step_ended(frame.received_ns, on_bus_ns, self._clock.now_ns())
@@ -155,7 +162,7 @@ class ControlLoop:
         """The axes stand where they are, newly energised: nothing before counts."""
         self._gate.settle([channel.position_counts for channel in self.channels])
         self._last_step = None
-        self._begun = False
+        self.begin()
 
     def refuses_rest(self) -> str:
         """Why the body may not be energised where it is; empty if it may."""
@@ -171,6 +178,7 @@ class ControlLoop:
     def begin(self) -> None:
         """Follow the reference from here with the next step."""
         self._begun = False
+        self._tracking_error.begin()
 
     def told_counts(self, now_ns: int) -> Sequence[int] | None:
         """Where each axis is told to be; None while they are told nothing."""
@@ -350,6 +358,24 @@ class ControlLoop:
         told = decision.refused or ", ".join(decision.limits) if stuck else ""
         supervisor.failsafe.set("gate_refused", stuck, now_ns, "gate", told)
 
+    def _judge(
+        self, sensed: Sensed, believed: bool, wish: Wish | None, decision: Decision | None
+    ) -> None:
+        """Hold where the tip does not get nearer to its reference although it could."""
+        controller, tip, aim = self.controller, self.tip, self.aim
+        if not (controller and controller.ready and wish and decision and tip and aim):
+            self._tracking_error.begin()
+        elif wish.slides or _hinders(decision):
+            self._tracking_error.hinder()
+        elif believed:
+            told = self._tracking_error.look(
+                sensed.frame.t_ns, tip.position_mm.tolist(), aim.position_mm.tolist()
+            )
+            if told:
+                self._tracking_error.begin()
+                told = f"{told}; the controller is {controller.name}"
+                self._supervisor.raise_cause("tracking_diverges", self._clock.now_ns(), told)
+
     def _publish(
         self, sensed: Sensed, believed: bool, wish: Wish | None, decision: Decision | None
     ) -> None:
@@ -409,6 +435,13 @@ class ControlLoop:
                     **_told(decision.nearest, self._compared),
                 )
             )
+
+
+def _hinders(decision: Decision) -> bool:
+    """Whether what is near, or a tendon, leaves little of a step. What the axes' own speed and
+    acceleration leave is still the controller's."""
+    outside = any(limit.startswith(_FROM_OUTSIDE) for limit in decision.limits)
+    return bool(decision.refused) or (outside and decision.scale < _LITTLE_BELOW)
 
 
 def _place_mm(known: Pose | TipEstimate | Aim | None) -> list[float] | None:

@@ -12,7 +12,7 @@ from typing import NoReturn, cast
 import pytest
 from rich.console import Console
 
-from daemon.control.controller import ControllerError
+from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.remote.messages import Acquire, Arm, Clear, Disarm, Hold, Inject, Resume, Status
 from daemon.remote.status_view import status_view
 from drivers.cia402.power_state import PowerState
@@ -214,6 +214,37 @@ def test_a_controller_that_fails_does_not_take_the_loop_down(
             return
         await rig.do(Clear)
         await rig.until_state(S.READY)
+
+    on_a_rig(scene)
+
+
+@pytest.mark.parametrize("factor", [-1.0, 0.0], ids=["the wrong way round", "not at all"])
+def test_a_controller_that_leads_the_tip_wrongly_holds_the_robot(factor: float) -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.running()
+        await asyncio.sleep(10.0)
+        controller = rig.service.loop.controller
+        assert controller is not None
+        propose = controller.propose
+
+        def wrong(observation: Observation) -> Proposal:
+            return Proposal(factor * propose(observation).delta_u)
+
+        controller.propose = wrong  # type: ignore[method-assign]
+        await rig.until_state(S.HOLD, within_s=12.0)
+        await rig.until(lambda: bool(rig.events("cause", "tracking_diverges")), within_s=1.0)
+        (told,) = rig.events("cause", "tracking_diverges")
+        assert told.text == cause("tracking_diverges").text
+        assert told.detail.endswith("not come nearer; the controller is constant_curvature")
+        worst_mm = max(tip.error_mm for tip in rig.tips if tip.error_mm is not None)
+        assert worst_mm < 80.0
+        await asyncio.sleep(5.0)
+        assert rig.in_state(S.HOLD)
+        assert "tracking_diverges" in {why.name for why in rig.status.stopped_by}
+        controller.propose = propose  # type: ignore[method-assign]
+        await rig.do(Resume)
+        await asyncio.sleep(10.0)
+        assert rig.in_state(S.RUNNING)
 
     on_a_rig(scene)
 
