@@ -161,7 +161,9 @@ class Gate:
             return f"the risk of touching something is not known here: {answer.doubt}"
         if answer.risk <= self._threshold:
             return ""
-        where = _words_of_place(answer.nearest) or answer.detail or "it is not known where"
+        where = answer.detail or "it is not known where"
+        if answer.nearest is not None:
+            where = _words_of_place(answer.nearest)
         return (
             f"the body touches something where it stands, or may at any moment: {where}; "
             f"the risk is {answer.risk:.3g}, and {self._threshold:g} is allowed"
@@ -328,9 +330,7 @@ class Gate:
         return _decision(step, 0.0 if refused else 1.0, limited, answer, refused)
 
 
-def _words_of_place(nearest: Nearest | None) -> str:
-    if nearest is None:
-        return ""
+def _words_of_place(nearest: Nearest) -> str:
     x, y, z = nearest.place_mm
     return (
         f"clearance {nearest.clearance_mm:.1f} mm at {nearest.arc_mm:.0f} mm along the body, "

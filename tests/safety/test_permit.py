@@ -335,3 +335,25 @@ def test_a_velocity_is_that_of_the_step_whenever_it_begins() -> None:
     assert isinstance(step, PermittedStep)
     assert step.velocity(0, 7_500_000_000) == 2_000_000_000
     assert step.target(0, 7_500_000_000) == 1_000_000_000
+
+
+def test_how_long_a_velocity_has_not_changed_counts_from_the_steps_own_beginning() -> None:
+    step = permit(
+        from_counts=[1000],
+        to_counts=[1100],
+        measured_counts=[1000],
+        velocities_before=[0.0],
+        begins_ns=BEGINS_NS,
+        duration_ns=PERIOD_NS,
+        limits=[LIMITS],
+    )
+    assert isinstance(step, PermittedStep)
+    assert [step.unchanged_ns(0, BEGINS_NS + t) for t in (-7, 0, 7, PERIOD_NS, 2 * PERIOD_NS)] == [
+        0,
+        0,
+        7,
+        PERIOD_NS,
+        PERIOD_NS + PERIOD_NS - 20_000_000,
+    ]
+    assert step.velocity(0, BEGINS_NS - 1) == 0.0
+    assert step.velocity(0, BEGINS_NS) == 4000.0
