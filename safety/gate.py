@@ -148,7 +148,7 @@ class Gate:
         Whatever touches already would be pushed by the next motion, and what cannot be known of
         its risk cannot be driven.
         """
-        unusable = self._unusable(measured, 1)
+        unusable = self._unmeasured(measured)
         if unusable:
             return unusable
         u = [
@@ -181,9 +181,10 @@ class Gate:
     # Where a step begins.
 
     def _unusable(self, measured: Measured, duration_ns: int) -> str:
+        return self._unmeasured(measured) if duration_ns > 0 else "the step has no duration"
+
+    def _unmeasured(self, measured: Measured) -> str:
         count = len(self._limits)
-        if duration_ns <= 0:
-            return "the step has no duration"
         if not len(measured.position_counts) == len(measured.tension_n) == count:
             return f"not one measurement for each of {count} axes"
         for axis, position in enumerate(measured.position_counts):
