@@ -68,7 +68,11 @@ class Course:
             away_mm = 13.5 + size_mm + random.uniform(*_GAPS_MM)
             out_mm = radius_mm * share + side * away_mm
             balls.append([out_mm * np.cos(angle), out_mm * np.sin(angle), height_mm, size_mm])
-        clear = [b for b in balls if np.hypot(b[0], b[1]) - b[3] - 13.5 > 2.0]
+        upright = [b for b in balls if np.hypot(b[0], b[1]) - b[3] - 13.5 > 2.0]
+        clear: list[list[float]] = []
+        for one in upright:  # a mesh of bodies that overlap is refused
+            if all(np.linalg.norm(np.subtract(one, b)[:3]) > one[3] + b[3] + 1.0 for b in clear):
+                clear.append(one)
         return cls(seed, load_g, hung_at_s, radius_mm, cycle_s, np.array(clear or [_OUT]), body)
 
 
