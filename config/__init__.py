@@ -1,1 +1,1 @@
-"""What a robot is: the schema, the loader that says what is wrong and where, the shipped files."""
+"""What a robot, an experiment and a study are: schema, loader, and the shipped files."""

@@ -197,7 +197,7 @@ class RewardWeighted(Learner):
     """... and as how many samples that counts when they come."""
 
     sigma_rule: Literal["inverse_mean", "ess", "printed"] = "inverse_mean"
-    """How sharp the reward is: see `daemon/learning/local_controller_settings.py`."""
+    """How sharp the reward is: see `daemon/learning/inverse/local_controller_settings.py`."""
 
     kappa: Positive | None = None
     """Sharpness under the first two rules. None: the number of axes."""

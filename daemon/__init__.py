@@ -1,1 +1,4 @@
-"""Composition: the step, the services around it, and the command line. Only here parts meet."""
+"""The control daemon. The floors inside, each importing only what stands before it: messages and
+files, host, robot, estimation, learning, reference, control, controllers, risk, supervision,
+loop, recording, service, remote, workbench, commands.
+"""

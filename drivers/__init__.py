@@ -1,1 +1,1 @@
-"""Bytes to values and back: the tracker, the bus and the drives. No controller is known here."""
+"""What speaks to devices: bytes and states without I/O, and the links that carry them."""

@@ -105,4 +105,8 @@ def _command(pid: int) -> str:
 
 
 def _is_ours(word: str) -> bool:
-    return word == "daemon.cli" or Path(word).name == "tentacled" or word.endswith("daemon/cli.py")
+    return (
+        word == "daemon.commands.terminal.command_line"
+        or Path(word).name == "tentacled"
+        or word.endswith("daemon/commands/terminal/command_line.py")
+    )

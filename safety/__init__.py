@@ -1,1 +1,3 @@
-"""What may happen to a drive, decided without I/O, without a clock, without asyncio."""
+"""What may move: states, causes, limits, the gate and its permit. Pure: no I/O, no clock. Read
+states, causes, gate, permit.
+"""

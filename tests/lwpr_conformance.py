@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.learning.lwpr import FloatArray, Lwpr
-from daemon.learning.lwpr_settings import LwprSettings
+from daemon.learning.lwpr.model import FloatArray, Lwpr
+from daemon.learning.lwpr.settings import LwprSettings
 
 LARGEST_DIFFERENCE = 1e-10
 _COUNTED_EVERY = 250

@@ -9,7 +9,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 FLOORS = {"config": 1, "safety": 2, "drivers": 3, "sim_backends": 4, "daemon": 5, "tests": 6}
 MAY_BE_IMPORTED_BY_DRIVERS = {"safety.permit", "safety.limits"}
-KNOWS_WHAT_TIME_IS = {"daemon/clock.py", "sim_backends/virtual_time.py"}
+KNOWS_WHAT_TIME_IS = {"daemon/host/clock.py", "sim_backends/virtual_time.py"}
 SOURCES = sorted(
     path for floor in FLOORS if floor != "tests" for path in (ROOT / floor).rglob("*.py")
 )

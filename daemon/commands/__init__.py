@@ -1,1 +1,1 @@
-"""The command line, one file per command."""
+"""The commands of `tentacled`, one module each, imported when used."""

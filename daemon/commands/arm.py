@@ -2,13 +2,13 @@
 
 import argparse
 
-from daemon.remote.command_line import (
+from daemon.commands.terminal.remote_arguments import (
     add_json_argument,
     add_target_arguments,
     add_timeout_argument,
     run_command,
 )
-from daemon.remote.messages import Arm
+from daemon.messages import Arm
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

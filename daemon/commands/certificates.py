@@ -4,8 +4,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from daemon.cli import EXIT_FAILED, EXIT_OK, EXIT_USAGE
-from daemon.clock import MonotonicClock
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
+from daemon.host.clock import MonotonicClock
 from daemon.remote.certificates import CertificateError, CertificateFolder
 from daemon.remote.keys import Keys
 

@@ -11,8 +11,8 @@ from typing import Final
 
 from config.problems import ConfigError, Problem, did_you_mean
 from config.yaml_document import read_yaml
-from daemon.cli import EXIT_FAILED, EXIT_OK
-from daemon.robot_argument import CheckedRobot, check_robot
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+from daemon.robot.checked_robot import CheckedRobot, check_robot
 
 _KINDS: Final = ("robot", "experiment", "scenario", "study")
 """The key that a file of each kind has. An experiment names its robot too."""
@@ -74,7 +74,7 @@ def kind_of(path: Path) -> str:
 
 def check_robot_file(path: Path) -> list[str]:
     """What it describes. Raises ConfigError."""
-    from daemon.construction import robot_problems
+    from daemon.workbench.experiments.construction import robot_problems
 
     checked = check_robot(path)
     _none(robot_problems(checked.file))
@@ -85,8 +85,8 @@ def check_robot_file(path: Path) -> list[str]:
 
 def check_experiment(path: Path) -> list[str]:
     """What it describes. Raises ConfigError."""
-    from daemon.construction import experiment_problems
-    from daemon.experiment.experiment_file import load_experiment
+    from daemon.workbench.experiments.construction import experiment_problems
+    from daemon.workbench.experiments.experiment_file import load_experiment
 
     file = load_experiment(path)
     _none(experiment_problems(file))
@@ -101,8 +101,8 @@ def check_experiment(path: Path) -> list[str]:
 
 def check_study(path: Path) -> list[str]:
     """What it describes. Raises ConfigError."""
-    from daemon.construction import experiment_problems
-    from daemon.studies.study_file import load_study
+    from daemon.workbench.experiments.construction import experiment_problems
+    from daemon.workbench.studies.study_file import load_study
 
     file = load_study(path)
     for experiment in file.experiments.values():
@@ -113,9 +113,9 @@ def check_study(path: Path) -> list[str]:
 
 def check_scenario(path: Path, robot: Path | None = None) -> list[str]:
     """What it describes. Raises ConfigError."""
-    from daemon.construction import lab_of
-    from daemon.experiment.experiment_file import robot_path
-    from sim_backends.scenario import load_scenario
+    from daemon.workbench.experiments.construction import lab_of
+    from daemon.workbench.experiments.experiment_file import robot_path
+    from sim_backends.lab.scenario import load_scenario
 
     file = check_robot(robot or robot_path("builtin:soft_arm", path)).file
     scenario = load_scenario(path, lab_of(file))

@@ -8,18 +8,18 @@ from importlib.resources import files
 from pathlib import Path
 
 from config.loader import load_robot
-from daemon.cli import EXIT_FAILED, EXIT_OK
-from daemon.clock import run_in_real_time
-from daemon.demo.tour import Tour, TourError
-from daemon.experiment.trial import TrialError
-from daemon.exploration.model_cache import pretrained
-from daemon.learning.pretraining import PretrainingError
-from daemon.own_processes import OwnProcesses, ProcessError
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+from daemon.commands.terminal.tour import Tour, TourError
+from daemon.host.clock import run_in_real_time
+from daemon.host.own_processes import OwnProcesses, ProcessError
+from daemon.host.stop_signals import StopSignals
+from daemon.learning.forward.pretraining import PretrainingError
 from daemon.recording.error_table import table_text
-from daemon.recording.report import write_report
 from daemon.recording.result import read_result
-from daemon.remote.client_errors import ClientError
-from daemon.stop_signals import StopSignals
+from daemon.remote.client.client_errors import ClientError
+from daemon.workbench.experiments.trial import TrialError
+from daemon.workbench.pretraining.model_cache import pretrained
+from daemon.workbench.report.report import write_report
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

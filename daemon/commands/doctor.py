@@ -11,7 +11,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from daemon.cli import EXIT_FAILED, EXIT_OK
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 from drivers.can.preflight import can_interfaces
 
 _OURS: Final = ("config", "daemon", "drivers", "safety", "sim_backends")

@@ -8,16 +8,16 @@ from typing import Final
 
 from config.patience import patient
 from config.problems import ConfigError
-from daemon.cli import EXIT_FAILED, EXIT_OK
-from daemon.clock import MonotonicClock, run_in_real_time
-from daemon.resident_memory import give_back_compiler
-from daemon.robot_argument import CheckedRobot, add_robot_argument, robot_or_explain
-from daemon.runtime_directory import default_runtime_directory
-from daemon.stop_signals import StopSignals
-from sim_backends.lab import Lab, LabError
-from sim_backends.lab_ports import LabPorts
-from sim_backends.play import PLAYS
-from sim_backends.scenario import load_scenario, play_scenario
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+from daemon.host.clock import MonotonicClock, run_in_real_time
+from daemon.host.resident_memory import give_back_compiler
+from daemon.host.stop_signals import StopSignals
+from daemon.robot.checked_robot import CheckedRobot, add_robot_argument, robot_or_explain
+from daemon.robot.runtime_directory import default_runtime_directory
+from sim_backends.lab.lab import Lab, LabError
+from sim_backends.lab.lab_ports import LabPorts
+from sim_backends.lab.play import PLAYS
+from sim_backends.lab.scenario import load_scenario, play_scenario
 
 _COMPILED_WITHIN_S: Final = 2.0
 """By then a lab has run everything that it compiles."""

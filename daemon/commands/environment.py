@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from daemon.cli import EXIT_FAILED, EXIT_OK
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 
 if TYPE_CHECKING:
     from safety.risk.environment import InsertionPort, Mesh
@@ -70,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _made(arguments: argparse.Namespace) -> "tuple[Mesh, InsertionPort | None]":
     """Mesh and insertion port. Raises ValueError where the wishes cannot be met."""
-    from safety.risk import shapes
+    from daemon.workbench.body_model.evaluation import shapes
 
     count = arguments.triangles
     if count < 12:

@@ -5,16 +5,16 @@ import sys
 from pathlib import Path
 
 from config.problems import ConfigError
-from daemon.cli import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
-from daemon.collector_pause import imported_for_good
-from daemon.experiment.experiment_file import ExperimentFile, load_experiment
-from daemon.experiment.pretrained import with_model
-from daemon.experiment.trial import TrialError
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
+from daemon.host.collector_pause import imported_for_good
+from daemon.host.stop_signals import all_like_ctrl_c
 from daemon.recording.error_table import table_text
-from daemon.recording.report_beside import ReportBeside
 from daemon.recording.result import Result
 from daemon.recording.run_reader import UnreadableRunError
-from daemon.stop_signals import all_like_ctrl_c
+from daemon.workbench.experiments.experiment_file import ExperimentFile, load_experiment
+from daemon.workbench.experiments.trial import TrialError
+from daemon.workbench.pretraining.pretrained import with_model
+from daemon.workbench.report.report_beside import ReportBeside
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -78,14 +78,14 @@ def _experiment(file: ExperimentFile, seed: int, arguments: argparse.Namespace) 
 
 
 def _in_real_time(file: ExperimentFile, seed: int, folder: Path) -> Result:
-    from daemon.experiment.in_real_time import carry_out_in_real_time
+    from daemon.workbench.experiments.in_real_time import carry_out_in_real_time
 
     return carry_out_in_real_time(file, seed, folder, _tell)
 
 
 def _in_virtual_time(file: ExperimentFile, seed: int, folder: Path, report: ReportBeside) -> Result:
     with imported_for_good():
-        from daemon.experiment.in_virtual_time import carry_out_in_virtual_time
+        from daemon.workbench.experiments.in_virtual_time import carry_out_in_virtual_time
 
     return carry_out_in_virtual_time(file, seed, folder, _tell, report.control_hash)
 

@@ -14,13 +14,13 @@ from pydantic import ValidationError
 
 from config.exploration import WaypointExploration
 from config.loader import RobotFile
-from daemon.cli import EXIT_FAILED, EXIT_OK, EXIT_USAGE
-from daemon.robot_argument import add_robot_argument, robot_or_explain
-from daemon.stop_signals import all_like_ctrl_c
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
+from daemon.host.stop_signals import all_like_ctrl_c
+from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
 
 if TYPE_CHECKING:
-    from daemon.exploration.parts import ExplorationParts
-    from daemon.learning.dataset import Dataset
+    from daemon.learning.samples.dataset import Dataset
+    from daemon.workbench.pretraining.parts import ExplorationParts
 
 _DEFAULT = WaypointExploration(kind="waypoint_exploration")
 
@@ -75,8 +75,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     # All of the daemon and its emulators: `--help` does without.
-    from daemon.experiment.trial import TrialError
-    from daemon.learning.dataset import DatasetError
+    from daemon.learning.samples.dataset import DatasetError
+    from daemon.workbench.experiments.trial import TrialError
 
     checked = robot_or_explain(arguments.robot)
     if checked is None:
@@ -113,8 +113,8 @@ def run(arguments: argparse.Namespace) -> int:
 def _seen(
     file: RobotFile, options: WaypointExploration, arguments: argparse.Namespace
 ) -> "Dataset":
-    from daemon.experiment.trial import TrialError
-    from daemon.exploration.explore import dataset_of_run
+    from daemon.workbench.experiments.trial import TrialError
+    from daemon.workbench.pretraining.explore import dataset_of_run
 
     if arguments.recorded is not None:
         dataset = dataset_of_run(arguments.recorded, file, {"run": str(arguments.recorded)})
@@ -131,7 +131,7 @@ def _explored(
     file: RobotFile, options: WaypointExploration, arguments: argparse.Namespace
 ) -> "Dataset":
     """What is interrupted, or fails on the way, is kept to go on from."""
-    from daemon.exploration.parts import ExplorationParts
+    from daemon.workbench.pretraining.parts import ExplorationParts
 
     load_g, real_time = arguments.tip_load, arguments.real_time
     parts = ExplorationParts(arguments.out, file, options, arguments.seed, load_g, real_time)
@@ -155,7 +155,7 @@ def _explored(
 
 
 def _begin(parts: "ExplorationParts") -> None:
-    from daemon.learning.dataset import DatasetError
+    from daemon.learning.samples.dataset import DatasetError
 
     try:
         parts.begin()

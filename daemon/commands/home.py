@@ -5,17 +5,17 @@ import asyncio
 import sys
 from typing import TYPE_CHECKING
 
-from daemon.remote.client_errors import HOMES_WITHIN_S
-from daemon.remote.command_line import (
+from daemon.commands.terminal.remote_arguments import (
     add_json_argument,
     add_target_arguments,
     run_talk,
     told,
 )
-from daemon.remote.messages import Event
+from daemon.messages import Event
+from daemon.remote.client.client_errors import HOMES_WITHIN_S
 
 if TYPE_CHECKING:
-    from daemon.remote.client import RobotClient
+    from daemon.remote.client.client import RobotClient
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -4,8 +4,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from daemon.cli import EXIT_FAILED, EXIT_OK
-from daemon.lab_client import LabRefusedError, LabUnreachableError, ask, the_running_lab
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+from daemon.robot.lab_client import LabRefusedError, LabUnreachableError, ask, the_running_lab
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -6,13 +6,18 @@ import sys
 from pathlib import Path
 from typing import Final
 
-from daemon.cli import EXIT_FAILED, EXIT_OK
-from daemon.remote.client import RobotClient
-from daemon.remote.client_errors import ClientError, RefusedError
-from daemon.remote.command_line import add_target_arguments, address, lease_file, run_talk
-from daemon.remote.messages import Answer
-from daemon.remote.token_file import StoredLease, forget_lease, store_lease
-from daemon.stop_signals import StopSignals
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+from daemon.commands.terminal.remote_arguments import (
+    add_target_arguments,
+    address,
+    lease_file,
+    run_talk,
+)
+from daemon.host.stop_signals import StopSignals
+from daemon.messages import Answer
+from daemon.remote.client.client import RobotClient
+from daemon.remote.client.client_errors import ClientError, RefusedError
+from daemon.remote.client.token_file import StoredLease, forget_lease, store_lease
 
 _LOOK_EVERY_S: Final = 0.1
 _TRY_AGAIN_S: Final = 0.5

@@ -7,14 +7,14 @@ from typing import Any
 
 from config.problems import ConfigError
 from config.yaml_document import read_yaml
-from daemon.cli import EXIT_FAILED
-from daemon.remote.command_line import (
+from daemon.commands.terminal.command_line import EXIT_FAILED
+from daemon.commands.terminal.remote_arguments import (
     add_json_argument,
     add_target_arguments,
     add_timeout_argument,
     run_command,
 )
-from daemon.remote.messages import Load
+from daemon.messages import Load
 from daemon.remote.wire import encode, most_bytes
 
 
@@ -80,7 +80,7 @@ def _with_points(trajectory: dict[str, Any], folder: Path) -> dict[str, Any]:
     if trajectory.get("kind") != "waypoints" or not isinstance(name, str):
         return trajectory
     # Nobody else who loads a trajectory has to wait for numpy.
-    from daemon.control.waypoints import WaypointError, read_waypoints
+    from daemon.reference.waypoints import WaypointError, read_waypoints
 
     try:
         times, points = read_waypoints(folder / name, closed=False)
@@ -94,7 +94,7 @@ def _robot_name(named: object, path: Path) -> str:
     """The robot that an experiment is for, by the robot file that it names. Raises LoadError."""
     if not isinstance(named, str):
         return ""
-    from daemon.experiment.experiment_file import robot_path
+    from daemon.workbench.experiments.experiment_file import robot_path
 
     robot_file = robot_path(named, path)
     content = read_yaml(robot_file).value if robot_file.is_file() else None
@@ -110,9 +110,9 @@ def _pretrained(path: Path) -> dict[str, str] | str:
     Found, or made in virtual time first.
     """
     # Nobody else who loads a trajectory has to wait for what learns.
-    from daemon.experiment.experiment_file import load_experiment
-    from daemon.experiment.pretrained import with_model
-    from daemon.experiment.trial import TrialError
+    from daemon.workbench.experiments.experiment_file import load_experiment
+    from daemon.workbench.experiments.trial import TrialError
+    from daemon.workbench.pretraining.pretrained import with_model
 
     try:
         file = load_experiment(path)

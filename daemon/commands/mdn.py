@@ -4,7 +4,7 @@ import argparse
 from importlib import import_module
 from typing import Final, cast
 
-from daemon.cli import Command
+from daemon.commands.terminal.command_line import Command
 
 _WORDS: Final = {
     "collect": "see an emulated body at many configurations; or take over clouds of a real one",
@@ -26,4 +26,4 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _command(word: str) -> Command:
-    return cast(Command, import_module(f"daemon.commands.mdn_{word}"))
+    return cast(Command, import_module(f"daemon.commands.body_model.{word}"))

@@ -3,13 +3,13 @@
 import argparse
 from typing import Final
 
-from daemon.remote.command_line import (
+from daemon.commands.terminal.remote_arguments import (
     add_json_argument,
     add_target_arguments,
     add_timeout_argument,
     run_command,
 )
-from daemon.remote.messages import Clear, Command, Disarm, Hold, Resume, Start, verb
+from daemon.messages import Clear, Command, Disarm, Hold, Resume, Start, verb
 
 _ORDERS: Final[dict[str, type[Command]]] = {
     verb(kind): kind for kind in (Start, Hold, Resume, Disarm, Clear)

@@ -6,11 +6,11 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from daemon.cli import EXIT_FAILED, EXIT_OK, EXIT_USAGE
-from daemon.robot_argument import add_robot_argument, robot_or_explain
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
+from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
 
 if TYPE_CHECKING:
-    from daemon.learning.pretraining import Pretraining
+    from daemon.learning.forward.pretraining import Pretraining
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,11 +46,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     # What learns is compiled when it comes, and matplotlib is slow: `--help` does without.
-    from daemon.exploration.pretraining_table import print_table
-    from daemon.learning.dataset import Dataset, DatasetError, joined
-    from daemon.learning.motion_samples import SamplingSettings
-    from daemon.learning.pretrained_model import PretrainedModel
-    from daemon.learning.pretraining import PretrainingError, PretrainingSettings, pretrain
+    from daemon.learning.forward.pretrained_model import PretrainedModel
+    from daemon.learning.forward.pretraining import PretrainingError, PretrainingSettings, pretrain
+    from daemon.learning.samples.dataset import Dataset, DatasetError, joined
+    from daemon.learning.samples.motion_samples import SamplingSettings
+    from daemon.workbench.pretraining.pretraining_table import print_table
 
     checked = robot_or_explain(arguments.robot)
     if checked is None:
@@ -86,6 +86,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _figures(pretraining: "Pretraining", model: Path) -> list[Path]:
-    from daemon.exploration.figures import write_figures
+    from daemon.workbench.pretraining.figures import write_figures
 
     return write_figures(pretraining, model.with_suffix(""))

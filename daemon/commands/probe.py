@@ -15,17 +15,17 @@ from typing import Final
 from rich.console import Console
 from rich.live import Live
 
-from daemon.capture import CanCapture
-from daemon.cli import EXIT_FAILED, EXIT_OK
-from daemon.clock import MonotonicClock, run_in_real_time
-from daemon.probe.beside_daemon import folder_of_master, show_what_it_says
-from daemon.probe.session import ProbeSession
-from daemon.probe.snapshot import Json
-from daemon.probe.view import event_line, view
-from daemon.remote.client_errors import ClientError
-from daemon.robot_argument import CheckedRobot, add_robot_argument, robot_or_explain
-from daemon.runtime_directory import default_runtime_directory, with_lab_ports
-from daemon.stop_signals import StopSignals
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+from daemon.commands.terminal.probe_beside_daemon import folder_of_master, show_what_it_says
+from daemon.commands.terminal.probe_session import ProbeSession
+from daemon.commands.terminal.probe_snapshot import Json
+from daemon.commands.terminal.probe_view import event_line, view
+from daemon.host.clock import MonotonicClock, run_in_real_time
+from daemon.host.stop_signals import StopSignals
+from daemon.remote.client.client_errors import ClientError
+from daemon.robot.capture import CanCapture
+from daemon.robot.checked_robot import CheckedRobot, add_robot_argument, robot_or_explain
+from daemon.robot.runtime_directory import default_runtime_directory, with_lab_ports
 from drivers.bounded import end_tasks
 from drivers.can.bus_lock import BusTakenError, check_buses_are_free
 from drivers.canopen.object_dictionary import EdsError

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from daemon.cli import EXIT_FAILED, EXIT_OK
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 from daemon.recording.recovery import recover_unfinished
 
 

@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from daemon.cli import EXIT_FAILED, EXIT_OK
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -18,8 +18,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     # matplotlib is slow to come: `--help` does without.
-    from daemon.recording.report import write_report
     from daemon.recording.run_reader import UnreadableRunError
+    from daemon.workbench.report.report import write_report
 
     try:
         print(write_report(arguments.run, arguments.out))

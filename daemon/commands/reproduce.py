@@ -2,7 +2,7 @@
 
 import argparse
 
-from daemon.studies.arguments import add_grid_arguments, shipped_study
+from daemon.commands.terminal.study_arguments import add_grid_arguments, shipped_study
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -19,8 +19,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     # matplotlib is slow to come: `--help` does without.
-    from daemon.studies.command import carry_out_study
-    from daemon.studies.write_up import reproduction_figures, reproduction_tables
+    from daemon.commands.terminal.study_command import carry_out_study
+    from daemon.workbench.studies.write_up import reproduction_figures, reproduction_tables
 
     path = shipped_study(arguments.study)
     tables, figures = reproduction_tables, reproduction_figures

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from daemon.cli import EXIT_FAILED, EXIT_OK
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 
 if TYPE_CHECKING:
     from safety.risk.body_point import BodyPointBounds, BodyPointValue
@@ -31,7 +31,7 @@ near_exact       the value itself, to about four digits
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    from daemon.risk.mixture_file import FORM
+    from daemon.workbench.body_model.evaluation.mixture_file import FORM
 
     parts = parser.add_subparsers(dest="what", metavar="WHAT", required=True)
     query = parts.add_parser(
@@ -56,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     # Compiled code and mesh files are slow to come: `--help` does without.
     from daemon.risk.mesh_file import read_environment
-    from daemon.risk.mixture_file import read_mixture
+    from daemon.workbench.body_model.evaluation.mixture_file import read_mixture
     from safety.risk.body_point import BodyPointRisk
     from safety.risk.environment import EnvironmentFaultError
     from safety.risk.mixture import MixtureError

@@ -8,27 +8,27 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Final
 
-from daemon.cli import EXIT_FAILED, EXIT_OK
-from daemon.clock import MonotonicClock, run_in_real_time
-from daemon.connections import RealConnections
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+from daemon.controllers.warm_up import warm_up
 from daemon.files import models_directory
-from daemon.lab_client import LabRefusedError, LabUnreachableError, ask
-from daemon.learning.warm_up import warm_up
-from daemon.loop.real_time import RealTime
+from daemon.host.clock import MonotonicClock, run_in_real_time
+from daemon.host.real_time import RealTime
+from daemon.host.stop_signals import StopSignals
 from daemon.recording.flight_recorder import FlightRecorder
 from daemon.recording.recovery import recover_unfinished
 from daemon.recording.run_folder import describe_run, new_run
 from daemon.remote.discovery import FolderError, SecondDaemonError
-from daemon.remote.server import RemoteOpenError, RemoteServer
+from daemon.remote.server.server import RemoteOpenError, RemoteServer
 from daemon.risk.body_risk_source import RiskFilesError, make_risk_source
-from daemon.robot_argument import CheckedRobot, add_robot_argument, robot_or_explain
-from daemon.runtime_directory import default_runtime_directory, uses_lab, with_lab_ports
+from daemon.robot.checked_robot import CheckedRobot, add_robot_argument, robot_or_explain
+from daemon.robot.connections import RealConnections
+from daemon.robot.lab_client import LabRefusedError, LabUnreachableError, ask
+from daemon.robot.runtime_directory import default_runtime_directory, uses_lab, with_lab_ports
 from daemon.service.asked import in_a_thread
 from daemon.service.operator import Operator
 from daemon.service.robot_service import RobotService
 from daemon.service.run_recording import MakeFolder, RunRecording
 from daemon.service.surroundings import Surroundings
-from daemon.stop_signals import StopSignals
 from drivers.bounded import end_tasks
 from drivers.can.bus_lock import BusTakenError, check_buses_are_free
 from drivers.canopen.object_dictionary import EdsError

@@ -4,7 +4,7 @@ import argparse
 import json
 
 from config.robot import Robot
-from daemon.cli import EXIT_OK
+from daemon.commands.terminal.command_line import EXIT_OK
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -6,12 +6,12 @@ from typing import Final
 
 import msgspec
 
-from daemon.cli import EXIT_OK
-from daemon.remote.client import RobotClient
-from daemon.remote.client_errors import ClientError
-from daemon.remote.command_line import add_target_arguments, run_talk
-from daemon.remote.messages import Status
-from daemon.stop_signals import StopSignals
+from daemon.commands.terminal.command_line import EXIT_OK
+from daemon.commands.terminal.remote_arguments import add_target_arguments, run_talk
+from daemon.host.stop_signals import StopSignals
+from daemon.messages import Status
+from daemon.remote.client.client import RobotClient
+from daemon.remote.client.client_errors import ClientError
 
 _EVERY_S: Final = 0.25
 
@@ -46,7 +46,7 @@ def _show_once(status: Status, as_json: bool) -> None:
         return
     from rich.console import Console
 
-    from daemon.remote.status_view import status_view
+    from daemon.commands.terminal.status_view import status_view
 
     Console().print(status_view(status))
 
@@ -66,7 +66,7 @@ async def _watch(client: RobotClient, every_s: float) -> None:
     """Goes on while the daemon is away: the connection comes back by itself."""
     from rich.live import Live
 
-    from daemon.remote.status_view import gone_view, status_view
+    from daemon.commands.terminal.status_view import gone_view, status_view
 
     told = asyncio.create_task(StopSignals().wait(None))
     loop = asyncio.get_running_loop()

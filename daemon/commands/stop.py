@@ -7,10 +7,8 @@ import argparse
 import asyncio
 import sys
 
-from daemon.cli import EXIT_USAGE
-from daemon.remote.address import Address
-from daemon.remote.client_errors import ClientError
-from daemon.remote.command_line import (
+from daemon.commands.terminal.command_line import EXIT_USAGE
+from daemon.commands.terminal.remote_arguments import (
     UsageError,
     add_json_argument,
     add_target_arguments,
@@ -19,8 +17,10 @@ from daemon.remote.command_line import (
     failed,
     told,
 )
-from daemon.remote.messages import Answer, Stop, verb
-from daemon.remote.stop_client import first_answer
+from daemon.messages import Answer, Stop, verb
+from daemon.remote.client.address import Address
+from daemon.remote.client.client_errors import ClientError
+from daemon.remote.client.stop_client import first_answer
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -54,7 +54,7 @@ async def _stop_all(targets: list[Address], within_s: float) -> list[Answer | Cl
 async def _stop(target: Address, within_s: float) -> Answer | ClientError:
     async def as_command(left_s: float) -> Answer:
         # Imported when wanted: STOP's own way needs nothing of it, and is in a hurry.
-        from daemon.remote.connection import Connection
+        from daemon.remote.client.connection import Connection
 
         connection = await Connection.connect(target)
         try:

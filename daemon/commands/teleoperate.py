@@ -12,13 +12,13 @@ import sys
 from collections.abc import Callable
 from typing import Final
 
-from daemon.cli import EXIT_FAILED, EXIT_OK
-from daemon.remote.client import RobotClient
-from daemon.remote.client_errors import ClientError
-from daemon.remote.command_line import add_target_arguments, run_talk
-from daemon.remote.messages import SetpointRefused
-from daemon.remote.subscription import Subscription
-from daemon.stop_signals import StopSignals
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+from daemon.commands.terminal.remote_arguments import add_target_arguments, run_talk
+from daemon.host.stop_signals import StopSignals
+from daemon.messages import SetpointRefused
+from daemon.remote.client.client import RobotClient
+from daemon.remote.client.client_errors import ClientError
+from daemon.remote.client.subscription import Subscription
 
 _STDIN: Final = 0
 _MOST_BYTES: Final = 65536

@@ -1,0 +1,1 @@
+"""What controllers share: the interface, the step from a Jacobian, avoidance, reachability."""

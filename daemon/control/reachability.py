@@ -7,8 +7,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from config.control import Workspace
-from daemon.control.axis_ranges import AxisRanges
-from daemon.control.trajectories import Trajectory
+from daemon.reference.trajectories import Trajectory
+from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
 
 MODEL_SAMPLES = 240

@@ -13,9 +13,9 @@ import numpy as np
 from config.controllers import TipFollowing
 from config.robot import Robot
 from daemon.control import jacobian_kernels as kernels
-from daemon.control.axis_ranges import AxisRanges
 from daemon.control.controller import ControllerError, Observation
 from daemon.control.jacobian_kernels import in_rows
+from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
 
 LONGEST_STEP_S = 0.1

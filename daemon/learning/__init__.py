@@ -1,0 +1,1 @@
+"""What is learnt from motions; pure arrays, no clock and no devices."""

@@ -7,15 +7,15 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from config.robot import Robot
-from daemon.control.axis_ranges import AxisRanges
+from daemon.control.avoidance import slid
 from daemon.control.controller import Controller, ControllerError, Observation
-from daemon.control.sliding import slid
 from daemon.estimation.pose_filter import PoseFilter, TipEstimate
 from daemon.loop.actuation_history import ActuationHistory
 from daemon.loop.frame_statistics import FrameStatistics
-from daemon.loop.reference import Aim, Reference
 from daemon.loop.timekeeping import Timekeeping
-from daemon.remote.messages import Axes, Message, Risk, Tip
+from daemon.messages import Axes, Message, Risk, Tip
+from daemon.reference.reference import Aim, Reference
+from daemon.robot.axes import AxisRanges
 from daemon.supervision.supervisor import Supervisor
 from daemon.supervision.tracking_error import TrackingError
 from drivers.aurora.frame import TrackerFrame

@@ -5,8 +5,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.host.periodic_timer import Tick
 from daemon.loop.time_spent import TimeSpent
-from daemon.periodic_timer import Tick
 
 _KEPT: Final = 2048
 _RATE_OVER_NS: Final = 2_000_000_000

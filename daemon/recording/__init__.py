@@ -1,1 +1,1 @@
-"""What a run leaves on disk: the recording, its folder, its result and its report."""
+"""The flight recorder, and runs on disk: written by a process of its own, read, and made whole."""

@@ -19,7 +19,7 @@ from typing import Any, Final
 
 import msgspec
 
-from daemon.remote.messages import TELEMETRY, Axes, Event, Loop, Message, Risk, Status, Tip, tag
+from daemon.messages import TELEMETRY, Axes, Event, Loop, Message, Risk, Status, Tip, tag
 from drivers.can.frame import CAN_FRAME, FRAME_BYTES, CanFrame, unpack_frame
 
 TOPICS: Final[dict[type[Message], str]] = {

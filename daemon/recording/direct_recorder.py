@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from pathlib import Path
 
+from daemon.messages import Message
 from daemon.recording.can_batches import BusBatches, CanBatches
 from daemon.recording.channels import (
     RAW_TRACKER,
@@ -15,7 +16,6 @@ from daemon.recording.disk_space import free_mb
 from daemon.recording.flight_recorder import RecorderStatus, RecordingError
 from daemon.recording.run_files import RUN_FILE
 from daemon.recording.run_writer import RunWriter
-from daemon.remote.messages import Message
 
 
 class DirectRecorder:

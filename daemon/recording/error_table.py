@@ -6,7 +6,7 @@ from typing import Final
 
 import msgspec
 
-from daemon.remote.messages import Tip
+from daemon.messages import Tip
 from safety.states import OperatingState
 
 _RUNNING: Final = OperatingState.RUNNING.value

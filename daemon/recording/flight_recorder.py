@@ -8,6 +8,7 @@ from typing import Final, NamedTuple, Protocol
 
 import msgspec
 
+from daemon.messages import Message
 from daemon.recording.can_batches import BusBatches, CanBatches
 from daemon.recording.channels import (
     RAW_TRACKER,
@@ -19,7 +20,6 @@ from daemon.recording.channels import (
 from daemon.recording.record_stream import Begin, Progress, RecordWriter
 from daemon.recording.recorder_link import RecorderLink
 from daemon.recording.run_files import RUN_FILE
-from daemon.remote.messages import Message
 from drivers.can.traffic_tap import TrafficTap
 
 _SEND_EVERY_S: Final = 0.05

@@ -15,7 +15,7 @@ from typing import Final
 
 import msgspec
 
-from daemon.clock import MonotonicClock
+from daemon.host.clock import MonotonicClock
 from daemon.recording.disk_space import free_mb
 from daemon.recording.record_stream import (
     BEGIN,

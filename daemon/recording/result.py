@@ -4,10 +4,10 @@ from pathlib import Path
 
 import msgspec
 
+from daemon.messages import LoopStatus
 from daemon.recording.error_table import CycleError
 from daemon.recording.run_files import RESULT_FILE, write_whole
 from daemon.recording.run_folder import formatted_json
-from daemon.remote.messages import LoopStatus
 
 
 class ComputingTime(msgspec.Struct, frozen=True, kw_only=True):

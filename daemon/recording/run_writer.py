@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
+from daemon.messages import Tip
 from daemon.recording.channels import TIP_POSE, TOPICS, channel_format, tip_pose
 from daemon.recording.mcap_file import McapChannel, McapFile
 from daemon.recording.patient_file import PatientFile, sync_folder
 from daemon.recording.run_files import unfinished
-from daemon.remote.messages import Tip
 
 LIBRARY: Final = "tentacled"
 HEADER: Final = "run"

@@ -1,1 +1,1 @@
-"""How programs outside talk to the daemon: keys, messages, access, server and client."""
+"""What both ends of the wire share: keys, payloads, access, discovery."""

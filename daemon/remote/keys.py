@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass
 from typing import Final
 
-from daemon.remote.messages import (
+from daemon.messages import (
     Axes,
     Event,
     Loop,

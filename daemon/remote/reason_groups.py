@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from daemon.remote.messages import Reason
+from daemon.messages import Reason
 
 _SUBJECTS: Final = 4
 """More than these of one cause are counted and not named."""

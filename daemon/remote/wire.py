@@ -9,7 +9,7 @@ from typing import Any, Final, TypeVar, cast
 
 import msgspec
 
-from daemon.remote.messages import Command, Load, Message, Setpoint, Teleoperate, tag
+from daemon.messages import Command, Load, Message, Setpoint, Teleoperate, tag
 
 M = TypeVar("M", bound=Message)
 

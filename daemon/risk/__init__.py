@@ -1,1 +1,1 @@
-"""Reads and writes what `safety.risk` calculates with: it must not touch files itself."""
+"""The running daemon's risk: model and surface from files, and the source that the gate asks."""

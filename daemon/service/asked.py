@@ -15,13 +15,13 @@ from config.controllers import Broyden, ControllerOptions, load_controller_optio
 from config.options import OptionsError
 from config.robot import Robot
 from config.trajectory import Waypoints, load_trajectory_options
-from daemon.control.axis_ranges import AxisRanges
 from daemon.control.controller import Controller, ControllerError
-from daemon.control.make_controller import make_controller
 from daemon.control.reachability import Bounds, HasKinematics
-from daemon.control.trajectories import Trajectory, make_trajectory
-from daemon.control.waypoints import WaypointError
-from daemon.remote.messages import Load
+from daemon.controllers.make_controller import make_controller
+from daemon.messages import Load
+from daemon.reference.trajectories import Trajectory, make_trajectory
+from daemon.reference.waypoints import WaypointError
+from daemon.robot.axes import AxisRanges
 from daemon.service.refused import RefusedError
 
 T = TypeVar("T")

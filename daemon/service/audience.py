@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from daemon.remote.messages import Message
+from daemon.messages import Message
 
 _Kind = TypeVar("_Kind", bound=Message)
 

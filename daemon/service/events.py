@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from daemon.remote.messages import Event, Message
+from daemon.messages import Event, Message
 from drivers.clock import Clock
 from drivers.conditions import ConditionChange
 from safety.failsafe import ActiveReason

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 from daemon.loop.control_step import ControlLoop
 from daemon.loop.timekeeping import Timekeeping
 from daemon.recording.disk_space import free_mb
-from daemon.remote.lease import Lease
+from daemon.service.lease import Lease
 from daemon.service.surroundings import Surroundings
 from daemon.supervision.following_error import FollowingError
 from daemon.supervision.supervisor import Supervisor

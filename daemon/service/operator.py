@@ -9,10 +9,7 @@ from typing import Any, Final, NamedTuple
 from config.controllers import ControllerOptions
 from daemon.control.controller import Controller
 from daemon.control.reachability import Bounds, looks
-from daemon.control.trajectories import Trajectory
-from daemon.loop.reference import TrajectoryReference
-from daemon.recording.flight_recorder import RecordingError
-from daemon.remote.messages import (
+from daemon.messages import (
     Acquire,
     Answer,
     Arm,
@@ -36,6 +33,9 @@ from daemon.remote.messages import (
     Teleoperate,
     verb,
 )
+from daemon.recording.flight_recorder import RecordingError
+from daemon.reference.reference import TrajectoryReference
+from daemon.reference.trajectories import Trajectory
 from daemon.service.asked import Asked, OffTheLoop, at_once
 from daemon.service.homing import RobotHoming
 from daemon.service.refused import RefusedError

@@ -11,22 +11,22 @@ from typing import Final
 
 from config.loader import RobotFile
 from config.robot import Robot
-from daemon.hardware import Hardware, Listeners
+from daemon.host.periodic_timer import Tick
 from daemon.loop.control_step import ControlLoop
 from daemon.loop.time_spent import TimeSpent
 from daemon.loop.timekeeping import Timekeeping
-from daemon.periodic_timer import Tick
-from daemon.remote.lease import Lease
-from daemon.remote.messages import (
+from daemon.messages import (
     LeaseStatus,
     Loop,
     ReferenceStatus,
     Status,
 )
+from daemon.robot.hardware import Hardware, Listeners
 from daemon.service.events import Events
+from daemon.service.lease import Lease
 from daemon.service.lookout import Lookout
+from daemon.service.status import StatusReport
 from daemon.service.surroundings import Surroundings
-from daemon.status import StatusReport
 from daemon.supervision.supervisor import Supervisor
 from drivers.aurora.frame import TrackerFrame
 from drivers.axis_scale import axis_scale, count_limits, tension_range_n

@@ -7,8 +7,8 @@ import numpy as np
 
 from config.control import Workspace
 from config.trajectory import FARTHEST_MM
-from daemon.loop.reference import TeleoperationReference
-from daemon.remote.messages import Setpoint
+from daemon.messages import Setpoint
+from daemon.reference.reference import TeleoperationReference
 
 _SPEED_MM_S: Final = 15.0
 _LONGEST_VALIDITY_S: Final = 1.0

@@ -4,9 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from daemon.hardware import Connections
-from daemon.loop.real_time import RealTime
+from daemon.host.real_time import RealTime
 from daemon.recording.flight_recorder import Recorder
+from daemon.robot.hardware import Connections
 from daemon.service.audience import Audience
 from drivers.clock import WallClock
 from safety.risk_source import RiskSource

@@ -1,6 +1,6 @@
 """Reasons in the words of the wire."""
 
-from daemon.remote.messages import Reason
+from daemon.messages import Reason
 from safety.failsafe import ActiveReason
 
 

@@ -1,1 +1,3 @@
-"""NDI Aurora over a serial line (Combined API)."""
+"""The NDI Aurora over a serial line: link, bring_up, tools, then polling for frames; tracker joins
+them.
+"""

@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 
 from drivers.aurora.bring_up import CONTROL_UNIT
+from drivers.aurora.codec.errors import CodecError
+from drivers.aurora.codec.parameters import ALERTS, NEW_ALERTS, decode_parameters
 from drivers.aurora.conditions import ALERT
-from drivers.aurora.errors import CodecError
 from drivers.aurora.health import Health
 from drivers.aurora.link import DamagedReplyError, DeviceRefusedError, Link
-from drivers.aurora.parameters import ALERTS, NEW_ALERTS, decode_parameters
 
 _TEXTS: Mapping[str, Mapping[int, str]] = {
     "SCU": {

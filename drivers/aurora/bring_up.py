@@ -6,7 +6,10 @@ from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
 from config.tracker import Tracker
-from drivers.aurora.commands import LineSettings, encode_line_settings
+from drivers.aurora.codec.commands import LineSettings, encode_line_settings
+from drivers.aurora.codec.parameters import decode_parameters, device_names, timeouts_s
+from drivers.aurora.codec.versions import AURORA_FAMILY, ApiRevision, VersionText
+from drivers.aurora.codec.volumes import Volume, decode_volumes
 from drivers.aurora.link import (
     POWER_UP_BAUD_RATE,
     AuroraError,
@@ -16,9 +19,6 @@ from drivers.aurora.link import (
     Link,
     NoReplyError,
 )
-from drivers.aurora.parameters import decode_parameters, device_names, timeouts_s
-from drivers.aurora.versions import AURORA_FAMILY, ApiRevision, VersionText
-from drivers.aurora.volumes import Volume, decode_volumes
 
 T = TypeVar("T")
 

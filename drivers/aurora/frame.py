@@ -5,14 +5,14 @@ from collections.abc import Mapping
 from enum import Enum
 from typing import NamedTuple
 
-from drivers.aurora.status_bits import (
+from drivers.aurora.codec.status_bits import (
     HandleState,
     PortStatus,
     SystemStatus,
     port_status,
     system_status,
 )
-from drivers.aurora.tracking_data import ToolReading, TrackingData
+from drivers.aurora.codec.tracking_data import ToolReading, TrackingData
 from drivers.pose import PlainPose, Pose
 
 _OUTSIDE = PortStatus.OUT_OF_VOLUME | PortStatus.PARTIALLY_OUT_OF_VOLUME

@@ -11,7 +11,7 @@ from collections import deque
 from itertools import pairwise
 from typing import NamedTuple
 
-from drivers.aurora.tracking_data import FRAME_MODULUS
+from drivers.aurora.codec.tracking_data import FRAME_MODULUS
 
 _BUCKET_NS = 500_000_000
 _BUCKETS = 64

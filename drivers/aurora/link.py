@@ -4,10 +4,9 @@ import asyncio
 from collections.abc import Callable
 from typing import Literal, TypeVar
 
-from drivers.aurora.commands import encode_command
-from drivers.aurora.errors import CodecError, error_meaning
-from drivers.aurora.health import Counters
-from drivers.aurora.replies import (
+from drivers.aurora.codec.commands import encode_command
+from drivers.aurora.codec.errors import CodecError, error_meaning
+from drivers.aurora.codec.replies import (
     OKAY,
     RESET,
     BinaryReply,
@@ -17,9 +16,10 @@ from drivers.aurora.replies import (
     TextReply,
     coded_reply,
 )
-from drivers.aurora.reply_reader import ReplyReader
+from drivers.aurora.codec.reply_reader import ReplyReader
+from drivers.aurora.codec.versions import ApiRevision
+from drivers.aurora.health import Counters
 from drivers.aurora.time_limit import TimeLimit
-from drivers.aurora.versions import ApiRevision
 from drivers.byte_stream import ByteStream, StreamOpener
 from drivers.clock import Clock
 

@@ -5,23 +5,16 @@ from collections.abc import Callable, Mapping
 
 from config.tracker import Tracker
 from drivers.aurora.alerts import fetch_alerts
-from drivers.aurora.errors import CodecError
-from drivers.aurora.frame import FrameAssembler, TrackerFrame
-from drivers.aurora.frame_clock import FrameClock
-from drivers.aurora.health import Health
-from drivers.aurora.link import DamagedReplyError, Link, NoReplyError
-from drivers.aurora.poll_timing import PollTiming
-from drivers.aurora.rates import Rates
-from drivers.aurora.replies import (
+from drivers.aurora.codec.errors import CodecError
+from drivers.aurora.codec.replies import (
     BINARY_FRAMING_BYTES,
     TEXT_FRAMING_BYTES,
     BinaryReply,
     Reply,
     TextReply,
 )
-from drivers.aurora.status_bits import SystemStatus
-from drivers.aurora.status_watch import StatusWatch
-from drivers.aurora.tracking_data import (
+from drivers.aurora.codec.status_bits import SystemStatus
+from drivers.aurora.codec.tracking_data import (
     FRAME_MODULUS,
     OUT_OF_VOLUME_TOO,
     TRANSFORMS,
@@ -29,6 +22,13 @@ from drivers.aurora.tracking_data import (
     decode_bx,
     decode_tx,
 )
+from drivers.aurora.frame import FrameAssembler, TrackerFrame
+from drivers.aurora.frame_clock import FrameClock
+from drivers.aurora.health import Health
+from drivers.aurora.link import DamagedReplyError, Link, NoReplyError
+from drivers.aurora.poll_timing import PollTiming
+from drivers.aurora.rates import Rates
+from drivers.aurora.status_watch import StatusWatch
 from drivers.aurora.watch import Watch
 from drivers.clock import Clock
 

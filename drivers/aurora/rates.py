@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
-from drivers.aurora.errors import CodecError
+from drivers.aurora.codec.errors import CodecError
+from drivers.aurora.codec.parameters import FRAME_FREQUENCY, TRACK_FREQUENCY, decode_parameters
 from drivers.aurora.link import DamagedReplyError, DeviceRefusedError, Link
-from drivers.aurora.parameters import FRAME_FREQUENCY, TRACK_FREQUENCY, decode_parameters
 
 _NORMAL_FRAMES_PER_S = 40.0
 _FAST_FRAMES_PER_S = 1000.0 / 15.0

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 
+from drivers.aurora.codec.status_bits import PortStatus, SystemStatus
 from drivers.aurora.conditions import (
     FIELD_GENERATOR_UNPLUGGED,
     IMPLAUSIBLE_POSE,
@@ -13,7 +14,6 @@ from drivers.aurora.conditions import (
 )
 from drivers.aurora.frame import Absence, ToolSample
 from drivers.aurora.health import Health
-from drivers.aurora.status_bits import PortStatus, SystemStatus
 from drivers.conditions import Condition
 
 _SENSOR_FAULTS: Mapping[PortStatus, str] = {

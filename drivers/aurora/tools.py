@@ -7,6 +7,14 @@ from dataclasses import dataclass
 from functools import partial
 
 from config.tracker import ToolSelector
+from drivers.aurora.codec.port_handles import HandleList, PortHandle, decode_port_handles
+from drivers.aurora.codec.status_bits import PortStatus
+from drivers.aurora.codec.tool_information import (
+    NO_SERIAL,
+    Fields,
+    ToolInformation,
+    decode_tool_information,
+)
 from drivers.aurora.conditions import (
     TOOL_ABSENT,
     TOOL_NOT_PROGRAMMED,
@@ -15,14 +23,6 @@ from drivers.aurora.conditions import (
 )
 from drivers.aurora.health import Health
 from drivers.aurora.link import DeviceRefusedError, Link
-from drivers.aurora.port_handles import HandleList, PortHandle, decode_port_handles
-from drivers.aurora.status_bits import PortStatus
-from drivers.aurora.tool_information import (
-    NO_SERIAL,
-    Fields,
-    ToolInformation,
-    decode_tool_information,
-)
 
 _FIELDS = Fields.IDENTITY | Fields.PART_NUMBER | Fields.SENSORS
 _OLDER_FIELDS = Fields.IDENTITY | Fields.PART_NUMBER | Fields.PORT

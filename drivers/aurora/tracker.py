@@ -20,7 +20,9 @@ from drivers.aurora.bring_up import (
     set_rate,
     wake,
 )
-from drivers.aurora.commands import LineSettings, encode_line_settings
+from drivers.aurora.codec.commands import LineSettings, encode_line_settings
+from drivers.aurora.codec.errors import warning_meaning
+from drivers.aurora.codec.status_bits import SystemStatus
 from drivers.aurora.conditions import (
     BAD_REPLIES,
     CONFIGURATION_CHANGED,
@@ -37,7 +39,6 @@ from drivers.aurora.conditions import (
     SILENT,
     WRONG_FAMILY,
 )
-from drivers.aurora.errors import warning_meaning
 from drivers.aurora.frame import TrackerFrame
 from drivers.aurora.health import Counters, Health
 from drivers.aurora.link import (
@@ -53,7 +54,6 @@ from drivers.aurora.link import (
 )
 from drivers.aurora.polling import Polling
 from drivers.aurora.rates import Rates, tracking_rates
-from drivers.aurora.status_bits import SystemStatus
 from drivers.aurora.status_watch import StatusWatch
 from drivers.aurora.tools import Tools, set_up_tools
 from drivers.aurora.watch import Watch

@@ -1,1 +1,1 @@
-"""The risk of touching something: mixtures of where the body is, against what surrounds it."""
+"""How likely a body touches something, at run time: mixture, environment, body_point, contact."""

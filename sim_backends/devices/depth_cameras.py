@@ -14,7 +14,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from sim_backends.body_surface import BodySurface, FloatArray, PlacedSurface
+from sim_backends.devices.body_surface import BodySurface, FloatArray, PlacedSurface
 from sim_backends.devices.depth_camera_kernels import draw
 
 IndexArray = NDArray[np.int64]

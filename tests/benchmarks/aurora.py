@@ -11,13 +11,13 @@ from contextlib import contextmanager
 from functools import partial
 
 from config.tracker import ToolSelector, Tracker
-from daemon.clock import MonotonicClock, run_in_real_time
+from daemon.host.clock import MonotonicClock, run_in_real_time
+from drivers.aurora.codec.replies import BinaryReply, encode_binary_reply
+from drivers.aurora.codec.reply_reader import ReplyReader
+from drivers.aurora.codec.tracking_data import TrackingData, decode_bx, encode_bx
 from drivers.aurora.frame import FrameAssembler, TrackerFrame
 from drivers.aurora.frame_clock import FrameClock
-from drivers.aurora.replies import BinaryReply, encode_binary_reply
-from drivers.aurora.reply_reader import ReplyReader
 from drivers.aurora.tracker import AuroraTracker
-from drivers.aurora.tracking_data import TrackingData, decode_bx, encode_bx
 from drivers.serial_port import serial_port_opener
 from tests.benchmarks.timing import Figures, end_process, percentiles, pieces
 from tests.drivers.aurora.golden import TOOL_A, TOOL_B

@@ -23,8 +23,8 @@ from typing import Any, NamedTuple
 
 from config.axis import Axis
 from config.bus import Bus
-from daemon.clock import MonotonicClock, run_in_real_time
-from daemon.periodic_timer import Tick, TimerFd, timerfd
+from daemon.host.clock import MonotonicClock, run_in_real_time
+from daemon.host.periodic_timer import Tick, TimerFd, timerfd
 from drivers.can.budget import bus_budget
 from drivers.can.fd_link import FdLink
 from drivers.can.frame import CAN_FRAME, CanFrame

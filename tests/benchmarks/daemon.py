@@ -16,13 +16,13 @@ from typing import Any
 import yaml
 
 from config.loader import load_robot
-from daemon.exploration.model_cache import pretrained
+from daemon.messages import LoopStatus
 from daemon.recording.channels import read_can_payload
 from daemon.recording.run_reader import RunReader
-from daemon.remote.address import LocalAddress
-from daemon.remote.client import RobotClient
-from daemon.remote.client_errors import ClientError
-from daemon.remote.messages import LoopStatus
+from daemon.remote.client.address import LocalAddress
+from daemon.remote.client.client import RobotClient
+from daemon.remote.client.client_errors import ClientError
+from daemon.workbench.pretraining.model_cache import pretrained
 from drivers.canopen.codec import cob_ids
 from drivers.cia402.power_state import Control
 from safety.states import OperatingState
@@ -304,8 +304,8 @@ def _burner(core: int) -> Iterator[None]:
 _FLOODER = """
 import asyncio, sys
 from pathlib import Path
-from daemon.remote.address import LocalAddress
-from daemon.remote.client import RobotClient
+from daemon.remote.client.address import LocalAddress
+from daemon.remote.client.client import RobotClient
 async def main():
     async with await RobotClient.connect(LocalAddress.in_folder(Path(sys.argv[1]))) as robot:
         print("here", flush=True)
@@ -319,8 +319,8 @@ asyncio.run(main())
 _SUBSCRIBER = """
 import asyncio, sys
 from pathlib import Path
-from daemon.remote.address import LocalAddress
-from daemon.remote.client import RobotClient
+from daemon.remote.client.address import LocalAddress
+from daemon.remote.client.client import RobotClient
 async def main():
     async with await RobotClient.connect(LocalAddress.in_folder(Path(sys.argv[1]))) as robot:
         print("here", flush=True)

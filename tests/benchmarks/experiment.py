@@ -54,6 +54,14 @@ def _carry_out(cycles: int, cycle_s: float, folder: Path) -> None:
     experiment["trajectory"] |= {"cycles": cycles, "cycle_s": cycle_s}
     file = folder.with_suffix(".yaml")
     file.write_text(yaml.safe_dump(experiment))
-    command = (sys.executable, "-m", "daemon.cli", "experiment", str(file), "--out", str(folder))
+    command = (
+        sys.executable,
+        "-m",
+        "daemon.commands.terminal.command_line",
+        "experiment",
+        str(file),
+        "--out",
+        str(folder),
+    )
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     assert (folder / "report.html").is_file()

@@ -19,13 +19,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from daemon.learning.bank import BankControllers, BankPrecision
-from daemon.learning.batch import BatchControllers
-from daemon.learning.local_controllers import Command, LocalControllers
-from daemon.learning.motion_sample import MotionSample
-from daemon.learning.oracle import OracleControllers
-from daemon.learning.prior import Prior
-from daemon.learning.receptive_fields import ReceptiveFields
+from daemon.learning.inverse.bank import BankControllers, BankPrecision
+from daemon.learning.inverse.batch import BatchControllers
+from daemon.learning.inverse.local_controllers import Command, LocalControllers
+from daemon.learning.inverse.oracle import OracleControllers
+from daemon.learning.inverse.prior import Prior
+from daemon.learning.samples.motion_sample import MotionSample
+from daemon.learning.samples.receptive_fields import ReceptiveFields
 from drivers.pose import Vector
 from tests.benchmarks.timing import Figures, percentiles, pieces
 from tests.daemon.learning.exploring_arm import SCALE, exploration, fields_over, settings_for

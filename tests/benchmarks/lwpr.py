@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from daemon.learning.lwpr import Lwpr, warm_up
-from daemon.learning.lwpr_settings import LwprSettings
+from daemon.learning.lwpr.model import Lwpr, warm_up
+from daemon.learning.lwpr.settings import LwprSettings
 from tests.benchmarks.timing import Figures, percentiles, pieces
 from tests.daemon.learning.streams import FloatArray, arm, cross, cross_of
 

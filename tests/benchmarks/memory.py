@@ -14,10 +14,10 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-from daemon.remote.address import LocalAddress
-from daemon.remote.client import RobotClient
-from daemon.resident_memory import mappings
-from daemon.runtime_directory import LAB_FILE
+from daemon.host.resident_memory import mappings
+from daemon.remote.client.address import LocalAddress
+from daemon.remote.client.client import RobotClient
+from daemon.robot.runtime_directory import LAB_FILE
 from tests import SHIPPED_ROBOTS
 from tests.benchmarks.daemon import (
     PLAIN,

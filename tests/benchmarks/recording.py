@@ -7,11 +7,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from daemon.clock import MonotonicClock, run_in_real_time
+from daemon.host.clock import MonotonicClock, run_in_real_time
+from daemon.messages import Axes, Message, Risk, Status, Tip
 from daemon.recording.direct_recorder import DirectRecorder
 from daemon.recording.flight_recorder import FlightRecorder, Recorder
 from daemon.recording.run_reader import RunReader
-from daemon.remote.messages import Axes, Message, Risk, Status, Tip
 from tests.benchmarks.timing import Figures, percentiles, pieces
 from tests.daemon.recording.synthetic_run import HEADER, messages
 

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from config.remote import Remote
-from daemon.clock import run_in_real_time
-from daemon.remote.messages import Message
-from daemon.remote.server import RemoteServer
+from daemon.host.clock import run_in_real_time
+from daemon.messages import Message
+from daemon.remote.server.server import RemoteServer
 from tests.benchmarks.timing import Figures, percentiles, pieces
 from tests.daemon.remote.rig import ROBOT, FakeRobot, tip
 
@@ -27,9 +27,9 @@ _GAP_S = 0.001
 _CLIENT = """
 import asyncio, json, sys, time
 from pathlib import Path
-from daemon.clock import run_in_real_time
-from daemon.remote.address import LocalAddress
-from daemon.remote.client import RobotClient
+from daemon.host.clock import run_in_real_time
+from daemon.remote.client.address import LocalAddress
+from daemon.remote.client.client import RobotClient
 
 async def main(what, count):
     address = LocalAddress("little_arm", Path(sys.argv[1]) / "zenoh.sock")
@@ -169,7 +169,7 @@ def _import_times(count: int) -> Figures:
         subprocess.run([sys.executable, "-c", code], check=True)
         return time.perf_counter_ns() - start
 
-    codes = {"python": "pass", "client": "import daemon.remote.client, daemon.commands.stop"}
+    codes = {"python": "pass", "client": "import daemon.remote.client.client, daemon.commands.stop"}
     return {
         name: percentiles([took(code) for _ in range(count)], 1e-6) for name, code in codes.items()
     }

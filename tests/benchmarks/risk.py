@@ -18,9 +18,10 @@ import numpy as np
 import yaml
 
 from config.loader import load_robot
-from daemon.clock import MonotonicClock
+from daemon.host.clock import MonotonicClock
 from daemon.risk.body_risk_source import make_risk_source
 from daemon.risk.mesh_file import write_mesh
+from daemon.workbench.body_model.evaluation.shapes import CHEST_PORT, chest
 from drivers.axis_scale import axis_scale, count_limits, tension_range_n
 from safety.gate import Gate, Measured
 from safety.risk.body_point import BodyPointRisk
@@ -29,7 +30,6 @@ from safety.risk.distance_grid import distance_grid
 from safety.risk.environment import environment
 from safety.risk.mixture import FloatArray, Mixture
 from safety.risk.mixture_network import MixtureNetwork
-from safety.risk.shapes import CHEST_PORT, chest
 from tests import SOFT_ARM
 from tests.benchmarks.timing import Figures, percentiles, pieces
 from tests.safety.risk.arms import Pose, points_mixture, shape_mixture
@@ -84,7 +84,12 @@ def _torch_eager(inputs: Sequence[FloatArray], repeats: int) -> Figures:
     """The same network as it is trained, one input at a time, on one thread."""
     import torch
 
-    from safety.risk.network import Beginning, MixtureDensityNetwork, NetworkShape, Scaling
+    from daemon.workbench.body_model.training.network import (
+        Beginning,
+        MixtureDensityNetwork,
+        NetworkShape,
+        Scaling,
+    )
 
     torch.set_num_threads(1)
     scaling = Scaling(np.zeros(4), np.ones(4), np.zeros(3), 40.0, (-2.0, 4.0))

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from daemon.cli import main
+from daemon.commands.terminal.command_line import main
 from tests import SHIPPED_ROBOTS, SOFT_ARM
 from tests.experiments.check_mutations import KINDS, shipped, try_many
 

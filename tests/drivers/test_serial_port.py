@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 import serial
 
-from daemon.clock import MonotonicClock, run_in_real_time
+from daemon.host.clock import MonotonicClock, run_in_real_time
 from drivers.byte_stream import ByteStream, StreamError
 from drivers.serial_port import SerialPort, serial_port_opener
 

@@ -20,7 +20,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from daemon.remote.messages import (
+from daemon.host.worker_processes import worker_processes
+from daemon.messages import (
     Acquire,
     Answer,
     Arm,
@@ -31,11 +32,10 @@ from daemon.remote.messages import (
     Resume,
     Start,
 )
-from daemon.worker_processes import worker_processes
 from drivers.axis_scale import axis_scale
 from safety.causes import Severity
 from safety.states import OperatingState
-from sim_backends.devices.drive.shaft import Shaft
+from sim_backends.devices.drive.axis.shaft import Shaft
 from tests import SOFT_ARM
 from tests.daemon.service.grazing import BROYDEN, TENDON_ARM
 from tests.daemon.service.rig import MODEL, SMALL_CIRCLE, USER, Rig, on_a_rig

@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from daemon.control.controller import ControllerError
-from daemon.remote.messages import Disarm, Hold, Stop
+from daemon.messages import Disarm, Hold, Stop
 from safety.risk_source import NoModel, RiskReading
 from sim_backends.faults import FaultError, FaultKind, FaultyDevice, Parameter
 from tests.daemon.service.rig import Rig

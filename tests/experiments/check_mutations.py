@@ -14,9 +14,9 @@ from typing import Final
 
 from config.problems import ConfigError
 from daemon.commands.check import check
-from daemon.construction import experiment_problems, robot_problems
-from daemon.experiment.experiment_file import load_experiment
-from daemon.robot_argument import check_robot
+from daemon.robot.checked_robot import check_robot
+from daemon.workbench.experiments.construction import experiment_problems, robot_problems
+from daemon.workbench.experiments.experiment_file import load_experiment
 from tests import SHIPPED_ROBOTS
 
 _CONFIG: Final = SHIPPED_ROBOTS.parent

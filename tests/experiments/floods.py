@@ -16,7 +16,7 @@ from typing import Any, Final
 
 import zenoh
 
-from daemon.remote.address import LocalAddress, TlsAddress
+from daemon.remote.client.address import LocalAddress, TlsAddress
 from daemon.remote.keys import Keys
 
 ROBOT: Final = "soft_arm"

@@ -15,12 +15,12 @@ import numpy as np
 
 from config.exploration import WaypointExploration
 from daemon.control.tip_following import damped_solution
-from daemon.control.waypoint_exploration import WaypointExplorationController
-from daemon.learning.dataset import Dataset, Frames
-from daemon.learning.forward_model import slopes_by_step
-from daemon.learning.lwpr import Lwpr
-from daemon.learning.motion_samples import SamplingSettings
-from daemon.learning.pretraining import Pretraining, PretrainingSettings, pretrain
+from daemon.controllers.waypoint_exploration import WaypointExplorationController
+from daemon.learning.forward.forward_model import slopes_by_step
+from daemon.learning.forward.pretraining import Pretraining, PretrainingSettings, pretrain
+from daemon.learning.lwpr.model import Lwpr
+from daemon.learning.samples.dataset import Dataset, Frames
+from daemon.learning.samples.motion_samples import SamplingSettings
 from drivers.pose import Vector
 from sim_backends.plants.plant import TipLoad
 from tests.daemon.control.closed_loop import DT_S, ROBOT, ClosedLoop, soft_arm

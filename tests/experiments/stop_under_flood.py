@@ -19,8 +19,8 @@ from typing import Any, Final
 import yaml
 
 from daemon.recording.run_files import RUN_FILE
-from daemon.remote.client import RobotClient
-from daemon.remote.client_errors import ClientError
+from daemon.remote.client.client import RobotClient
+from daemon.remote.client.client_errors import ClientError
 from tests import SOFT_ARM
 from tests.benchmarks.daemon import _first_quick_stop_ns, _process, until_running
 from tests.benchmarks.timing import percentiles

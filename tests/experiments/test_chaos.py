@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from daemon.remote.messages import Event
+from daemon.messages import Event
 from tests import SOFT_ARM
 from tests.daemon.service.grazing import TENDON_ARM
 from tests.experiments.chaos import Life, Outcome, _unnamed, live, lives, table

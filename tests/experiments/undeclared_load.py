@@ -24,16 +24,16 @@ from typing import Any, Final
 import numpy as np
 
 from config.loader import load_robot
-from daemon.control.axis_ranges import AxisRanges
 from daemon.estimation.pose_filter import PoseFilter
-from daemon.risk.configurations import Candidates
+from daemon.host.worker_processes import worker_processes
 from daemon.risk.model_file import read_model
-from daemon.worker_processes import worker_processes
+from daemon.robot.axes import AxisRanges
+from daemon.workbench.body_model.clouds.configurations import Candidates
 from drivers.pose import PlainPose
 from safety.risk.mixture import FloatArray
 from safety.risk.tip_consistency import TipConsistency, TipModel
 from sim_backends.devices.aurora.measurement import Sensing
-from sim_backends.lab import plant_of
+from sim_backends.lab.lab import plant_of
 from sim_backends.plants.plant import TipLoad
 from sim_backends.plants.shooting import warm_up
 from tests import SOFT_ARM

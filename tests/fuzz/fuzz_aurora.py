@@ -10,19 +10,18 @@ from functools import partial
 import numpy as np
 
 from config.emulated_tracker import EmulatedTool, EmulatedTracker
-from drivers.aurora.commands import (
+from drivers.aurora.codec.commands import (
     MAX_COMMAND_BYTES,
     CommandReader,
     decode_command,
     decode_line_settings,
     encode_command,
 )
-from drivers.aurora.crc import crc16
-from drivers.aurora.errors import CodecError
-from drivers.aurora.frame import FrameAssembler
-from drivers.aurora.parameters import decode_parameters, device_names, timeouts_s
-from drivers.aurora.port_handles import decode_port_handles
-from drivers.aurora.replies import (
+from drivers.aurora.codec.crc import crc16
+from drivers.aurora.codec.errors import CodecError
+from drivers.aurora.codec.parameters import decode_parameters, device_names, timeouts_s
+from drivers.aurora.codec.port_handles import decode_port_handles
+from drivers.aurora.codec.replies import (
     BINARY_HEADER,
     MAX_REPLY_BYTES,
     RESET,
@@ -33,11 +32,12 @@ from drivers.aurora.replies import (
     encode_binary_reply,
     encode_text_reply,
 )
-from drivers.aurora.reply_reader import ReplyReader
-from drivers.aurora.tool_information import Fields, decode_tool_information
-from drivers.aurora.tracking_data import TrackingData, decode_bx, decode_tx
-from drivers.aurora.versions import ApiRevision, VersionText
-from drivers.aurora.volumes import decode_volumes
+from drivers.aurora.codec.reply_reader import ReplyReader
+from drivers.aurora.codec.tool_information import Fields, decode_tool_information
+from drivers.aurora.codec.tracking_data import TrackingData, decode_bx, decode_tx
+from drivers.aurora.codec.versions import ApiRevision, VersionText
+from drivers.aurora.codec.volumes import decode_volumes
+from drivers.aurora.frame import FrameAssembler
 from drivers.pose import Pose
 from sim_backends.devices.aurora.device import EmulatedAurora
 

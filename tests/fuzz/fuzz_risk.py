@@ -7,15 +7,15 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from config.loader import load_robot
-from daemon.risk.cloud_dataset import CloudDataset, CloudDatasetError
-from daemon.risk.cloud_file import CloudFileError, read_cloud
 from daemon.risk.mesh_file import read_environment, write_mesh
-from daemon.risk.mixture_file import read_mixture
 from daemon.risk.model_file import read_model, write_model
+from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset, CloudDatasetError
+from daemon.workbench.body_model.clouds.cloud_file import CloudFileError, read_cloud
+from daemon.workbench.body_model.evaluation.mixture_file import read_mixture
+from daemon.workbench.body_model.evaluation.shapes import box
 from safety.risk.environment import EnvironmentFaultError
 from safety.risk.mixture import MixtureError
 from safety.risk.risk_model import RiskModelError
-from safety.risk.shapes import box
 from tests import SOFT_ARM
 from tests.safety.risk.networks import model_arrays
 

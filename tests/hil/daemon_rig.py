@@ -13,16 +13,16 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final, TypeVar
 
-from daemon.lab_client import ask
-from daemon.remote.address import LocalAddress
-from daemon.remote.client import RobotClient
-from daemon.remote.client_errors import (
+from daemon.messages import Event, Message, Refusal, Status
+from daemon.remote.client.address import LocalAddress
+from daemon.remote.client.client import RobotClient
+from daemon.remote.client.client_errors import (
     ClientError,
     DisconnectedError,
     RefusedError,
     TimedOutError,
 )
-from daemon.remote.messages import Event, Message, Refusal, Status
+from daemon.robot.lab_client import ask
 from drivers.can.frame import FRAME_BYTES, CanFrame, pack_frame, unpack_frame
 from drivers.canopen.codec import cob_ids
 from drivers.canopen.codec.sdo import UploadRequest

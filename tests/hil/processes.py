@@ -19,7 +19,7 @@ PATIENCE_S = 90.0
 
 
 def command(*arguments: str) -> list[str]:
-    return [sys.executable, "-m", "daemon.cli", *arguments]
+    return [sys.executable, "-m", "daemon.commands.terminal.command_line", *arguments]
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:

@@ -8,9 +8,9 @@ import asyncio
 import sys
 from pathlib import Path
 
-from daemon.clock import MonotonicClock, run_in_real_time
+from daemon.host.clock import MonotonicClock, run_in_real_time
+from daemon.messages import Event
 from daemon.recording.flight_recorder import FlightRecorder
-from daemon.remote.messages import Event
 
 EVERY_S = 0.005
 

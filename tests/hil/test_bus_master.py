@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from daemon.cli import EXIT_INTERRUPTED
+from daemon.commands.terminal.command_line import EXIT_INTERRUPTED
 from daemon.recording.result import read_result
 from daemon.recording.run_files import RESULT_FILE, RUN_FILE, unfinished
 from daemon.recording.run_reader import RunReader

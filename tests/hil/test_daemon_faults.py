@@ -17,14 +17,14 @@ from typing import Final
 import pytest
 import yaml
 
-from daemon.lab_client import ask
 from daemon.recording.disk_space import free_mb
 from daemon.recording.run_reader import RunReader
-from daemon.remote.client import RobotClient
-from daemon.remote.client_errors import RefusedError
+from daemon.remote.client.client import RobotClient
+from daemon.remote.client.client_errors import RefusedError
 from daemon.risk.mesh_file import write_mesh
+from daemon.robot.lab_client import ask
+from daemon.workbench.body_model.evaluation.shapes import box, turned
 from safety.causes import CAUSES, Severity, cause
-from safety.risk.shapes import box, turned
 from safety.states import OperatingState
 from tests.hil.daemon_rig import (
     AS_SHIPPED,

@@ -13,6 +13,7 @@ from statistics import median
 import msgspec
 import pytest
 
+from daemon.messages import LoopStatus, Status
 from daemon.recording.channels import RAW_CAN, read_can_payload
 from daemon.recording.result import Result
 from daemon.recording.run_files import (
@@ -23,7 +24,6 @@ from daemon.recording.run_files import (
     unfinished,
 )
 from daemon.recording.run_reader import RunReader
-from daemon.remote.messages import LoopStatus, Status
 from drivers.canopen.codec import cob_ids
 from drivers.cia402.power_state import Control, PowerState
 from safety.states import OperatingState
@@ -64,7 +64,7 @@ QUICK_STOP = Control.QUICK_STOP
 
 WEDGED = """
 import ctypes, signal, sys, threading
-from daemon.cli import main
+from daemon.commands.terminal.command_line import main
 
 # A library function that does not let go of the interpreter, as a broken extension module might.
 usleep = ctypes.PyDLL(None).usleep
@@ -82,7 +82,7 @@ sys.exit(main(sys.argv[1:]))
 
 DATES_JUMP = """
 import signal, sys, time
-from daemon.cli import main
+from daemon.commands.terminal.command_line import main
 
 # As when somebody sets the clock, or a time server does: an hour on, then two hours back.
 HOUR_NS = 3600 * 10**9
@@ -96,8 +96,8 @@ sys.exit(main(sys.argv[1:]))
 CLIENT = """
 import asyncio, sys
 from pathlib import Path
-from daemon.remote.address import LocalAddress
-from daemon.remote.client import RobotClient
+from daemon.remote.client.address import LocalAddress
+from daemon.remote.client.client import RobotClient
 
 async def connected():
     return await RobotClient.connect(LocalAddress.in_folder(Path(sys.argv[1])))
@@ -123,7 +123,7 @@ FLOODS = (
     + """
 async def main():
     import zenoh
-    from daemon.remote.messages import Arm, Setpoint
+    from daemon.messages import Arm, Setpoint
     from daemon.remote.wire import encode
     client = await connected()
     session, keys = client._connection.session, client._connection.keys

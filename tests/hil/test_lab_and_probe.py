@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from config.loader import load_robot
-from daemon.exploration.model_cache import pretrained
+from daemon.workbench.pretraining.model_cache import pretrained
 from tests import SOFT_ARM
 from tests.hil.processes import (
     PATIENCE_S,

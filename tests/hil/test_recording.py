@@ -13,13 +13,13 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from daemon.clock import run_in_real_time
+from daemon.host.clock import run_in_real_time
+from daemon.messages import Event
 from daemon.recording import flight_recorder
 from daemon.recording.channels import read_can_payload, read_tracker_payload
 from daemon.recording.flight_recorder import FlightRecorder, RecordingError
 from daemon.recording.recovery import Recovered, recover
 from daemon.recording.run_reader import RunReader, control_hash
-from daemon.remote.messages import Event
 from drivers.can.frame import CanFrame
 from tests.daemon.recording.synthetic_run import (
     BOOT_NS,

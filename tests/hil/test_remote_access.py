@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from daemon.clock import run_in_real_time
-from daemon.remote.address import LocalAddress
-from daemon.remote.client import RobotClient
-from daemon.remote.client_errors import ClientError, DisconnectedError, TimedOutError
+from daemon.host.clock import run_in_real_time
+from daemon.remote.client.address import LocalAddress
+from daemon.remote.client.client import RobotClient
+from daemon.remote.client.client_errors import ClientError, DisconnectedError, TimedOutError
 from tests.daemon.remote.rig import ROBOT, FakeRobot, publish_until, serving, tip, until
 
 pytestmark = [pytest.mark.hil, pytest.mark.xdist_group("hil")]
@@ -27,10 +27,10 @@ BLOCKED_S = 3.0
 CLIENT = """
 import asyncio, os, signal, sys, time
 from pathlib import Path
-from daemon.remote.address import LocalAddress
-from daemon.remote.blocking_client import BlockingRobotClient
-from daemon.remote.client import RobotClient
-from daemon.remote.messages import Arm, Load
+from daemon.remote.client.address import LocalAddress
+from daemon.remote.client.blocking_client import BlockingRobotClient
+from daemon.remote.client.client import RobotClient
+from daemon.messages import Arm, Load
 from daemon.remote.wire import encode
 
 address = LocalAddress("little_arm", Path(sys.argv[1]) / "zenoh.sock")

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from daemon.demo.tour import Tour
+from daemon.commands.terminal.tour import Tour
 from safety.states import OperatingState
 from tests import SOFT_ARM
 from tests.hil.daemon_rig import MODEL, Rig, short_folder

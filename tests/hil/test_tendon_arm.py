@@ -10,7 +10,7 @@ import yaml
 
 from daemon.recording.run_files import RUN_FILE
 from daemon.recording.run_reader import RunReader
-from daemon.remote.client_errors import RefusedError
+from daemon.remote.client.client_errors import RefusedError
 from safety.states import OperatingState
 from tests import SOFT_ARM
 from tests.hil.daemon_rig import Rig, short_folder

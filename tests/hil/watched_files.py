@@ -19,7 +19,7 @@ def main() -> int:
             os.write(out, f"{time.monotonic_ns()} {arguments[0]!r}\n".encode())
 
     sys.addaudithook(heard)
-    from daemon.cli import main as tentacled
+    from daemon.commands.terminal.command_line import main as tentacled
 
     return tentacled(sys.argv[2:])
 

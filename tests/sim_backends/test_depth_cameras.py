@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from config.emulated_plants import SoftArmPlant, TendonArmPlant
-from sim_backends.body_surface import BodySurface, PlacedSurface
+from sim_backends.devices.body_surface import BodySurface, PlacedSurface
 from sim_backends.devices.depth_cameras import DepthCameras, DepthCameraSettings
 
 FloatArray = NDArray[np.float64]

@@ -140,7 +140,7 @@ def main(root: Path) -> int:
 
 
 def _elapsed_s(daemon: Any) -> float:
-    reference = daemon.status.reference
+    reference = daemon.service.status.reference
     return 0.0 if reference is None else float(reference.elapsed_s)
 
 

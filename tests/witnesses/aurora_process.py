@@ -13,7 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from config.emulated_tracker import EmulatedTracker
-from daemon.clock import MonotonicClock, run_in_real_time
+from daemon.host.clock import MonotonicClock, run_in_real_time
 from drivers.pose import Pose
 from sim_backends.devices.aurora.device import EmulatedAurora
 from sim_backends.devices.aurora.on_pty import PtyAurora

@@ -13,14 +13,14 @@ import sys
 from pathlib import Path
 
 from config.emulated_drives import EmulatedDrives
-from daemon.clock import MonotonicClock, run_in_real_time
-from sim_backends.device import Pump
+from daemon.host.clock import MonotonicClock, run_in_real_time
 from sim_backends.devices.can.bus import CanBus
 from sim_backends.devices.can.faults import BusFaults
 from sim_backends.devices.can.slcan_adapter import SlcanAdapter
 from sim_backends.devices.can.socket_server import SocketServer
+from sim_backends.devices.device import Pump
 from sim_backends.devices.drive.drive import EmulatedDrive
-from sim_backends.devices.drive.nmt_slave import INITIALISING
+from sim_backends.devices.drive.node.nmt_slave import INITIALISING
 from sim_backends.faults import FaultyDevice, understand
 
 

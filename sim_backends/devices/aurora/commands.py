@@ -3,12 +3,11 @@
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from drivers.aurora.commands import Command
-from drivers.aurora.errors import CodecError
+from drivers.aurora.codec.commands import Command
+from drivers.aurora.codec.errors import CodecError
 from sim_backends.devices.aurora import system_commands as system
 from sim_backends.devices.aurora import tool_commands as tools
-from sim_backends.devices.aurora.parameters import ParameterError
-from sim_backends.devices.aurora.refusal import (
+from sim_backends.devices.aurora.command_interface import (
     INVALID_COMMAND,
     OUT_OF_RANGE,
     SYSTEM_NOT_INITIALISED,
@@ -18,6 +17,7 @@ from sim_backends.devices.aurora.refusal import (
     Refusal,
     Reply,
 )
+from sim_backends.devices.aurora.parameters import ParameterError
 
 Handler = Callable[[CommandedTracker, str], Reply]
 

@@ -1,7 +1,7 @@
 """The emulated tracker's rhythm: when it measures, and how it numbers what it measured."""
 
-from drivers.aurora.tracking_data import FRAME_MODULUS
-from sim_backends.device import DeviceClock
+from drivers.aurora.codec.tracking_data import FRAME_MODULUS
+from sim_backends.devices.device import DeviceClock
 
 TICKS_PER_S = 320
 NORMAL_PERIOD_NS = 25_000_000

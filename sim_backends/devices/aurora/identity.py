@@ -1,6 +1,6 @@
 """Who the emulated tracker says it is."""
 
-from drivers.aurora.tool_information import (
+from drivers.aurora.codec.tool_information import (
     Fields,
     Identity,
     PortLocation,
@@ -8,8 +8,8 @@ from drivers.aurora.tool_information import (
     Sensors,
     ToolInformation,
 )
-from drivers.aurora.versions import ApiRevision
-from drivers.aurora.volumes import Volume
+from drivers.aurora.codec.versions import ApiRevision
+from drivers.aurora.codec.volumes import Volume
 from sim_backends.devices.aurora.distortion import CENTRE_MM, HALF_WIDTH_MM
 from sim_backends.devices.aurora.rack import Handle
 

@@ -7,9 +7,9 @@ import numpy as np
 
 from drivers.byte_stream import ByteReceiver, ByteStream, StreamError, StreamOpener
 from drivers.clock import Clock
-from sim_backends.device import Pump
 from sim_backends.devices.aurora.device import EmulatedAurora
 from sim_backends.devices.aurora.wire import heard
+from sim_backends.devices.device import Pump
 
 _OPENING_BAUD_RATE = 9600
 _BREAK_S = 0.3

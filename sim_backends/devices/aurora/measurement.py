@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from config.emulated_tracker import EmulatedTool, EmulatedTracker
-from drivers.aurora.status_bits import PortStatus
+from drivers.aurora.codec.status_bits import PortStatus
 from drivers.pose import PlainPose, Position, Quaternion, product, turned
 from sim_backends.devices.aurora.distortion import SmoothField, in_volume
 

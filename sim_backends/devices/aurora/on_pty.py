@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from drivers.clock import Clock
-from sim_backends.device import Pump
 from sim_backends.devices.aurora.device import EmulatedAurora
 from sim_backends.devices.aurora.wire import heard
+from sim_backends.devices.device import Pump
 from sim_backends.devices.pty import Pty
 
 _BREAK_BAUD_RATE = 9600

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from drivers.aurora.parameters import ALERTS, FRAME_FREQUENCY, NEW_ALERTS, TRACK_FREQUENCY
+from drivers.aurora.codec.parameters import ALERTS, FRAME_FREQUENCY, NEW_ALERTS, TRACK_FREQUENCY
 
 CONTROL_UNIT, FIELD_GENERATOR, SENSOR_INTERFACE = "SCU-0", "FG-0", "SIU-0"
 COMPONENTS = (CONTROL_UNIT, FIELD_GENERATOR, SENSOR_INTERFACE)

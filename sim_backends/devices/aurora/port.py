@@ -7,8 +7,8 @@ from itertools import cycle
 
 import numpy as np
 
-from drivers.aurora.commands import CommandReader, LineSettings
-from drivers.aurora.replies import BINARY_START
+from drivers.aurora.codec.commands import CommandReader, LineSettings
+from drivers.aurora.codec.replies import BINARY_START
 from sim_backends.devices.aurora.agenda import Agenda
 from sim_backends.devices.aurora.faults import Pending
 from sim_backends.devices.aurora.wire import heard, wire_ns

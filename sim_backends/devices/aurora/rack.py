@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 
 from config.emulated_tracker import EmulatedTool
-from drivers.aurora.port_handles import HandleList, PortHandle
-from drivers.aurora.status_bits import PortStatus
+from drivers.aurora.codec.port_handles import HandleList, PortHandle
+from drivers.aurora.codec.status_bits import PortStatus
 
 _OCCUPIED = PortStatus.OCCUPIED.value
 _INITIALISED = PortStatus.INITIALISED.value

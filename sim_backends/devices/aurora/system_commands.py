@@ -3,16 +3,16 @@
 
 from functools import lru_cache
 
-from drivers.aurora.commands import decode_line_settings
-from drivers.aurora.errors import CodecError
-from drivers.aurora.fields import hex_number
-from drivers.aurora.parameters import encode_parameters
-from drivers.aurora.replies import OKAY
-from drivers.aurora.tracking_data import OUT_OF_VOLUME_TOO, TRANSFORMS, encode_bx, encode_tx
-from drivers.aurora.versions import encode_version_text
-from drivers.aurora.volumes import encode_volumes
+from drivers.aurora.codec.commands import decode_line_settings
+from drivers.aurora.codec.errors import CodecError
+from drivers.aurora.codec.fields import hex_number
+from drivers.aurora.codec.parameters import encode_parameters
+from drivers.aurora.codec.replies import OKAY
+from drivers.aurora.codec.tracking_data import OUT_OF_VOLUME_TOO, TRANSFORMS, encode_bx, encode_tx
+from drivers.aurora.codec.versions import encode_version_text
+from drivers.aurora.codec.volumes import encode_volumes
 from sim_backends.devices.aurora import identity
-from sim_backends.devices.aurora.refusal import (
+from sim_backends.devices.aurora.command_interface import (
     BAD_LINE_SETTINGS,
     CANNOT_START_TRACKING,
     NEEDS_8_BITS,

@@ -2,13 +2,12 @@
 
 import re
 
-from drivers.aurora.fields import hex_number
-from drivers.aurora.port_handles import HandleList, encode_port_handles
-from drivers.aurora.replies import OKAY
-from drivers.aurora.tool_information import Fields, encode_tool_information
+from drivers.aurora.codec.fields import hex_number
+from drivers.aurora.codec.port_handles import HandleList, encode_port_handles
+from drivers.aurora.codec.replies import OKAY
+from drivers.aurora.codec.tool_information import Fields, encode_tool_information
 from sim_backends.devices.aurora import identity
-from sim_backends.devices.aurora.rack import MEMORY_BYTES, Handle
-from sim_backends.devices.aurora.refusal import (
+from sim_backends.devices.aurora.command_interface import (
     BECAME_UNOCCUPIED,
     BLANK_MEMORY,
     INVALID_HANDLE,
@@ -25,6 +24,7 @@ from sim_backends.devices.aurora.refusal import (
     Refusal,
     Reply,
 )
+from sim_backends.devices.aurora.rack import MEMORY_BYTES, Handle
 
 _MEMORY_BLOCK_BYTES = 64
 

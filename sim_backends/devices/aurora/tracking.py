@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from config.emulated_tracker import EmulatedTracker
-from drivers.aurora.status_bits import HandleState, PortStatus
-from drivers.aurora.tracking_data import ToolReading
+from drivers.aurora.codec.status_bits import HandleState, PortStatus
+from drivers.aurora.codec.tracking_data import ToolReading
 from drivers.pose import PlainPose, Pose, Vector
 from sim_backends.devices.aurora.agenda import Agenda
 from sim_backends.devices.aurora.faults import Pending

@@ -32,9 +32,9 @@ from drivers.can.slcan import (
     encode_reply,
 )
 from drivers.clock import Clock
-from sim_backends.device import Pump
 from sim_backends.devices.can.bus import CanBus
 from sim_backends.devices.can.port import ControllerState, Port
+from sim_backends.devices.device import Pump
 from sim_backends.devices.pty import Pty
 
 _QUEUE_FRAMES: Final = 32

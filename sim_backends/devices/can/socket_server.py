@@ -23,10 +23,10 @@ from drivers.can.frame import (
     STANDARD_ID_MASK,
 )
 from drivers.clock import Clock
-from sim_backends.device import Pump
 from sim_backends.devices.can.bus import CanBus
 from sim_backends.devices.can.error_frames import error_frame
 from sim_backends.devices.can.port import ControllerState, Port
+from sim_backends.devices.device import Pump
 
 ERRNO: Final = Struct("<i")
 

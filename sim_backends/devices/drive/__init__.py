@@ -1,1 +1,3 @@
-"""Emulated CiA 402 drives."""
+"""An emulated CANopen drive: `node` speaks CiA 301, `axis` is the motor of CiA 402, drive joins
+them.
+"""

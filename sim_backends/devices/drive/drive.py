@@ -9,18 +9,18 @@ import numpy as np
 from config.emulated_drives import EmulatedDrives
 from drivers.canopen.codec.data_types import DataType
 from drivers.canopen.codec.emcy import HEARTBEAT_LOST
-from sim_backends.device import DeviceClock
 from sim_backends.devices.can.bus import CanBus
-from sim_backends.devices.drive.axis import AXIS_OFFSET, Axis, AxisOptions
-from sim_backends.devices.drive.communication import Communication
-from sim_backends.devices.drive.eds import read_eds
+from sim_backends.devices.device import DeviceClock
+from sim_backends.devices.drive.axis.axis import AXIS_OFFSET, Axis, AxisOptions
+from sim_backends.devices.drive.axis.mechanics import AxisMechanics
 from sim_backends.devices.drive.faults import DRIVE_FAULTS, DriveFaults
-from sim_backends.devices.drive.mechanics import AxisMechanics
-from sim_backends.devices.drive.nmt_slave import NmtSlave
-from sim_backends.devices.drive.object_dictionary import ObjectDictionary
+from sim_backends.devices.drive.node.communication import Communication
+from sim_backends.devices.drive.node.eds import read_eds
+from sim_backends.devices.drive.node.nmt_slave import NmtSlave
+from sim_backends.devices.drive.node.object_dictionary import ObjectDictionary
+from sim_backends.devices.drive.node.storage import Storage
+from sim_backends.devices.drive.node.timers import Timers
 from sim_backends.devices.drive.quirks import Quirks
-from sim_backends.devices.drive.storage import Storage
-from sim_backends.devices.drive.timers import Timers
 from sim_backends.faults import FaultKind, Value
 
 _MAILBOXES: Final = 16

@@ -7,10 +7,10 @@ from typing import Final, Protocol
 from drivers.canopen.codec.data_types import DataType
 from drivers.canopen.codec.emcy import NO_ERROR, Emergency
 from sim_backends.devices.can.bus import CanBus
-from sim_backends.devices.drive.axis import AXIS_OFFSET, Axis
-from sim_backends.devices.drive.communication import Communication
-from sim_backends.devices.drive.emergency import SHORT_EMERGENCY_BYTES
-from sim_backends.devices.drive.object_dictionary import ObjectDictionary, SdoAbortError
+from sim_backends.devices.drive.axis.axis import AXIS_OFFSET, Axis
+from sim_backends.devices.drive.node.communication import Communication
+from sim_backends.devices.drive.node.emergency import SHORT_EMERGENCY_BYTES
+from sim_backends.devices.drive.node.object_dictionary import ObjectDictionary, SdoAbortError
 from sim_backends.faults import FOREVER_S, FaultError, FaultKind, Parameter, Value
 
 

@@ -7,10 +7,10 @@ from config.emulated_drives import Quirk
 from drivers.canopen.codec.abort_codes import AbortCode
 from drivers.canopen.codec.data_types import DataType
 from drivers.canopen.codec.pdo import TPDO_COMMUNICATION
-from sim_backends.devices.drive.communication import CommunicationQuirks
-from sim_backends.devices.drive.cyclic import CyclicPosition, InterpolationPeriod
-from sim_backends.devices.drive.object_dictionary import ObjectDictionary, SdoAbortError
-from sim_backends.devices.drive.pdo_parameters import MappingRules
+from sim_backends.devices.drive.axis.cyclic import CyclicPosition, InterpolationPeriod
+from sim_backends.devices.drive.node.communication import CommunicationQuirks
+from sim_backends.devices.drive.node.object_dictionary import ObjectDictionary, SdoAbortError
+from sim_backends.devices.drive.node.pdo_parameters import MappingRules
 
 _MILLISECONDS = -3
 _CYCLIC_POSITION_BIT = 1 << CyclicPosition.code - 1

@@ -13,15 +13,15 @@ from config.exploration import WaypointExploration
 from config.loader import load_robot
 from config.robot import Robot
 from config.trajectory import Lissajous, Rectangle
-from daemon.control.axis_ranges import AxisRanges
-from daemon.control.blend import Blend
 from daemon.control.controller import Controller, Observation
-from daemon.control.trajectories import make_trajectory
-from daemon.control.waypoint_exploration import WaypointExplorationController
+from daemon.controllers.waypoint_exploration import WaypointExplorationController
 from daemon.estimation.pose_filter import PoseFilter
-from daemon.learning.dataset import Dataset, Frames
-from daemon.learning.pretrained_model import PretrainedModel
-from daemon.learning.pretraining import PretrainingSettings, pretrain
+from daemon.learning.forward.pretrained_model import PretrainedModel
+from daemon.learning.forward.pretraining import PretrainingSettings, pretrain
+from daemon.learning.samples.dataset import Dataset, Frames
+from daemon.reference.blend import Blend
+from daemon.reference.trajectories import make_trajectory
+from daemon.robot.axes import AxisRanges
 from drivers.pose import Pose, Vector
 from sim_backends.plants.plant import BodyState, TipLoad
 from sim_backends.plants.soft_arm import SoftArm

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from config.controllers import Broyden, ConstantCurvature, ControllerOptions
-from daemon.control.broyden import BroydenController
 from daemon.control.controller import Controller
-from daemon.control.make_controller import make_controller
-from daemon.control.trajectories import make_trajectory
+from daemon.controllers.broyden import BroydenController
+from daemon.controllers.make_controller import make_controller
+from daemon.reference.trajectories import make_trajectory
 from tests.daemon.control.closed_loop import ROBOT, ClosedLoop, rectangle
 
 ROUND = rectangle(cycle_s=60.0)

@@ -13,11 +13,11 @@ from config.controllers import load_controller_options
 from config.exploration import MotorBabbling
 from config.trajectory import Lissajous
 from daemon.control.controller import ControllerError
-from daemon.control.learning_controller import LearningController
-from daemon.control.make_controller import make_controller
-from daemon.control.reward_weighted import RewardWeightedController
-from daemon.control.trajectories import make_trajectory
-from daemon.learning.npz_file import ModelError
+from daemon.controllers.learning_controller import LearningController
+from daemon.controllers.make_controller import make_controller
+from daemon.controllers.reward_weighted import RewardWeightedController
+from daemon.npz_file import ModelError
+from daemon.reference.trajectories import make_trajectory
 from drivers.pose import Vector
 from tests.daemon.control.closed_loop import (
     DT_S,

@@ -8,11 +8,11 @@ import pytest
 from config.control import Workspace
 from config.controllers import Broyden, ConstantCurvature
 from config.trajectory import Circle, Hold, TrajectoryOptions, Waypoints
-from daemon.control.axis_ranges import AxisRanges
-from daemon.control.make_controller import make_controller
 from daemon.control.reachability import Bounds, HasKinematics, KinematicModel, looks, unreachable
-from daemon.control.trajectories import make_trajectory
-from daemon.experiment.experiment_file import load_experiment
+from daemon.controllers.make_controller import make_controller
+from daemon.reference.trajectories import make_trajectory
+from daemon.robot.axes import AxisRanges
+from daemon.workbench.experiments.experiment_file import load_experiment
 from tests import SOFT_ARM
 from tests.daemon.control.closed_loop import ROBOT, rectangle
 

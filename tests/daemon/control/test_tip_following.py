@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from config.controllers import TipFollowing
-from daemon.control.axis_ranges import AxisRanges
 from daemon.control.controller import ControllerError, Observation
 from daemon.control.tip_following import TipFollower, bounded_step, damped_solution
+from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
 from tests.daemon.control.closed_loop import DT_S, ROBOT
 

@@ -4,10 +4,10 @@ from functools import cache
 
 import numpy as np
 
-from daemon.control.arc import arc
-from daemon.learning.local_controller_settings import LocalControllerSettings, typical_steps
-from daemon.learning.motion_sample import MotionSample
-from daemon.learning.receptive_fields import ReceptiveFields
+from daemon.controllers.arc import arc
+from daemon.learning.inverse.local_controller_settings import LocalControllerSettings, typical_steps
+from daemon.learning.samples.motion_sample import MotionSample
+from daemon.learning.samples.receptive_fields import ReceptiveFields
 from drivers.pose import Vector
 
 AXES = 6

@@ -13,9 +13,9 @@ import numpy as np
 from config.controllers import ConstantCurvature
 from config.loader import load_robot
 from config.robot import Robot
-from daemon.control.arc_kinematics import ArcKinematics
-from daemon.control.axis_ranges import AxisRanges
-from daemon.learning.dataset import Dataset, Frames
+from daemon.controllers.arc_kinematics import ArcKinematics
+from daemon.learning.samples.dataset import Dataset, Frames
+from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
 
 ROBOT: Robot = load_robot(Path(__file__).parents[3] / "config" / "robots" / "soft_arm.yaml").robot

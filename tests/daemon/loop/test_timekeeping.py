@@ -4,9 +4,9 @@ import gc
 
 import pytest
 
+from daemon.host.periodic_timer import Tick
 from daemon.loop.time_spent import TimeSpent
 from daemon.loop.timekeeping import Timekeeping
-from daemon.periodic_timer import Tick
 
 MS = 1_000_000
 

@@ -6,9 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from daemon.recording.direct_recorder import DirectRecorder
-from daemon.recording.flight_recorder import Recorder
-from daemon.remote.messages import (
+from daemon.messages import (
     Axes,
     AxisStatus,
     Event,
@@ -24,6 +22,8 @@ from daemon.remote.messages import (
     Tip,
     TrackerStatus,
 )
+from daemon.recording.direct_recorder import DirectRecorder
+from daemon.recording.flight_recorder import Recorder
 
 BOOT_NS = 5_000_000_000
 WALL_NS = 1_577_836_800_000_000_000

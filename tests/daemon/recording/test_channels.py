@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from daemon.messages import TELEMETRY, LeaseStatus, Risk, Status
 from daemon.recording.can_batches import CanBatches
 from daemon.recording.channels import (
     MESSAGES,
@@ -20,7 +21,6 @@ from daemon.recording.channels import (
     tip_pose,
     tracker_payload,
 )
-from daemon.remote.messages import TELEMETRY, LeaseStatus, Risk, Status
 from drivers.can.frame import CanFrame
 from tests.daemon.recording.schemas import contradictions
 from tests.daemon.recording.synthetic_run import messages

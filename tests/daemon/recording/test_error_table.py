@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from daemon.messages import Tip
 from daemon.recording.error_table import ErrorTable, table_text
-from daemon.remote.messages import Tip
 
 
 def tip(error_mm: float | None, cycle: int = 0, state: str = "running") -> Tip:

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Final
 
 from config.remote import Remote
-from daemon.clock import MonotonicClock
-from daemon.remote.address import LocalAddress, TlsAddress
+from daemon.host.clock import MonotonicClock
 from daemon.remote.certificates import CertificateFolder
-from daemon.remote.server import RemoteOpenError, RemoteServer
+from daemon.remote.client.address import LocalAddress, TlsAddress
+from daemon.remote.server.server import RemoteOpenError, RemoteServer
 from tests.daemon.remote.rig import ROBOT, FakeRobot, serving
 
 USERS: Final = {"alice": "operator", "dora": "operator", "bob": "viewer"}

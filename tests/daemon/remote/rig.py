@@ -10,11 +10,8 @@ from typing import Any, NamedTuple
 import zenoh
 
 from config.remote import Remote
-from daemon.clock import MonotonicClock
-from daemon.remote.address import Address
-from daemon.remote.keys import Keys
-from daemon.remote.lease import Lease
-from daemon.remote.messages import (
+from daemon.host.clock import MonotonicClock
+from daemon.messages import (
     Acquire,
     Answer,
     Command,
@@ -33,8 +30,11 @@ from daemon.remote.messages import (
     TrackerStatus,
     verb,
 )
-from daemon.remote.server import RemoteServer
+from daemon.remote.client.address import Address
+from daemon.remote.keys import Keys
+from daemon.remote.server.server import RemoteServer
 from daemon.remote.wire import asked_format, decode, encode, encoding_of
+from daemon.service.lease import Lease
 
 ROBOT = "little_arm"
 WITHIN_S = 20.0

@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 
 from config.remote import Remote
-from daemon.clock import run_in_real_time
-from daemon.remote.server import RemoteServer
+from daemon.host.clock import run_in_real_time
+from daemon.remote.server.server import RemoteServer
 from tests.daemon.remote.rig import ROBOT, FakeRobot, tip
 
 _TIPS_EVERY_S = 0.025

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from daemon.clock import run_in_real_time
-from daemon.remote.address import Address
-from daemon.remote.client_errors import ClientError, RefusedError
+from daemon.host.clock import run_in_real_time
+from daemon.messages import COMMANDS, Acquire, Stop, Tip, WhoAmI, verb
+from daemon.remote.client.address import Address
+from daemon.remote.client.client_errors import ClientError, RefusedError
 from daemon.remote.keys import ANY_ROBOT_ALIVE
-from daemon.remote.messages import COMMANDS, Acquire, Stop, Tip, WhoAmI, verb
 from daemon.remote.wire import decode, encode
 from tests.daemon.remote.over_tls import STRANGER, Served, make_certificates, serving_all
 from tests.daemon.remote.rig import ROBOT, Raw, publish_until, raw, setpoint, tip, until

@@ -10,7 +10,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from daemon.clock import MonotonicClock, run_in_real_time
+from daemon.host.clock import MonotonicClock, run_in_real_time
 from daemon.remote.certificates import CertificateError, CertificateFolder
 
 

@@ -17,8 +17,8 @@ from msgspec.structs import replace
 
 from config.loader import RobotFile
 from config.remote import Remote
-from daemon.cli import main
-from daemon.remote.messages import (
+from daemon.commands.terminal.command_line import main
+from daemon.messages import (
     Answer,
     AxisStatus,
     Command,
@@ -28,8 +28,8 @@ from daemon.remote.messages import (
     Status,
     Stop,
 )
-from daemon.remote.server import RemoteServer
-from daemon.remote.token_file import StoredLease, store_lease, token_file
+from daemon.remote.client.token_file import StoredLease, store_lease, token_file
+from daemon.remote.server.server import RemoteServer
 from tests.daemon.remote.rig import ROBOT, WITHIN_S, FakeRobot
 
 OK, FAILED, USAGE, NO_DAEMON, REFUSED, TIMED_OUT = range(6)
@@ -44,7 +44,14 @@ def tentacled(name: str, *words: str | Path) -> int:
 def started(name: str, *words: str | Path) -> Iterator[subprocess.Popen[str]]:
     """The same in a process of its own, for what goes on until it is told to end."""
     process = subprocess.Popen(
-        [sys.executable, "-u", "-m", "daemon.cli", name, *map(str, words)],
+        [
+            sys.executable,
+            "-u",
+            "-m",
+            "daemon.commands.terminal.command_line",
+            name,
+            *map(str, words),
+        ],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -124,7 +131,7 @@ def test_an_experiment_s_controller_is_loaded_with_its_model(
         asked.append((file.robot.robot, waypoints, seed))
         return tmp_path / "model.npz"
 
-    monkeypatch.setattr("daemon.exploration.model_cache.pretrained", made)
+    monkeypatch.setattr("daemon.workbench.pretraining.model_cache.pretrained", made)
     shipped = Path(str(files("config") / "experiments" / "ho2018_table1_online.yaml"))
     with Daemon(root / ROBOT) as robot:
         hold_lease(root / ROBOT, robot)

@@ -1,7 +1,7 @@
 """What is to be mended is told once, with its remedy; what follows from it is told under it."""
 
-from daemon.remote.client_errors import RefusedError
-from daemon.remote.messages import Reason, Refusal
+from daemon.messages import Reason, Refusal
+from daemon.remote.client.client_errors import RefusedError
 from daemon.remote.reason_groups import grouped, reason_lines
 
 

@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 
 from config.remote import Remote
-from daemon.clock import run_in_real_time
-from daemon.remote.address import LocalAddress
-from daemon.remote.client import RobotClient
-from daemon.remote.client_errors import RefusedError
+from daemon.host.clock import run_in_real_time
+from daemon.messages import Answer, Command, Refusal, Stop
+from daemon.remote.client.address import LocalAddress
+from daemon.remote.client.client import RobotClient
+from daemon.remote.client.client_errors import RefusedError
+from daemon.remote.client.stop_client import NoStopWayError, stop_answer, stop_locally
 from daemon.remote.discovery import read_daemon
-from daemon.remote.messages import Answer, Command, Refusal, Stop
-from daemon.remote.stop_client import NoStopWayError, stop_answer, stop_locally
 from daemon.remote.wire import Format, encode
 from tests.daemon.remote.rig import ROBOT, WITHIN_S, FakeRobot, raw, serving, until
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daemon.remote.messages import (
+from daemon.messages import (
     COMMANDS,
     TELEMETRY,
     Arm,

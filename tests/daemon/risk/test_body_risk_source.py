@@ -9,11 +9,11 @@ import yaml
 
 from config.loader import load_robot
 from config.problems import ConfigError
-from daemon.cli import EXIT_FAILED, main
+from daemon.commands.terminal.command_line import EXIT_FAILED, main
 from daemon.risk.body_risk_source import RiskFilesError, make_risk_source
 from daemon.risk.mesh_file import write_mesh
 from daemon.risk.model_file import write_model
-from safety.risk.shapes import box
+from daemon.workbench.body_model.evaluation.shapes import box
 from safety.risk_source import NoModel, TipComparing, ask
 from tests.safety.risk.test_body_risk import arrays, at
 

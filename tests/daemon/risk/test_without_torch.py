@@ -8,7 +8,11 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[3]
-LEARN = {"safety.risk.network", "safety.risk.component_split", "safety.risk.training"}
+LEARN = {
+    "daemon.workbench.body_model.training.network",
+    "daemon.workbench.body_model.training.component_split",
+    "daemon.workbench.body_model.training.training",
+}
 """They import torch; so what imports them is for training only."""
 SOURCES = [
     path
@@ -56,7 +60,7 @@ def test_nothing_that_serves_a_robot_imports_what_trains() -> None:
 BLOCKED = """
 import sys
 sys.modules["torch"] = None
-from daemon.cli import main
+from daemon.commands.terminal.command_line import main
 sys.exit(main(sys.argv[1:]))
 """
 

@@ -19,11 +19,11 @@ from config.emulated_plants import TendonArmPlant
 from config.loader import load_robot
 from config.robot import Robot
 from daemon.loop.control_step import SLIDING
-from daemon.remote.messages import Load, Risk, Start
+from daemon.messages import Load, Risk, Start
 from daemon.risk.body_risk_source import make_risk_source
 from daemon.risk.mesh_file import write_mesh
+from daemon.workbench.body_model.evaluation.shapes import ball
 from safety.gate import RISK
-from safety.risk.shapes import ball
 from safety.risk_source import NoModel
 from safety.states import OperatingState
 from tests import SOFT_ARM

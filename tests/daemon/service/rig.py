@@ -8,10 +8,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from config.robot import Robot
-from daemon.lab_connections import LabConnections
-from daemon.recording.direct_recorder import DirectRecorder
-from daemon.recording.flight_recorder import Recorder
-from daemon.remote.messages import (
+from daemon.messages import (
     Acquire,
     Answer,
     Arm,
@@ -24,7 +21,10 @@ from daemon.remote.messages import (
     Status,
     Tip,
 )
-from daemon.robot_argument import check_robot
+from daemon.recording.direct_recorder import DirectRecorder
+from daemon.recording.flight_recorder import Recorder
+from daemon.robot.checked_robot import check_robot
+from daemon.robot.lab_connections import LabConnections
 from daemon.service.operator import Operator
 from daemon.service.robot_service import RobotService
 from daemon.service.run_recording import RunRecording
@@ -32,7 +32,7 @@ from daemon.service.surroundings import Surroundings
 from drivers.cia402.power_state import PowerState
 from safety.risk_source import NoModel, RiskSource
 from safety.states import OperatingState
-from sim_backends.lab import Lab
+from sim_backends.lab.lab import Lab
 from sim_backends.virtual_time import run_in_virtual_time, virtual_clock
 from tests import SOFT_ARM
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from daemon.remote.messages import Acquire, Arm, Load, Start
+from daemon.messages import Acquire, Arm, Load, Start
 from safety.risk_source import Leaving, Nearest, RiskReading
 from safety.states import OperatingState
 from tests.daemon.service.rig import MODEL, SMALL_CIRCLE, Rig, on_a_rig

@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 
 from config.loader import load_robot
-from daemon.clock import run_in_real_time
-from daemon.control.trajectories import Trajectory
-from daemon.remote.messages import Load
+from daemon.host.clock import run_in_real_time
+from daemon.messages import Load
+from daemon.reference.trajectories import Trajectory
 from daemon.service.asked import Asked, in_a_thread
 from daemon.service.refused import RefusedError
 from tests import SOFT_ARM

@@ -1,6 +1,6 @@
 """Who hears of which messages, and in which order."""
 
-from daemon.remote.messages import Axes, Event, Message, Tip
+from daemon.messages import Axes, Event, Message, Tip
 from daemon.service.audience import Audience
 from tests.daemon.recording.synthetic_run import messages
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from config.loader import load_robot
-from daemon.remote.messages import Acquire, Arm, Load, Resume, Risk, Start
-from daemon.risk.configurations import Candidates
-from daemon.risk.emulated_body import EmulatedBody
+from daemon.messages import Acquire, Arm, Load, Resume, Risk, Start
 from daemon.risk.model_file import read_model
+from daemon.workbench.body_model.clouds.configurations import Candidates
+from daemon.workbench.body_model.clouds.emulated_body import EmulatedBody
 from safety.risk.tip_consistency import TipConsistency, TipModel
 from safety.risk_source import NoModel, RiskReading, TipComparison
 from safety.states import OperatingState

@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from daemon.remote.messages import Arm, Clear, Disarm, Inject, Start, Stop
+from daemon.messages import Arm, Clear, Disarm, Inject, Start, Stop
 from safety.causes import CAUSES
 from safety.states import OperatingState
 from tests.daemon.service.rig import SMALL_CIRCLE, Rig, on_a_rig

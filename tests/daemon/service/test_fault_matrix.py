@@ -12,9 +12,9 @@ from typing import NoReturn, cast
 import pytest
 from rich.console import Console
 
+from daemon.commands.terminal.status_view import status_view
 from daemon.control.controller import ControllerError, Observation, Proposal
-from daemon.remote.messages import Acquire, Arm, Clear, Disarm, Hold, Inject, Resume, Status
-from daemon.remote.status_view import status_view
+from daemon.messages import Acquire, Arm, Clear, Disarm, Hold, Inject, Resume, Status
 from drivers.cia402.power_state import PowerState
 from safety.causes import Severity, cause
 from safety.states import OperatingState

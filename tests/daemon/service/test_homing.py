@@ -8,7 +8,7 @@ import pytest
 
 from config.axis import Axis
 from config.robot import Robot
-from daemon.remote.messages import Acquire, Arm, Clear, Disarm, Event, Hold, Home, Inject, Stop
+from daemon.messages import Acquire, Arm, Clear, Disarm, Event, Hold, Home, Inject, Stop
 from drivers.cia402 import objects
 from safety.states import OperatingState
 from tests.daemon.service.rig import Rig, on_a_rig

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from daemon.remote.messages import (
+from daemon.messages import (
     Acquire,
     Arm,
     Clear,

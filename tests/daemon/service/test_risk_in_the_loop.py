@@ -15,13 +15,13 @@ from scipy.ndimage import map_coordinates
 from config.control import RiskSettings
 from config.loader import RobotFile, load_robot
 from config.robot import Robot
-from daemon.remote.messages import Resume, Risk
+from daemon.messages import Resume, Risk
 from daemon.risk.body_risk_source import make_risk_source
 from daemon.risk.grid_cache import cached_grid
 from daemon.risk.mesh_file import read_environment, write_mesh
+from daemon.workbench.body_model.evaluation.shapes import CHEST_PORT, chest
 from drivers.cia402.power_state import PowerState
 from safety.risk.distance_grid import DistanceGrid
-from safety.risk.shapes import CHEST_PORT, chest
 from safety.risk_source import NoModel, RiskReading
 from safety.states import OperatingState
 from tests.daemon.service.grazing import TENDON_ARM, StoppedClock, once_round

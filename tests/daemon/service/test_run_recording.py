@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 
 from config.robot import Robot
+from daemon.messages import Arm, Resume, Stop
 from daemon.recording.direct_recorder import DirectRecorder
 from daemon.recording.flight_recorder import RecorderStatus, RecordingError
 from daemon.recording.recovery import recover_unfinished
 from daemon.recording.run_files import RUN_FILE
 from daemon.recording.run_reader import RunReader
-from daemon.remote.messages import Arm, Resume, Stop
 from safety.states import OperatingState
 from tests.daemon.service import rig as rigs
 from tests.daemon.service.rig import Rig, on_a_rig

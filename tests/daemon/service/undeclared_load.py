@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from config.emulated_plants import SoftArmPlant
 from config.loader import load_robot
 from config.robot import Robot
-from daemon.remote.messages import Acquire, Arm, Event, Load, Refusal, Risk, Start
+from daemon.messages import Acquire, Arm, Event, Load, Refusal, Risk, Start
 from daemon.risk.body_risk_source import make_risk_source
 from daemon.risk.mesh_file import write_mesh
+from daemon.workbench.body_model.evaluation.shapes import ball
 from safety.risk.environment import Mesh
-from safety.risk.shapes import ball
 from safety.states import OperatingState
 from sim_backends.plants.variation import variation
 from tests import SOFT_ARM

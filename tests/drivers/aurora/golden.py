@@ -1,7 +1,7 @@
 """Bytes of the Combined API that were worked out by hand and confirmed by an independent client."""
 
-from drivers.aurora.status_bits import HandleState
-from drivers.aurora.tracking_data import ToolReading, TrackingData
+from drivers.aurora.codec.status_bits import HandleState
+from drivers.aurora.codec.tracking_data import ToolReading, TrackingData
 
 COMMANDS = {
     "APIREV:": "443E",

@@ -9,7 +9,7 @@ import numpy as np
 
 from config.emulated_tracker import EmulatedTool, EmulatedTracker
 from config.tracker import ToolSelector, Tracker
-from drivers.aurora.commands import encode_command
+from drivers.aurora.codec.commands import encode_command
 from drivers.aurora.frame import TrackerFrame
 from drivers.aurora.link import Direction
 from drivers.aurora.tracker import AuroraTracker, TrackerState

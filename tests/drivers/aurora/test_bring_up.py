@@ -9,11 +9,11 @@ import pytest
 
 from config.tracker import ToolSelector
 from drivers.aurora.bring_up import CONTROL_UNIT
+from drivers.aurora.codec.versions import ApiRevision
 from drivers.aurora.tracker import TrackerState
-from drivers.aurora.versions import ApiRevision
 from drivers.byte_stream import ByteReceiver, ByteStream, StreamError
 from sim_backends.devices.aurora import commands, identity
-from sim_backends.devices.aurora.refusal import Mode, Refusal
+from sim_backends.devices.aurora.command_interface import Mode, Refusal
 from sim_backends.virtual_time import run_in_virtual_time
 from tests.drivers.aurora.golden import COMMANDS
 from tests.drivers.aurora.rig import (

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drivers.aurora.codec.status_bits import HandleState, PortStatus
+from drivers.aurora.codec.tracking_data import ToolReading, TrackingData
 from drivers.aurora.frame import Absence, FrameAssembler
-from drivers.aurora.status_bits import HandleState, PortStatus
-from drivers.aurora.tracking_data import ToolReading, TrackingData
 from tests.drivers.aurora.golden import DISABLED_C, MISSING_B, TOOL_A, TOOL_B
 
 ROLES = {0x0A: "tip", 0x0B: "base"}

@@ -7,18 +7,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.aurora.errors import CodecError
-from drivers.aurora.parameters import (
+from drivers.aurora.codec.errors import CodecError
+from drivers.aurora.codec.parameters import (
     decode_parameters,
     device_names,
     encode_parameters,
     timeouts_s,
 )
-from drivers.aurora.port_handles import PortHandle, decode_port_handles, encode_port_handles
-from drivers.aurora.replies import TextReply, encode_text_reply
-from drivers.aurora.reply_reader import ReplyReader
-from drivers.aurora.status_bits import PortStatus
-from drivers.aurora.tool_information import (
+from drivers.aurora.codec.port_handles import PortHandle, decode_port_handles, encode_port_handles
+from drivers.aurora.codec.replies import TextReply, encode_text_reply
+from drivers.aurora.codec.reply_reader import ReplyReader
+from drivers.aurora.codec.status_bits import PortStatus
+from drivers.aurora.codec.tool_information import (
     Fields,
     Identity,
     PortLocation,
@@ -28,8 +28,8 @@ from drivers.aurora.tool_information import (
     decode_tool_information,
     encode_tool_information,
 )
-from drivers.aurora.versions import ApiRevision, VersionText, encode_version_text
-from drivers.aurora.volumes import Volume, decode_volumes, encode_volumes
+from drivers.aurora.codec.versions import ApiRevision, VersionText, encode_version_text
+from drivers.aurora.codec.volumes import Volume, decode_volumes, encode_volumes
 from tests.drivers.aurora.golden import IDENTITY, VOLUME
 
 byte = st.integers(0, 0xFF)

@@ -11,7 +11,7 @@ import can
 import pytest
 
 from config.bus import Bus
-from daemon.clock import MonotonicClock, run_in_real_time
+from daemon.host.clock import MonotonicClock, run_in_real_time
 from drivers.can.bus_lock import BusTakenError, bus_name
 from drivers.can.conditions import OFF
 from drivers.can.fd_link import FdLink
@@ -20,12 +20,12 @@ from drivers.can.open_link import open_link
 from drivers.can.python_can_link import PythonCanLink
 from drivers.can.slcan_link import SlcanLink
 from drivers.exclusive_name import is_taken
-from sim_backends.device import Pump
 from sim_backends.devices.can.bus import CanBus
 from sim_backends.devices.can.faults import BusFaults
 from sim_backends.devices.can.port import Port
 from sim_backends.devices.can.slcan_adapter import SlcanAdapter
 from sim_backends.devices.can.socket_server import SocketServer
+from sim_backends.devices.device import Pump
 from sim_backends.faults import inject
 from tests.drivers.can.test_fd_link import Receiver
 

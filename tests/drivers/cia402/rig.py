@@ -11,7 +11,7 @@ from config.axis import Axis
 from config.bus import Bus
 from config.emulated_drives import EmulatedDrives
 from config.loader import eds_path
-from daemon.periodic_timer import LoopTimer
+from daemon.host.periodic_timer import LoopTimer
 from drivers.axis_scale import count_limits
 from drivers.can.link import CanLink, FrameReceiver
 from drivers.canopen.object_dictionary import ObjectDictionary
@@ -19,10 +19,10 @@ from drivers.cia402.drive_bus import DriveBus
 from drivers.cia402.power_state import PowerGoal
 from drivers.conditions import ConditionChange
 from safety.permit import PermittedHoming, PermittedStep, permit, permit_homing
-from sim_backends.device import Pump
 from sim_backends.devices.can.bus import CanBus
 from sim_backends.devices.can.faults import BusFaults
 from sim_backends.devices.can.in_process import InProcessLink
+from sim_backends.devices.device import Pump
 from sim_backends.devices.drive.drive import EmulatedDrive
 from sim_backends.faults import inject
 from sim_backends.virtual_time import run_in_virtual_time, virtual_clock

@@ -11,9 +11,9 @@ from numba import njit
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from daemon.workbench.body_model.evaluation.shapes import ball, box, joined, turned
 from safety.risk.environment import Environment, Mesh, environment
 from safety.risk.mixture import FloatArray, Mixture
-from safety.risk.shapes import ball, box, joined, turned
 
 ROOM_MM = 200.0
 _CLEAR_MM = 58.0

@@ -7,11 +7,18 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
+from daemon.workbench.body_model.evaluation.shapes import (
+    ball,
+    box,
+    chest,
+    joined,
+    quartered,
+    turned,
+)
 from safety.risk.body_point import BodyPointRisk, along_path
 from safety.risk.environment import Environment, environment
 from safety.risk.mixture import FloatArray, Mixture
 from safety.risk.mixture_network import MixtureNetwork
-from safety.risk.shapes import ball, box, chest, joined, quartered, turned
 from tests.safety.risk.networks import random_arrays
 from tests.safety.risk.scenes import (
     factor_of,

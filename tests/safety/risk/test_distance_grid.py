@@ -5,10 +5,10 @@ from functools import cache
 import numpy as np
 import pytest
 
+from daemon.workbench.body_model.evaluation.shapes import ball, balls, box, joined, slot, turned
 from safety.risk.distance_grid import DistanceGrid, distance_grid
 from safety.risk.environment import EnvironmentFaultError, Mesh, environment
 from safety.risk.mixture import FloatArray
-from safety.risk.shapes import ball, balls, box, joined, slot, turned
 from tests.safety.risk.scenes import rotation
 
 SIZE, CENTRE = np.array([40.0, 50.0, 60.0]), np.array([3.0, 2.0, 50.0])

@@ -8,6 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from daemon.workbench.body_model.evaluation.shapes import (
+    ball,
+    box,
+    chest,
+    joined,
+    quartered,
+    turned,
+)
 from safety.risk.body_point import BodyPointRisk
 from safety.risk.distance_grid import distance_grid
 from safety.risk.environment import (
@@ -20,7 +28,6 @@ from safety.risk.environment import (
     triangle_tree,
 )
 from safety.risk.mixture import FloatArray
-from safety.risk.shapes import ball, box, chest, joined, quartered, turned
 from tests.safety.risk.scenes import mixture_of, random_scene, solid_share
 
 CUBE = box((40.0, 40.0, 40.0), (0.0, 0.0, 0.0), cuts=2)

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from config.emulated_tracker import EmulatedTool, EmulatedTracker
-from drivers.aurora.commands import encode_command
-from drivers.aurora.replies import Reply, TextReply
-from drivers.aurora.reply_reader import ReplyReader
+from drivers.aurora.codec.commands import encode_command
+from drivers.aurora.codec.replies import Reply, TextReply
+from drivers.aurora.codec.reply_reader import ReplyReader
 from drivers.pose import Pose
 from sim_backends.devices.aurora.device import EmulatedAurora
 from sim_backends.faults import inject

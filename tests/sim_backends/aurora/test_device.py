@@ -5,13 +5,13 @@ from itertools import pairwise
 
 import pytest
 
-from drivers.aurora.commands import encode_command
-from drivers.aurora.replies import BinaryReply, DamagedReply, TextReply
-from drivers.aurora.status_bits import HandleState
-from drivers.aurora.tracking_data import TrackingData, decode_bx, decode_tx
+from drivers.aurora.codec.commands import encode_command
+from drivers.aurora.codec.replies import BinaryReply, DamagedReply, TextReply
+from drivers.aurora.codec.status_bits import HandleState
+from drivers.aurora.codec.tracking_data import TrackingData, decode_bx, decode_tx
 from drivers.pose import Pose
+from sim_backends.devices.aurora.command_interface import Mode
 from sim_backends.devices.aurora.faults import FAULTS
-from sim_backends.devices.aurora.refusal import Mode
 from sim_backends.faults import FaultError
 from tests.sim_backends.aurora.bench import BASE, TIP, Bench
 

@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from config.emulated_tracker import EmulatedTool, EmulatedTracker
-from drivers.aurora.status_bits import PortStatus
+from drivers.aurora.codec.status_bits import PortStatus
 from drivers.pose import PlainPose, Pose, conjugate, multiply, rotate
 from sim_backends.devices.aurora.distortion import CENTRE_MM, HALF_WIDTH_MM, SmoothField
 from sim_backends.devices.aurora.measurement import Measured, Sensing

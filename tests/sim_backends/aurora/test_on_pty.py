@@ -11,8 +11,8 @@ import pytest
 
 from config.emulated_tracker import EmulatedTracker
 from config.tracker import ToolSelector, Tracker
-from daemon.clock import MonotonicClock, run_in_real_time
-from drivers.aurora.commands import encode_command
+from daemon.host.clock import MonotonicClock, run_in_real_time
+from drivers.aurora.codec.commands import encode_command
 from drivers.aurora.frame import TrackerFrame
 from drivers.aurora.tracker import AuroraTracker
 from drivers.byte_stream import ByteStream

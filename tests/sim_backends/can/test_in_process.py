@@ -10,11 +10,11 @@ import pytest
 from drivers.can.frame import EXTENDED_FLAG, REMOTE_FLAG
 from drivers.can.link import CanLink, LinkError
 from drivers.conditions import Condition
-from sim_backends.device import Pump
 from sim_backends.devices.can.bus import CanBus
 from sim_backends.devices.can.faults import BusFaults
 from sim_backends.devices.can.frame_length import frame_bits
 from sim_backends.devices.can.in_process import InProcessLink
+from sim_backends.devices.device import Pump
 from sim_backends.virtual_time import VirtualClock, run_in_virtual_time, virtual_clock
 from tests.sim_backends.can.rig import Node
 

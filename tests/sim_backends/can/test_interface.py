@@ -9,13 +9,13 @@ from typing import Any
 import can
 import pytest
 
-from daemon.clock import MonotonicClock, run_in_real_time
+from daemon.host.clock import MonotonicClock, run_in_real_time
 from drivers.can.frame import EXTENDED_FLAG, REMOTE_FLAG
-from sim_backends.device import Pump
 from sim_backends.devices.can.bus import CanBus
 from sim_backends.devices.can.faults import BusFaults
 from sim_backends.devices.can.interface import EmulatedCanBus
 from sim_backends.devices.can.socket_server import SocketServer
+from sim_backends.devices.device import Pump
 from tests.sim_backends.can.rig import Node
 
 pytestmark = [pytest.mark.hil, pytest.mark.xdist_group("can_interface")]

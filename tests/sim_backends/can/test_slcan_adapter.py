@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
-from daemon.clock import MonotonicClock, run_in_real_time
-from sim_backends.device import Pump
+from daemon.host.clock import MonotonicClock, run_in_real_time
 from sim_backends.devices.can.bus import CanBus
 from sim_backends.devices.can.faults import BusFaults
 from sim_backends.devices.can.slcan_adapter import SlcanAdapter
+from sim_backends.devices.device import Pump
 from tests.sim_backends.can.rig import Node
 
 pytestmark = [pytest.mark.hil, pytest.mark.xdist_group("slcan_adapter")]

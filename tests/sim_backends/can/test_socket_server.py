@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from daemon.clock import MonotonicClock, run_in_real_time
+from daemon.host.clock import MonotonicClock, run_in_real_time
 from drivers.can.frame import (
     CAN_FRAME,
     ERROR_FLAG,
@@ -18,10 +18,10 @@ from drivers.can.frame import (
     pack_frame,
     unpack_frame,
 )
-from sim_backends.device import Pump
 from sim_backends.devices.can.bus import CanBus
 from sim_backends.devices.can.faults import BusFaults
 from sim_backends.devices.can.socket_server import ERRNO, SocketServer
+from sim_backends.devices.device import Pump
 
 pytestmark = [pytest.mark.hil, pytest.mark.xdist_group("can_socket")]
 

@@ -6,9 +6,9 @@ from typing import Any
 
 from config.emulated_drives import EmulatedDrives
 from sim_backends.devices.can.bus import CanBus
-from sim_backends.devices.drive.axis import Axis
+from sim_backends.devices.drive.axis.axis import Axis
+from sim_backends.devices.drive.axis.mechanics import AxisMechanics
 from sim_backends.devices.drive.drive import EmulatedDrive
-from sim_backends.devices.drive.mechanics import AxisMechanics
 from sim_backends.faults import understand
 
 MS = 1_000_000

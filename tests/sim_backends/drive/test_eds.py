@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from drivers.canopen.codec.data_types import DataType
-from sim_backends.devices.drive.eds import EdsError, ObjectDescription, read_eds
+from sim_backends.devices.drive.node.eds import EdsError, ObjectDescription, read_eds
 from tests.sim_backends.drive.rig import STEPPER, STEPPER3
 
 AXES = {STEPPER: 1, STEPPER3: 3}

@@ -3,8 +3,8 @@
 import pytest
 
 from drivers.can.frame import REMOTE_FLAG
-from sim_backends.device import DeviceClock
 from sim_backends.devices.can.bus import CanBus
+from sim_backends.devices.device import DeviceClock
 from sim_backends.devices.drive.drive import EmulatedDrive
 from tests.sim_backends.drive.rig import NODE, STEPPER, Rig
 

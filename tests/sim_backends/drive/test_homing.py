@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from sim_backends.devices.drive.mechanics import AxisMechanics
+from sim_backends.devices.drive.axis.mechanics import AxisMechanics
 from tests.sim_backends.drive.rig import Rig
 
 ENABLE, START, HALT = 0x0F, 0x10, 0x100

@@ -2,7 +2,7 @@
 
 import pytest
 
-from sim_backends.devices.drive.mechanics import AxisMechanics
+from sim_backends.devices.drive.axis.mechanics import AxisMechanics
 from tests.sim_backends.drive.rig import NODE, STEPPER3, Rig
 
 

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim_backends.devices.drive.shaft import Shaft
-from sim_backends.devices.drive.trajectory import Piece
+from sim_backends.devices.drive.axis.shaft import Shaft
+from sim_backends.devices.drive.axis.trajectory import Piece
 
 MS = 1_000_000
 LAG_S = 0.004

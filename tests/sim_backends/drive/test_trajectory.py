@@ -5,7 +5,7 @@ from math import inf, isclose
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim_backends.devices.drive.trajectory import Piece, change_velocity, move, stop
+from sim_backends.devices.drive.axis.trajectory import Piece, change_velocity, move, stop
 
 rates = st.floats(1.0, 1e6)
 speeds = st.floats(1.0, 1e5)

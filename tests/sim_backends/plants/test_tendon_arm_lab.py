@@ -8,7 +8,7 @@ import pytest
 
 from config.axis import TendonMotor
 from daemon.control.controller import Observation, Proposal
-from daemon.remote.messages import Load, Start
+from daemon.messages import Load, Start
 from drivers.axis_scale import axis_scale
 from safety.states import OperatingState
 from sim_backends.plants.plant import FloatArray, TipLoad

@@ -1,0 +1,100 @@
+"""`tentacled mdn calibrate ROBOT.yaml --model MODEL.npz --out DIR`: predicted and real contacts."""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_robot_argument(parser)
+    parser.add_argument("--model", type=Path, required=True, metavar="MODEL.npz")
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="for the figure and contact.json"
+    )
+    for name, default, purpose in (
+        ("configurations", 250, "of the body"),
+        ("rollouts", 200, "of each: come to from so many others"),
+        ("obstacles", 4, "put near the body at each configuration, one after the other"),
+        ("samples", 1000, "shapes that contact_risk tries"),
+        ("seed", 1, "of all of it"),
+        ("processes", 2, "that roll out"),
+    ):
+        help_text = f"{purpose} (default: %(default)s)"
+        parser.add_argument(f"--{name}", type=int, default=default, metavar="N", help=help_text)
+    parser.add_argument(
+        "--grid-mm", type=float, default=1.5, metavar="MM", help="as in robot files (default: 1.5)"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    checked = robot_or_explain(arguments.robot)
+    if checked is None:
+        return EXIT_FAILED
+    # Matplotlib and the plant's compiled code are slow to come: `--help` does without.
+    from daemon.host.worker_processes import worker_processes
+    from daemon.learning.samples.robot_fit import misfit_of
+    from daemon.risk.model_file import read_model
+    from daemon.workbench.body_model.clouds.collection import CollectionError
+    from daemon.workbench.body_model.clouds.collection_bar import CollectionBar
+    from daemon.workbench.body_model.clouds.emulated_body import UnreachableError
+    from daemon.workbench.body_model.evaluation.contact_calibration import contact_calibration
+    from daemon.workbench.body_model.evaluation.contact_figure import write_reliability
+    from daemon.workbench.body_model.evaluation.rollouts import roll_out
+    from safety.risk.risk_model import RiskModelError
+    from sim_backends.lab.lab import LabError
+
+    try:
+        file = read_model(arguments.model)
+        if misfit := misfit_of(file.about, checked.file.robot):
+            raise RiskModelError(f"{arguments.model} does not fit this robot: {misfit}")
+        with CollectionBar() as bar, worker_processes(arguments.processes) as workers:
+            rollouts = roll_out(
+                checked.file.robot,
+                arguments.configurations,
+                arguments.rollouts,
+                arguments.seed,
+                workers,
+                bar,
+            )
+            bar.begin("contacts", len(rollouts.u), 0)
+            found = contact_calibration(
+                file,
+                rollouts,
+                arguments.obstacles,
+                arguments.samples,
+                arguments.grid_mm,
+                arguments.seed,
+                bar.advance,
+            )
+        arguments.out.mkdir(parents=True, exist_ok=True)
+        path, figure = arguments.out / "contact.json", arguments.out / "reliability.png"
+        path.write_text(json.dumps(found.told(), indent=2) + "\n", encoding="utf-8")
+        write_reliability(found, figure)
+    except (
+        RiskModelError,
+        CollectionError,
+        UnreachableError,
+        LabError,
+        ValueError,
+        OSError,
+    ) as error:
+        print(error, file=sys.stderr)
+        return EXIT_FAILED
+    print(
+        f"{len(found.predicted)} situations of {found.rollouts} rollouts "
+        f"(left out: {found.unknown} configurations that the model does not know, {found.learnt} "
+        "that it was trained at); "
+        f"in {found.undecided:.0%} it was open whether it touches"
+    )
+    print(
+        f"expected calibration error {found.expected_error:.3f}, largest of a tenth "
+        f"{found.largest_error:.3f}; a single situation is off by {found.single_error:.3f} on the "
+        f"average; more contacts than the upper limit in {found.exceeded:.1%}"
+    )
+    for written in (path, figure):
+        print(written)
+    return EXIT_OK

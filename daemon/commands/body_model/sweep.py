@@ -1,0 +1,92 @@
+"""`tentacled mdn sweep ROBOT.yaml CLOUDS.npz --out NLL.png`: how many components a body needs.
+
+Figure 4 of Thompson et al.: the likelihood of what was kept back, over the number of components.
+They chose the most that do not collapse; how many that are depends on where components begin.
+"""
+
+import argparse
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+from daemon.commands.body_model.train import (
+    add_data_arguments,
+    add_training_arguments,
+    torch_or_explain,
+)
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
+from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
+
+_MOST = 16
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_robot_argument(parser)
+    add_data_arguments(parser)
+    parser.add_argument(
+        "--components", default="1..16", metavar="FIRST..LAST", help="default: %(default)s"
+    )
+    parser.add_argument(
+        "--start",
+        choices=("arc", "plain", "both"),
+        default="both",
+        help="components begin along the body, as in `mdn train`; or as chance has it, as in the "
+        "paper (default: %(default)s)",
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="NLL.png")
+    parser.add_argument("--json", action="store_true", help="the figures as one JSON object")
+    add_training_arguments(parser, 2000, "at most: enough to tell numbers of components apart")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    checked = robot_or_explain(arguments.robot)
+    components = _range(arguments.components)
+    if components is None:
+        print(f"--components: FIRST..LAST, from 1 to {_MOST}", file=sys.stderr)
+        return EXIT_USAGE
+    if checked is None or not torch_or_explain(arguments.threads):
+        return EXIT_FAILED
+    # Torch and matplotlib take seconds to come: `--help` does without.
+    from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset, CloudDatasetError
+    from daemon.workbench.body_model.evaluation.component_sweep import Counted, sweep, told
+    from daemon.workbench.body_model.evaluation.mdn_figures import write_sweep
+    from daemon.workbench.body_model.training.body_training import STARTS, BodySettings
+    from daemon.workbench.body_model.training.training import TrainingError
+
+    def say(counted: Counted) -> None:
+        if not arguments.json:
+            print(counted.line, flush=True)
+
+    try:
+        settings = replace(BodySettings().training, steps=arguments.steps, seed=arguments.seed)
+        dataset = CloudDataset.load(arguments.data, checked.file.robot)
+        starts = [start for start in STARTS if arguments.start in (start, "both")]
+        found = [
+            one for start in starts for one in sweep(dataset, components, settings, start, say)
+        ]
+        write_sweep(found, arguments.out)
+    except (CloudDatasetError, TrainingError, ValueError, OSError) as error:
+        print(error, file=sys.stderr)
+        return EXIT_FAILED
+    found_out = told(found)
+    if arguments.json:
+        print(json.dumps(found_out, indent=2))
+        return EXIT_OK
+    for start, one in found_out["starts"].items():
+        collapsed = one["first_collapsed"]
+        said = "none collapsed" if collapsed is None else f"first collapsed at {collapsed}"
+        best = one["recommended"]
+        advice = "try fewer components" if best is None else f"recommended: {best} components"
+        print(f"{start}: {said}; {advice}")
+    print(arguments.out)
+    return EXIT_OK
+
+
+def _range(words: str) -> range | None:
+    first, _, last = words.partition("..")
+    try:
+        found = range(int(first), int(last or first) + 1)
+    except ValueError:
+        return None
+    return found if found and found[0] >= 1 and found[-1] <= _MOST else None

@@ -1,0 +1,168 @@
+"""`tentacled mdn train ROBOT.yaml CLOUDS.npz --out MODEL.npz`: learn where a body is."""
+
+import argparse
+import sys
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
+from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
+
+if TYPE_CHECKING:
+    from daemon.workbench.body_model.training.body_training import BodySettings
+    from daemon.workbench.body_model.training.training import Check
+
+NEEDS_TORCH: Final = (
+    "training needs PyTorch, and it is not installed: in the source folder, "
+    "pip install '.[training]'"
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_robot_argument(parser)
+    add_data_arguments(parser)
+    parser.add_argument("--out", type=Path, required=True, metavar="MODEL.npz")
+    parser.add_argument(
+        "--components", type=int, default=5, metavar="K", help="default: %(default)s"
+    )
+    parser.add_argument(
+        "--shape-components",
+        type=int,
+        default=8,
+        metavar="K",
+        help="of the network over the shape's coefficients; each becomes a narrow and a wide one "
+        "(default: %(default)s, which is the most)",
+    )
+    parser.add_argument(
+        "--coefficients",
+        type=int,
+        default=8,
+        metavar="N",
+        help="that say what shape the body has (default: %(default)s)",
+    )
+    add_training_arguments(parser, 6000, "at most; for the shapes a third more")
+
+
+def add_data_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "data", type=Path, metavar="CLOUDS.npz", help="as `tentacled mdn collect` makes them"
+    )
+
+
+def add_training_arguments(parser: argparse.ArgumentParser, steps: int, what: str) -> None:
+    """steps: usually; what: more about them."""
+    parser.add_argument(
+        "--steps", type=int, default=steps, metavar="N", help=f"{what} (default: %(default)s)"
+    )
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="default: %(default)s")
+    parser.add_argument(
+        "--threads",
+        type=int,
+        default=1,
+        metavar="N",
+        help="other threads, other roundings (default: %(default)s; more are hardly faster)",
+    )
+
+
+def torch_or_explain(threads: int) -> bool:
+    """Make torch ready; or say on stderr that it is not there."""
+    try:
+        import torch
+    except ModuleNotFoundError:
+        print(NEEDS_TORCH, file=sys.stderr)
+        return False
+    torch.set_num_threads(threads)
+    return True
+
+
+def run(arguments: argparse.Namespace) -> int:
+    checked = robot_or_explain(arguments.robot)
+    if checked is None or not torch_or_explain(arguments.threads):
+        return EXIT_FAILED
+    # Torch takes seconds to come: `--help` does without.
+    from daemon.risk.model_file import write_model
+    from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset, CloudDatasetError
+    from daemon.workbench.body_model.training.body_training import nats_in_metres, train_body
+    from daemon.workbench.body_model.training.training import TrainingError
+    from safety.risk.risk_model import RiskModelError
+
+    try:
+        settings = _settings(arguments)
+    except ValueError as error:
+        print(error, file=sys.stderr)
+        return EXIT_USAGE
+    try:
+        dataset = CloudDataset.load(arguments.data, checked.file.robot)
+        made = train_body(dataset, settings, _say)
+        about = {**made.about, "commands": _commands(arguments, dataset.provenance)}
+        write_model(arguments.out, made.arrays, about)
+    except (CloudDatasetError, TrainingError, RiskModelError, ValueError, OSError) as error:
+        print(error, file=sys.stderr)
+        return EXIT_FAILED
+    kept_back = nats_in_metres(made.points.best.kept_back)
+    widths = made.about["shapes_widths"]
+    print(
+        f"{arguments.out}: NLL {kept_back:.3f} nats per point (places in m) at configurations that "
+        f"were kept back, best after step {made.points.best.step}; the modes leave out "
+        f"{made.about['basis_left_out_mm']:.2f} mm; of shapes, "
+        f"{widths['wide_share']:.0%} are {widths['wide']:.2f} times as wide as learnt, the others "
+        f"{widths['narrow']:.2f} times, as the same say"
+    )
+    return EXIT_OK
+
+
+def _settings(arguments: argparse.Namespace) -> "BodySettings":
+    from daemon.workbench.body_model.training.body_training import BodySettings
+    from daemon.workbench.body_model.training.network import NetworkShape
+
+    usual = BodySettings()
+    return replace(
+        usual,
+        points=NetworkShape(arguments.components),
+        shapes=replace(usual.shapes, components=arguments.shape_components),
+        coefficients=arguments.coefficients,
+        training=replace(usual.training, steps=arguments.steps, seed=arguments.seed),
+        shapes_training=replace(
+            usual.shapes_training, steps=4 * arguments.steps // 3, seed=arguments.seed
+        ),
+    )
+
+
+def _say(network: str, check: "Check") -> None:
+    print(
+        f"{network} step {check.step}: NLL {check.learnt_from:.3f}, kept back "
+        f"{check.kept_back:.3f} nats (mm)",
+        flush=True,
+    )
+
+
+def _commands(arguments: argparse.Namespace, collected: Mapping[str, Any]) -> list[str]:
+    """What makes the same again. Names of files, not where they are."""
+    told = []
+    if (how := collected.get("settings")) is not None:
+        told.append(
+            f"tentacled mdn collect {arguments.robot.name} --out {arguments.data.name} "
+            f"--configurations {how['training'] + how['test']} --starts {how['starts']} "
+            f"--points {how['points']} --seed {how['seed']}"
+        )
+    if (how := collected.get("imported")) is not None:
+        body = how["surface"]
+        told.append(
+            f"tentacled mdn collect {arguments.robot.name} --out {arguments.data.name} "
+            f"--from FOLDER --unit {how['unit']} --length-mm {body['length_mm']:g} "
+            f"--radius-mm {how['radius_mm']:g} --tube-radius-mm {body['tube_radius_mm']:g} "
+            f"--disks {body['disks']} --disk-radius-mm {body['disk_radius_mm']:g} "
+            f"--points {how['points']} --seed {how['seed']} "
+            f"--tip-load-g {collected['tip_load_g']:g}"
+            + (f" --seen-on {collected['seen_on']}" if "seen_on" in collected else "")
+        )
+    told.append(
+        f"tentacled mdn train {arguments.robot.name} {arguments.data.name} "
+        f"--out {arguments.out.name} --components {arguments.components} "
+        f"--shape-components {arguments.shape_components} "
+        f"--coefficients {arguments.coefficients} --steps {arguments.steps} "
+        f"--seed {arguments.seed} --threads {arguments.threads}"
+    )
+    return told

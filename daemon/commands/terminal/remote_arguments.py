@@ -1,0 +1,192 @@
+"""What all commands that talk to a running daemon share: finding it, and telling how it went."""
+
+import argparse
+import asyncio
+import json
+import sys
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import msgspec
+
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
+from daemon.messages import Answer, Command
+from daemon.remote.client.address import Address, LocalAddress, TlsAddress
+from daemon.remote.client.client_errors import (
+    ARMS_WITHIN_S,
+    AccessDeniedError,
+    ClientError,
+    DaemonNotRunningError,
+    DisconnectedError,
+    RefusedError,
+    TimedOutError,
+)
+from daemon.remote.client.token_file import stored_token, token_file
+from daemon.remote.discovery import running_daemons
+
+if TYPE_CHECKING:  # `tentacled stop` must be quick, and needs no session
+    from daemon.remote.client.client import RobotClient
+
+EXIT_NO_DAEMON: Final = 3
+EXIT_REFUSED: Final = 4
+EXIT_TIMED_OUT: Final = 5
+
+_EXIT_CODES: Final[tuple[tuple[type[ClientError], int], ...]] = (
+    (DaemonNotRunningError, EXIT_NO_DAEMON),
+    (DisconnectedError, EXIT_NO_DAEMON),
+    (AccessDeniedError, EXIT_REFUSED),
+    (RefusedError, EXIT_REFUSED),
+    (TimedOutError, EXIT_TIMED_OUT),
+)
+_NO_LEASE: Final = (
+    "hold the lease in another terminal, with `tentacled lease`, while you work with the robot"
+)
+
+Talk = Callable[["RobotClient"], Awaitable[int]]
+"""What to do with a connected client. Returns the exit code; may raise ClientError."""
+
+
+class UsageError(ValueError):
+    """The command line does not say enough, or too much."""
+
+
+def add_target_arguments(parser: argparse.ArgumentParser) -> None:
+    """Which daemon. None of them is needed where one daemon runs on this machine."""
+    parser.add_argument(
+        "robot", nargs="?", metavar="ROBOT", help="its name, if several are running"
+    )
+    parser.add_argument("--runtime-dir", type=Path, metavar="DIR", help="the daemon's folder")
+    parser.add_argument("--connect", metavar="HOST:PORT", help="a daemon on another machine")
+    parser.add_argument("--certificates", type=Path, metavar="DIR", help="with --connect")
+    parser.add_argument("--user", metavar="NAME", help="with --connect: whose certificate")
+
+
+def add_json_argument(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--json", action="store_true", help="the answer as one JSON object")
+
+
+def add_timeout_argument(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--timeout",
+        type=float,
+        default=ARMS_WITHIN_S,
+        metavar="S",
+        help="how long to wait for the answer",
+    )
+
+
+def addresses(arguments: argparse.Namespace) -> list[Address]:
+    """The daemons that are meant. Raises UsageError, DaemonNotRunningError."""
+    if arguments.connect is not None:
+        return [_tls_address(arguments)]
+    if arguments.certificates is not None or arguments.user is not None:
+        raise UsageError("--certificates and --user go with --connect")
+    if arguments.runtime_dir is not None:
+        return [_named(LocalAddress.in_folder(arguments.runtime_dir), arguments.robot)]
+    root = _runtime_root()
+    if arguments.robot is not None:
+        return [LocalAddress.in_folder(root / arguments.robot)]
+    folders = running_daemons(root)
+    if not folders:
+        raise DaemonNotRunningError(
+            "no daemon is running: start one with `tentacled run`, or name its folder with "
+            "--runtime-dir"
+        )
+    return [LocalAddress.in_folder(folder) for folder in folders]
+
+
+def address(arguments: argparse.Namespace) -> Address:
+    """The one daemon that is meant. Raises UsageError, DaemonNotRunningError."""
+    found = addresses(arguments)
+    if len(found) > 1:
+        names = ", ".join(one.robot for one in found)
+        raise UsageError(f"several daemons are running: name one of {names}")
+    return found[0]
+
+
+def lease_file(target: Address) -> Path:
+    """Where the lease for this daemon is kept."""
+    if isinstance(target, LocalAddress):
+        return token_file(target.unix_socket.parent, target.user)
+    folder = _runtime_root() / "leases" / target.endpoint.replace(":", "_")
+    return token_file(folder, f"{target.robot}.{target.user}")
+
+
+def run_command(arguments: argparse.Namespace, command: Command) -> int:
+    """Have `command` carried out with the lease that is kept. Returns the exit code."""
+
+    async def talk(client: "RobotClient") -> int:
+        return told(await client.send(command, arguments.timeout), arguments.json)
+
+    return run_talk(arguments, talk)
+
+
+def run_talk(arguments: argparse.Namespace, talk: Talk) -> int:
+    """Connect to the one daemon that is meant, and talk. Returns the exit code."""
+    as_json = bool(getattr(arguments, "json", False))
+    try:
+        target = address(arguments)
+        return asyncio.run(_talk(target, talk))
+    except UsageError as error:
+        print(error, file=sys.stderr)
+        return EXIT_USAGE
+    except ClientError as error:
+        return failed(error, as_json)
+
+
+async def _talk(target: Address, talk: Talk) -> int:
+    from daemon.remote.client.client import RobotClient
+
+    async with await RobotClient.connect(target, own_stop=False) as client:
+        client.token = stored_token(lease_file(target))
+        return await talk(client)
+
+
+def told(answer: Answer, as_json: bool) -> int:
+    """Show an answer. Returns the exit code."""
+    if as_json:
+        print(msgspec.json.encode(answer).decode())
+    else:
+        print(f"{answer.state}{': ' if answer.text else ''}{answer.text}")
+        if not answer.confirmed:
+            print(
+                "NOT CONFIRMED: the drives have not said that they did it. Use the robot's own "
+                "emergency stop if it moves.",
+                file=sys.stderr,
+            )
+    return EXIT_OK if answer.confirmed else EXIT_FAILED
+
+
+def failed(error: ClientError, as_json: bool) -> int:
+    """Show why there is no answer. Returns the exit code."""
+    if not as_json:
+        print(error, file=sys.stderr)
+        if isinstance(error, RefusedError) and error.refusal.name == "no_lease":
+            print(_NO_LEASE, file=sys.stderr)
+    elif isinstance(error, RefusedError):
+        print(msgspec.json.encode(error.refusal).decode())
+    else:
+        print(json.dumps({"error": type(error).__name__, "text": str(error)}))
+    return next((code for kind, code in _EXIT_CODES if isinstance(error, kind)), EXIT_FAILED)
+
+
+def _named(found: LocalAddress, robot: str | None) -> LocalAddress:
+    if robot is not None and found.robot != robot:
+        raise DaemonNotRunningError(f"the daemon there is the one of {found.robot}, not of {robot}")
+    return found
+
+
+def _tls_address(arguments: argparse.Namespace) -> TlsAddress:
+    if None in (arguments.robot, arguments.certificates, arguments.user):
+        raise UsageError("--connect needs the robot's name, --certificates and --user")
+    if arguments.runtime_dir is not None:
+        raise UsageError("--connect and --runtime-dir are two different daemons")
+    return TlsAddress(arguments.robot, arguments.connect, arguments.certificates, arguments.user)
+
+
+def _runtime_root() -> Path:
+    # Imported when wanted: it brings the robot file's schema along, and `stop` is in a hurry.
+    from daemon.robot.runtime_directory import default_runtime_directory
+
+    return default_runtime_directory("any").parent

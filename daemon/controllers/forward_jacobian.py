@@ -1,0 +1,53 @@
+"""The learnt forward model, inverted at every step: the peer of the local inverse controllers."""
+
+import numpy as np
+
+from config.controllers import ForwardJacobian
+from config.robot import Robot
+from daemon.control.controller import Observation, Proposal
+from daemon.controllers.learning_controller import LearningController
+from daemon.controllers.learning_file import Arrays
+from daemon.controllers.learnt_jacobian import LearntJacobian
+from daemon.learning.forward.pretrained_model import PretrainedModel
+from daemon.learning.lwpr.memory import with_memory
+from daemon.learning.samples.motion_sample import MotionSample
+
+
+class ForwardJacobianController(LearningController):
+    """A `Controller`."""
+
+    name = "forward_jacobian"
+
+    def __init__(self, options: ForwardJacobian, robot: Robot, seed: int) -> None:
+        """Raises ControllerError for a model that cannot be loaded."""
+        self._memory_samples = options.memory_samples
+        super().__init__(options, robot, seed)
+
+    def _take_over(
+        self, model: PretrainedModel | None, jacobian: LearntJacobian, learnt: Arrays
+    ) -> None:
+        del model, learnt
+        if self._memory_samples is not None and jacobian.forward is not None:
+            jacobian.forward = with_memory(jacobian.forward, self._memory_samples)
+
+    def _follow(self, observation: Observation) -> Proposal:
+        jacobian = self._jacobian.at(observation.tip_mm, observation.u)
+        tip_step = self._follower.tip_step(observation)
+        return Proposal(self._follower.axis_step(jacobian, tip_step, observation))
+
+    def _work_in(self, sample: MotionSample) -> None:
+        self._jacobian.learn(sample)
+        forward = self._jacobian.forward
+        if self._memory_samples is not None and forward is not None:
+            forward.update(
+                np.concatenate([sample.tip_mm, sample.u, sample.delta_u]), sample.delta_tip_mm
+            )
+
+    def _go_on(self) -> None:
+        """Nothing waits but samples."""
+
+    def _posture_changed(self) -> None:
+        """The follower has it, and nobody else needs it."""
+
+    def _learnt_arrays(self) -> Arrays:
+        return {}

@@ -1,0 +1,113 @@
+"""What a controller has learnt, on disk: the model it began with, and all that came since.
+
+One npz and in it a JSON text. A file that pre-training made is read as well: one from which nothing
+was learnt yet.
+"""
+
+import json
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from config.robot import Robot
+from daemon.files import MOST_MODEL_BYTES, open_regular
+from daemon.learning.forward import pretrained_model
+from daemon.learning.forward.pretrained_model import PretrainedModel
+from daemon.learning.lwpr.model import Lwpr
+from daemon.learning.lwpr.settings import LwprSettings
+from daemon.learning.samples.motion_samples import SamplingSettings
+from daemon.learning.samples.motion_table import MotionTable
+from daemon.learning.samples.robot_fit import misfit_of, whose
+from daemon.npz_file import ModelError, save_npz
+
+Arrays = dict[str, NDArray[Any]]
+
+KIND = "tentacled learnt controller/1"
+_METADATA = "metadata"
+_LWPR, _MOTIONS, _LEARNT = "lwpr/", "motions/", "learnt/"
+
+
+@dataclass(frozen=True)
+class LearntFile:
+    """What is in it."""
+
+    controller: str
+    """Its name; empty: any, this is what pre-training made."""
+    model: PretrainedModel | None
+    arrays: Arrays = field(default_factory=dict)
+    """What the controller itself has learnt; empty: nothing yet."""
+
+
+def save_learnt(path: Path, learnt: LearntFile, robot: Robot) -> None:
+    """A reader sees the old file or the whole new one. Raises OSError."""
+    model = learnt.model
+    told: dict[str, Any] = {"kind": KIND, "controller": learnt.controller, **whose(robot)}
+    arrays = _prefixed(_LEARNT, learnt.arrays)
+    if model is not None:
+        told["model"] = {
+            "metadata": dict(model.metadata),
+            "lwpr": model.lwpr.settings.to_dict(),
+            "sampling": model.sampling.to_dict(),
+        }
+        arrays |= _prefixed(_LWPR, model.lwpr.to_arrays())
+        arrays |= _prefixed(_MOTIONS, model.motions.to_arrays())
+    save_npz(path, {_METADATA: np.array(json.dumps(told, sort_keys=True)), **arrays})
+
+
+def load_learnt(path: Path, controller: str, robot: Robot) -> LearntFile:
+    """Raises ModelError for a file that is none, or not for this controller and robot; OSError."""
+    try:
+        with (
+            open_regular(path, MOST_MODEL_BYTES) as file,
+            np.load(file, allow_pickle=False) as stored,
+        ):
+            told = json.loads(str(stored[_METADATA]))
+            if told["kind"] == pretrained_model.KIND:
+                return LearntFile("", PretrainedModel.load(path, robot))
+            if told["kind"] != KIND:
+                raise KeyError("kind")
+            arrays = {name: stored[name] for name in stored.files}
+        model = None if told.get("model") is None else _model(told["model"], arrays)
+    except (ValueError, TypeError, KeyError, AttributeError, EOFError, zipfile.BadZipFile) as error:
+        if isinstance(error, ModelError):
+            raise
+        raise ModelError(f"{path} is not what a controller has learnt: {error}") from None
+    misfit = misfit_of(told, robot)
+    if misfit:
+        raise ModelError(f"{path} does not fit this robot: {misfit}")
+    if told.get("controller") != controller:
+        raise ModelError(
+            f"{path} does not fit: its controller is {told.get('controller')!r}, not {controller!r}"
+        )
+    learnt = _stripped(_LEARNT, arrays)
+    for name, array in learnt.items():
+        if not np.isfinite(array).all():
+            raise ModelError(f"{path} is damaged: {name} is not finite")
+    return LearntFile(controller, model, learnt)
+
+
+def _model(told: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> PretrainedModel:
+    settings = LwprSettings.from_dict(told["lwpr"])
+    return PretrainedModel(
+        Lwpr.from_arrays(settings, _stripped(_LWPR, arrays)),
+        MotionTable.from_arrays(_stripped(_MOTIONS, arrays)),
+        SamplingSettings.from_dict(told["sampling"]),
+        told["metadata"],
+    )
+
+
+def _prefixed(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> Arrays:
+    return {prefix + name: array for name, array in arrays.items()}
+
+
+def _stripped(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> Arrays:
+    return {
+        name.removeprefix(prefix): array
+        for name, array in arrays.items()
+        if name.startswith(prefix)
+    }

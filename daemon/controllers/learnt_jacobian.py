@@ -1,0 +1,145 @@
+"""How the tip answers to the axes, as far as it was learnt: what all learning controllers go by.
+
+Where pre-training has been, the receptive fields of its forward model tell the Jacobian, corrected
+by what was seen in the last moment. Elsewhere there is a Jacobian that is carried along and
+corrected by every motion, as the controller `broyden` has it; without a model that is all there is.
+
+The fields stay as pre-training made them. New ones, born while a trajectory is followed, would see
+motions along it and no others, and tell nonsense about all other directions.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from config.controllers import Learner
+from daemon.control.jacobian_kernels import in_rows
+from daemon.controllers.jacobian_correction import FIRST_STD_MM, JacobianCorrection
+from daemon.controllers.jacobian_estimate import JacobianEstimate
+from daemon.learning.lwpr.model import Lwpr
+from daemon.learning.samples.motion_sample import MotionSample
+from drivers.pose import Vector
+
+_COVERED_ABOVE = 0.01
+"""Largest weight of a field from which on the forward model is believed in full."""
+_CARRIED_DRIFT_MM = 25.0
+"""As for `broyden`: nothing tells how the Jacobian changes from place to place."""
+
+
+class LearntJacobian:
+    """Jacobians are (3, m), mm per mm or rad."""
+
+    def __init__(self, options: Learner, travel: Vector) -> None:
+        """travel: (m,) of the axes."""
+        self.forward: Lwpr | None = None
+        """Inputs [p, u, Δu], output Δp."""
+        self._options = options
+        self._travel = travel
+        self._correction = self._no_correction()
+        self._carried: JacobianEstimate | None = None
+        self._x = np.zeros(3 + 2 * len(travel))
+
+    @property
+    def known(self) -> bool:
+        """Whether there is a Jacobian at all."""
+        return self._carried is not None
+
+    def begin(self, forward: Lwpr) -> None:
+        """Go by this forward model from now on."""
+        self.forward = forward
+        self._correction = self._no_correction()
+        places = 3 + len(self._travel)
+        middle = forward.centres.mean(axis=0) * np.array(forward.settings.norm_in[:places])
+        self._carry(self._modelled(middle[:3], middle[3:]))
+
+    def measured(self, jacobian: Vector) -> None:
+        """There is no model, but this is how the tip answers here."""
+        self._carry(jacobian * self._travel)
+
+    def covered(self, tip_mm: Vector, u: Vector) -> float:
+        """How far the forward model is believed here, 0 to 1."""
+        if self.forward is None:
+            return 0.0
+        return min(self.forward.activation(self._input(tip_mm, u)) / _COVERED_ABOVE, 1.0)
+
+    def at(self, tip_mm: Vector, u: Vector) -> Vector:
+        """The Jacobian here."""
+        return self._at(tip_mm, u, self.covered(tip_mm, u)) / self._travel
+
+    def learn(self, sample: MotionSample) -> None:
+        """Take a motion."""
+        middle_mm = sample.tip_mm + 0.5 * sample.delta_tip_mm
+        middle_u = sample.u + 0.5 * sample.delta_u
+        moved = sample.delta_u / self._travel
+        share = self.covered(middle_mm, middle_u)
+        if share > 0.0:
+            modelled = self._modelled(middle_mm, middle_u)
+            self._correction.correct(modelled, moved, sample.delta_tip_mm)
+        if share < 1.0:
+            assert self._carried is not None
+            self._carried.correct(moved, sample.delta_tip_mm)
+        else:
+            self._carry(self._at(middle_mm, middle_u, share))
+
+    def to_arrays(self) -> dict[str, Vector]:
+        """What was learnt besides the forward model."""
+        assert self._carried is not None
+        return {
+            "correction": self._correction.difference,
+            "correction_covariance": self._correction.covariance,
+            "carried": self._carried.jacobian,
+            "carried_covariance": self._carried.covariance,
+        }
+
+    def restore(self, arrays: Mapping[str, Vector]) -> None:
+        """Go on from `to_arrays`. Raises KeyError, and ValueError for other axes."""
+        m = len(self._travel)
+        shapes = [arrays[name].shape for name in ("correction", "carried")]
+        squares = [arrays[f"{name}_covariance"].shape for name in ("correction", "carried")]
+        if shapes != 2 * [(3, m)] or squares != 2 * [(m, m)]:
+            raise ValueError(f"its Jacobian is not for {m} axes")
+        self._correction.difference = np.array(arrays["correction"])
+        self._correction.covariance = np.array(arrays["correction_covariance"])
+        self._carry(arrays["carried"])
+        assert self._carried is not None
+        self._carried.covariance = in_rows(arrays["carried_covariance"])
+
+    # Axes count in shares of their travel from here on.
+
+    def _at(self, tip_mm: Vector, u: Vector, share: float) -> Vector:
+        assert self._carried is not None
+        if share <= 0.0:
+            return self._carried.jacobian
+        corrected = self._modelled(tip_mm, u) + self._correction.difference
+        return np.asarray(share * corrected + (1.0 - share) * self._carried.jacobian)
+
+    def _modelled(self, tip_mm: Vector, u: Vector) -> Vector:
+        assert self.forward is not None
+        first = 3 + len(self._travel)
+        return self.forward.slopes(self._input(tip_mm, u))[:, first:] * self._travel
+
+    def _input(self, tip_mm: Vector, u: Vector) -> Vector:
+        m = len(self._travel)
+        self._x[:3] = tip_mm
+        self._x[3 : 3 + m] = u
+        return self._x
+
+    def _carry(self, jacobian: Vector) -> None:
+        """Nothing is known but this. It is corrected without the limits of a model's correction:
+        those keep what has come together near the model, and from sample to sample they would turn
+        a Jacobian that has no model to stay near."""
+        self._carried = JacobianEstimate(
+            jacobian,
+            FIRST_STD_MM**2 * np.eye(len(self._travel)),
+            self._options.sample_noise_mm,
+            _CARRIED_DRIFT_MM,
+        )
+
+    def _no_correction(self) -> JacobianCorrection:
+        options = self._options
+        return JacobianCorrection(
+            len(self._travel),
+            options.sample_noise_mm,
+            options.correction_drift_mm,
+            options.correction_reach,
+        )

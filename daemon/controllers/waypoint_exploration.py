@@ -1,0 +1,157 @@
+"""Goes to random places of the axes, for others to learn from it: Ho 2018, section 3.2.
+
+Places are drawn evenly from the axes' travel. Many of them may bring the tip out of its workspace:
+a place that, by what was seen so far, does so is drawn again. Where the tip comes near a wall all
+the same, the axes go back the way they came, until it is well inside, and from there on to another
+place.
+"""
+
+from collections import deque
+from pathlib import Path
+
+import numpy as np
+
+from config.control import Workspace
+from config.exploration import WaypointExploration
+from config.robot import Robot
+from daemon.control.controller import Observation, Proposal
+from daemon.controllers.tip_guess import TipGuess
+from daemon.controllers.waypoint_walk import WaypointWalk
+from daemon.npz_file import ModelError
+from daemon.robot.axes import AxisRanges
+from drivers.pose import Vector
+
+_DRAWN_AT_MOST = 60
+_ALONG = np.linspace(0.25, 1.0, 4)[:, None]
+"""Where a line is looked at before it is gone along."""
+_AHEAD_S = 0.4
+"""The tip goes on for so long, at most, after the axes were told to turn back."""
+_TRAIL_STEPS = 2000
+_WELL_INSIDE = 0.1
+"""Of the workspace's width, from its walls."""
+_INSIDE_AT_LEAST = 0.5
+"""Of the workspace that is left between its walls, however thick they are said to be."""
+
+
+class WaypointExplorationController:
+    """A `Controller` that follows nothing: it is ready when it has been everywhere."""
+
+    name = "waypoint_exploration"
+
+    def __init__(self, options: WaypointExploration, robot: Robot, seed: int) -> None:
+        self._options = options
+        self._axes = AxisRanges.of(robot)
+        self._random = np.random.default_rng(seed)
+        self._walk = WaypointWalk(options, self._axes, self._random)
+        self._guess = TipGuess(self._axes)
+        self._box = None if robot.workspace is None else _box(robot.workspace, options.wall_mm)
+        self._line = -1
+        self._start = self._goal = np.zeros(self._axes.count)
+        self._trail: deque[Vector] = deque(maxlen=_TRAIL_STEPS)
+        self._turning_back = False
+
+    @property
+    def ready(self) -> bool:
+        return self._line >= self._options.waypoints
+
+    @property
+    def note(self) -> str:
+        """What it is doing; empty when it is done."""
+        return "" if self.ready else f"line {self._line + 1} of {self._options.waypoints}"
+
+    def reset(self, observation: Observation) -> None:
+        self._walk.reset()
+        if self._line < 0:
+            self._next_line(observation)
+
+    def observe(self, observation: Observation) -> None:
+        finite = np.isfinite(observation.u).all() and np.isfinite(observation.tip_mm).all()
+        if observation.believed and finite:
+            self._guess.add(observation.u, observation.tip_mm)
+
+    def propose(self, observation: Observation) -> Proposal:
+        if not self.ready and self._line_ends(observation):
+            self._next_line(observation)
+        if self.ready:
+            return Proposal(np.zeros(self._axes.count))
+        if not self._turning_back and self._leaving(observation):
+            self._turning_back = True
+        if self._turning_back:
+            return Proposal(self._step_back(observation), self.note)
+        self._trail.append(observation.targets.copy())
+        return Proposal(self._walk.step(self._goal, observation), self.note)
+
+    def learn(self, budget_s: float) -> None:
+        """Others learn from what it does."""
+
+    def save(self, path: Path) -> None:
+        raise ModelError(f"{path} is not written: an exploration has no model, only a recording")
+
+    def load(self, path: Path) -> None:
+        raise ModelError(f"{path} is not read: an exploration takes no model")
+
+    def _next_line(self, observation: Observation) -> None:
+        self._line += 1
+        self._turning_back = False
+        self._start = observation.targets.copy()
+        self._goal = self._draw()
+
+    def _line_ends(self, observation: Observation) -> bool:
+        if not self._turning_back:
+            return self._walk.arrived(self._goal, observation)
+        inside = len(self._trail) <= 1 or self._well_inside(observation.tip_mm)
+        return inside and not self._leaving(observation)
+
+    def _step_back(self, observation: Observation) -> Vector:
+        """(m,) along the way that the axes came."""
+        trail = self._trail
+        while len(trail) > 1 and self._walk.arrived(trail[-1], observation):
+            trail.pop()
+        back = trail[-1] if trail else observation.targets
+        return self._walk.step(back, observation, dither=False)
+
+    def _draw(self) -> Vector:
+        """(m,) a waypoint: the first that seems to be inside, or else the one least outside."""
+        axes = self._axes
+        middle = 0.5 * (axes.lowest + axes.highest)
+        half = 0.5 * self._options.travel_share * axes.travel
+        best, best_mm = middle, np.inf
+        for _ in range(_DRAWN_AT_MOST):
+            goal = middle + half * self._random.uniform(-1.0, 1.0, axes.count)
+            line = self._start + _ALONG * (goal - self._start)
+            outside_mm = self._outside_mm(self._guess.at(line))
+            if outside_mm < best_mm:
+                best, best_mm = goal, outside_mm
+            if best_mm <= 0.0:
+                break
+        return best
+
+    def _leaving(self, observation: Observation) -> bool:
+        """Whether the tip is about to pass a wall, and is not on its way back from there."""
+        tip = observation.tip_mm
+        ahead = tip + _AHEAD_S * observation.tip_velocity_mm_s
+        outside_mm = self._outside_mm(ahead[None, :])
+        return outside_mm > 0.0 and outside_mm > self._outside_mm(tip[None, :])
+
+    def _well_inside(self, tip_mm: Vector) -> bool:
+        if self._box is None:
+            return True
+        lowest, highest = self._box
+        depth = np.minimum(tip_mm - lowest, highest - tip_mm) / (highest - lowest)
+        return float(depth.min()) > _WELL_INSIDE
+
+    def _outside_mm(self, tips_mm: Vector) -> float:
+        """How far the worst of (n, 3) places is beyond the walls; 0 inside, and where not known."""
+        if self._box is None:
+            return 0.0
+        lowest, highest = self._box
+        beyond = np.maximum(lowest - tips_mm, tips_mm - highest)
+        return max(0.0, float(np.nan_to_num(beyond, nan=0.0).max()))
+
+
+def _box(workspace: Workspace, wall_mm: float) -> tuple[Vector, Vector]:
+    """(3,) lowest and highest place where the tip may be."""
+    box = np.array([workspace.x_mm, workspace.y_mm, workspace.z_mm])
+    middle, half = box.mean(axis=1), 0.5 * (box[:, 1] - box[:, 0])
+    inside = np.maximum(half - wall_mm, _INSIDE_AT_LEAST * half)
+    return middle - inside, middle + inside

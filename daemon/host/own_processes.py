@@ -1,0 +1,76 @@
+"""Commands of tentacled's own as processes: started one after the other, ended the other way."""
+
+import asyncio
+import ctypes
+import signal
+import sys
+from asyncio.subprocess import DEVNULL, PIPE, Process
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Final
+
+_STARTS_WITHIN_S: Final = 60.0
+_ENDS_WITHIN_S: Final = 10.0
+_KILLED_WITHIN_S: Final = 5.0
+_PR_SET_PDEATHSIG: Final = 1
+_PRCTL: Final = ctypes.CDLL(None).prctl
+
+
+class ProcessError(RuntimeError):
+    """A process did not start; the text says which, and what it said."""
+
+
+class OwnProcesses:
+    """Each in a session of its own: Ctrl-C is for us, and we end them in order."""
+
+    def __init__(self, *commands: Sequence[str]) -> None:
+        """commands: the words after `tentacled`, of each process, in the order of starting."""
+        self._commands = commands
+        self._running: list[Process] = []
+
+    async def start(self) -> None:
+        """Returns when all are ready. Raises ProcessError; `end` is to be called then too."""
+        for command in self._commands:
+            process = await asyncio.create_subprocess_exec(
+                sys.executable,
+                "-m",
+                "daemon.commands.terminal.command_line",
+                *command,
+                stdin=DEVNULL,
+                stdout=PIPE,
+                start_new_session=True,
+                preexec_fn=end_with_parent,
+            )
+            self._running.append(process)
+            await self._begun(process, command[0])
+
+    async def end(self) -> None:
+        """The last one first: a daemon brings its drives to rest while its lab still is."""
+        for process in reversed(self._running):
+            with suppress(ProcessLookupError):
+                process.terminate()
+            try:
+                async with asyncio.timeout(_ENDS_WITHIN_S):
+                    await process.wait()
+            except TimeoutError:
+                process.kill()
+                with suppress(TimeoutError):  # while the kernel waits for a dead device
+                    async with asyncio.timeout(_KILLED_WITHIN_S):
+                        await process.wait()
+        self._running.clear()
+
+    async def _begun(self, process: Process, name: str) -> None:
+        """It speaks when it is ready."""
+        assert process.stdout is not None
+        try:
+            async with asyncio.timeout(_STARTS_WITHIN_S):
+                line = await process.stdout.readline()
+        except TimeoutError:
+            raise ProcessError(f"`tentacled {name}` did not get ready in time") from None
+        if not line:
+            raise ProcessError(f"`tentacled {name}` ended at once; see above for why")
+
+
+def end_with_parent() -> None:
+    """In a child: should its parent be killed without a chance to end it, the kernel does."""
+    _PRCTL(_PR_SET_PDEATHSIG, signal.SIGTERM)

@@ -1,0 +1,76 @@
+"""What the operating system and the interpreter are asked for, so that the loop keeps its time."""
+
+import gc
+import os
+from typing import Final
+
+from daemon.host.resident_memory import give_back_compiler, lock_memory
+
+_PRIORITY: Final = 50
+
+
+class RealTime:
+    """Memory kept in RAM, no surprise garbage collection, and a priority above other programs.
+
+    Memory is locked once, before any device is connected and after all that a step needs was
+    compiled and run. Priority and collector change whenever drives are energised.
+    """
+
+    def __init__(self) -> None:
+        self.refused: list[str] = []
+        """What this machine does not permit, with the remedy."""
+        self._memory_locked = False
+        self._hurrying = self._has_priority = False
+
+    def prepare(self) -> None:
+        """Before the devices are connected. What was made until now is never collected again."""
+        gc.collect()
+        gc.freeze()
+        give_back_compiler()
+        reason = lock_memory()
+        self._memory_locked = not reason
+        if reason:
+            self.refused.append(f"memory is not locked ({reason}): LimitMEMLOCK=infinity")
+
+    def enter(self) -> None:
+        """Drives are about to be energised."""
+        gc.collect()
+        gc.freeze()
+        gc.disable()
+        self._hurrying = True
+        # Threads and processes made later stay ordinary: only this thread is in a hurry.
+        policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+        try:
+            os.sched_setscheduler(0, policy, os.sched_param(_PRIORITY))
+        except OSError as error:
+            refused = f"no real-time priority ({error.strerror}): LimitRTPRIO=80"
+            if refused not in self.refused:
+                self.refused.append(refused)
+        else:
+            self._has_priority = True
+
+    def collect_young(self) -> None:
+        """Collect what was made lately; costs microseconds. For a moment with nothing to do."""
+        if self._hurrying:
+            gc.collect(0)
+
+    def leave(self) -> None:
+        """Drives are off. Safe to call at any time."""
+        if not self._hurrying:
+            return
+        self._hurrying = False
+        if self._has_priority:
+            self._has_priority = False
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        gc.enable()
+
+    def __str__(self) -> str:
+        return ", ".join(
+            word
+            for word, true in (
+                ("memory locked", self._memory_locked),
+                ("garbage collector off", self._hurrying),
+                (f"SCHED_FIFO {_PRIORITY}", self._has_priority),
+            )
+            if true
+        )

@@ -1,0 +1,1 @@
+"""The forward model [p, u, Δu] → Δp: pre-training and the file that keeps it."""

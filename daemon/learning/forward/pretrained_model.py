@@ -1,0 +1,126 @@
+"""A robot's forward model on disk, with the samples that it was learnt from.
+
+One npz: what the regression has learnt, the samples, and a JSON text with the settings, the errors
+by epoch and where the data came from.
+"""
+
+import json
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from config.robot import Robot
+from daemon.files import MOST_MODEL_BYTES, open_regular
+from daemon.learning.forward.forward_model import receptive_fields
+from daemon.learning.forward.pretraining import Pretraining
+from daemon.learning.lwpr.model import Lwpr
+from daemon.learning.lwpr.settings import LwprSettings
+from daemon.learning.samples.dataset import Dataset
+from daemon.learning.samples.motion_samples import SamplingSettings
+from daemon.learning.samples.motion_table import MotionTable
+from daemon.learning.samples.receptive_fields import ReceptiveFields
+from daemon.learning.samples.robot_fit import misfit_of
+from daemon.npz_file import ModelError, prefixed, save_npz, stripped
+
+KIND = "tentacled forward model/1"
+_METADATA = "metadata"
+_LWPR = "lwpr/"
+_MOTIONS = "motions/"
+
+
+@dataclass(frozen=True)
+class PretrainedModel:
+    """What a learning controller begins with."""
+
+    lwpr: Lwpr
+    """[p, u, Δu] → Δp. It learns on where it is updated: `load` gives everybody their own."""
+    motions: MotionTable
+    """The samples that it was learnt from, those of the test too."""
+    sampling: SamplingSettings
+    """How they were taken, with the body's lag."""
+    metadata: Mapping[str, Any]
+    """Whose it is and where it came from. For JSON."""
+
+    @classmethod
+    def of(cls, pretraining: Pretraining, dataset: Dataset) -> Self:
+        """What pre-training with these data has learnt."""
+        metadata = {
+            **dataset.provenance,
+            "data_sha256": dataset.sha256,
+            "samples": len(pretraining.motions),
+            "kept_back": int(pretraining.test.sum()),
+            "fields": pretraining.model.count,
+            "best_epoch": pretraining.best_epoch,
+            "errors": [dict(errors._asdict()) for errors in pretraining.errors],
+        }
+        return cls(
+            pretraining.model, pretraining.motions, pretraining.sampling, _without_nan(metadata)
+        )
+
+    @property
+    def fields(self) -> ReceptiveFields:
+        """Where local controllers live."""
+        return receptive_fields(self.lwpr)
+
+    def save(self, path: Path) -> None:
+        """A reader sees the old file or the whole new one. Raises OSError."""
+        told = {
+            "kind": KIND,
+            **self.metadata,
+            "lwpr": self.lwpr.settings.to_dict(),
+            "sampling": self.sampling.to_dict(),
+        }
+        save_npz(
+            path,
+            {
+                _METADATA: np.array(json.dumps(told, sort_keys=True)),
+                **prefixed(_LWPR, self.lwpr.to_arrays()),
+                **prefixed(_MOTIONS, self.motions.to_arrays()),
+            },
+        )
+
+    @classmethod
+    def load(cls, path: Path, robot: Robot) -> Self:
+        """Raises ModelError for a file that is none, or another robot's; OSError."""
+        try:
+            with (
+                open_regular(path, MOST_MODEL_BYTES) as file,
+                np.load(file, allow_pickle=False) as stored,
+            ):
+                arrays = {name: stored[name] for name in stored.files}
+            told = json.loads(str(arrays.pop(_METADATA)))
+            if told.pop("kind") != KIND:
+                raise KeyError("kind")
+            settings = LwprSettings.from_dict(told.pop("lwpr"))
+            sampling = SamplingSettings.from_dict(told.pop("sampling"))
+            model = Lwpr.from_arrays(settings, stripped(_LWPR, arrays))
+            motions = MotionTable.from_arrays(stripped(_MOTIONS, arrays))
+        except (
+            ValueError,
+            TypeError,
+            KeyError,
+            AttributeError,
+            EOFError,
+            zipfile.BadZipFile,
+        ) as error:
+            raise ModelError(f"{path} is not a forward model: {error}") from None
+        axes = len(robot.axes)
+        misfit = misfit_of(told, robot)
+        if misfit:
+            raise ModelError(f"{path} does not fit this robot: {misfit}")
+        if (settings.inputs, settings.outputs, motions.axes) != (3 + 2 * axes, 3, axes):
+            raise ModelError(f"{path} is damaged: it is not for {axes} axes")
+        return cls(model, motions, sampling, told)
+
+
+def _without_nan(value: Any) -> Any:
+    """JSON has no NaN: what is not known is null."""
+    if isinstance(value, dict):
+        return {key: _without_nan(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_without_nan(inner) for inner in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value

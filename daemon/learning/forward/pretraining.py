@@ -1,0 +1,154 @@
+"""Learns a forward model from an exploration, and says how well it predicts what it has not seen.
+
+Whole lines are kept back for the test: two samples of one line are nearly the same.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.learning.forward.body_lag import body_lag_s
+from daemon.learning.forward.forward_model import forward_settings, metric_for
+from daemon.learning.lwpr.model import Lwpr
+from daemon.learning.samples.dataset import Dataset
+from daemon.learning.samples.motion_samples import SamplingSettings
+from daemon.learning.samples.motion_table import Mask, MotionTable
+from drivers.pose import Vector
+
+SAMPLES_PER_FIELD = 100
+"""How many samples a field needs is found by trying: with less it learns their noise."""
+_SAMPLES_AT_LEAST = 50
+_LINES_AT_LEAST = 5
+
+
+class PretrainingError(ValueError):
+    """Nothing can be learnt from these data; the text says why."""
+
+
+@dataclass(frozen=True)
+class PretrainingSettings:
+    """How a model is learnt."""
+
+    epochs: int = 15
+    fields: int | None = None
+    """How many receptive fields; None: one for every hundred samples."""
+    test_share: float = 0.2
+    """Of the lines."""
+    seed: int = 1
+    """Of the lines kept back, and of the order in which the others are learnt."""
+    sampling: SamplingSettings = field(default_factory=SamplingSettings)
+    lag_s: float | None = None
+    """Of the body. None: found in the data."""
+
+    def __post_init__(self) -> None:
+        if self.epochs < 1 or (self.fields is not None and self.fields < 1) or self.seed < 0:
+            raise ValueError("epochs and fields are 1 or more, the seed 0 or more")
+        if not 0.0 <= self.test_share < 1.0:
+            raise ValueError(f"no {self.test_share:g} of the lines can be kept back")
+
+
+class EpochErrors(NamedTuple):
+    """Root mean square of what the model says of Δp too much or too little, by coordinate, mm."""
+
+    epoch: int
+    """From 1."""
+    train_mm: float
+    test_mm: float
+    """NaN where nothing was kept back."""
+    all_mm: float
+
+
+@dataclass(frozen=True)
+class Pretraining:
+    """A forward model, as it was after its best epoch, and how it came about."""
+
+    model: Lwpr
+    motions: MotionTable
+    """All samples: those that were learnt, and those that were kept back."""
+    test: Mask
+    """(n,) which those are."""
+    predicted_mm: Vector
+    """(n, 3) Δp as the model has it."""
+    errors: tuple[EpochErrors, ...]
+    best_epoch: int
+    sampling: SamplingSettings
+    """With the lag that was found."""
+
+
+def pretrain(
+    dataset: Dataset,
+    settings: PretrainingSettings,
+    tell: Callable[[EpochErrors], None] = lambda _: None,
+) -> Pretraining:
+    """tell: hears of every epoch. Raises PretrainingError."""
+    lag_s = settings.lag_s
+    if lag_s is None:
+        lag_s = body_lag_s(dataset.frames, dataset.travel)
+    sampling = replace(settings.sampling, lag_s=lag_s)
+    motions = dataset.motions(sampling)
+    test = _kept_back(motions.line, settings)
+    if len(motions) - test.sum() < _SAMPLES_AT_LEAST:
+        raise PretrainingError(
+            f"{len(motions) - int(test.sum())} motions are too few to learn from: explore for "
+            f"longer, or take a smaller threshold than {sampling.tip_mm:g} mm"
+        )
+    model = _empty_model(motions.of_rows(~test), dataset.travel, settings)
+    return _learnt(model, motions, test, settings, sampling, tell)
+
+
+def _learnt(
+    model: Lwpr,
+    motions: MotionTable,
+    test: Mask,
+    settings: PretrainingSettings,
+    sampling: SamplingSettings,
+    tell: Callable[[EpochErrors], None],
+) -> Pretraining:
+    inputs, outputs = motions.inputs, motions.delta_tip_mm
+    errors: list[EpochErrors] = []
+    best_mm, best_epoch = np.inf, 0
+    best: dict[str, NDArray[np.generic]] = {}
+    predicted = np.zeros_like(outputs)
+
+    def after(epoch: int) -> None:
+        nonlocal best_mm, best_epoch, best, predicted
+        said = np.array([model.predict(x) for x in inputs])
+        told = _errors(epoch + 1, said - outputs, test)
+        errors.append(told)
+        counts_mm = told.test_mm if test.any() else told.train_mm
+        if counts_mm < best_mm:
+            best_mm, best_epoch, best, predicted = counts_mm, told.epoch, model.to_arrays(), said
+        tell(told)
+
+    model.fit(inputs[~test], outputs[~test], settings.epochs, settings.seed, after)
+    learnt = Lwpr.from_arrays(model.settings, best)
+    return Pretraining(learnt, motions, test, predicted, tuple(errors), best_epoch, sampling)
+
+
+def _empty_model(learnt: MotionTable, travel: Vector, settings: PretrainingSettings) -> Lwpr:
+    fields = settings.fields or max(1, len(learnt) // SAMPLES_PER_FIELD)
+    first_epoch = np.random.default_rng(settings.seed).permutation(len(learnt))
+    metric = metric_for(learnt, travel, first_epoch, fields)
+    return Lwpr(forward_settings(learnt, travel, metric))
+
+
+def _kept_back(line: NDArray[np.int64], settings: PretrainingSettings) -> Mask:
+    """(n,) which samples are for the test."""
+    lines = np.unique(line)
+    if settings.test_share <= 0.0:
+        return np.zeros(len(line), dtype=np.bool_)
+    if len(lines) < _LINES_AT_LEAST:
+        raise PretrainingError(f"{len(lines)} lines are too few to keep any back for a test")
+    count = max(1, round(settings.test_share * len(lines)))
+    chosen = np.random.default_rng(settings.seed).choice(lines, count, replace=False)
+    return np.isin(line, chosen)
+
+
+def _errors(epoch: int, wrong_mm: Vector, test: Mask) -> EpochErrors:
+    def rms(part: Vector) -> float:
+        return float(np.sqrt((part**2).mean())) if len(part) else float("nan")
+
+    return EpochErrors(epoch, rms(wrong_mm[~test]), rms(wrong_mm[test]), rms(wrong_mm))

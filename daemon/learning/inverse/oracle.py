@@ -1,0 +1,126 @@
+"""The local controllers as they are written down: one field after the other, nothing clever.
+
+To be read beside `local_controllers`, and to hold the fast engines to. Each field is solved when
+it is asked for, from all samples of the window.
+"""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from daemon.learning.inverse.local_controller_kernels import SUPPORT_CUTOFF
+from daemon.learning.inverse.local_controller_settings import LocalControllerSettings
+from daemon.learning.inverse.local_controllers import Command
+from daemon.learning.inverse.prior import Prior, prior_for
+from daemon.learning.inverse.regression_window import RegressionWindow
+from daemon.learning.inverse.regressors import PLACE, Regressors
+from daemon.learning.inverse.reward import reward_scale
+from daemon.learning.inverse.window import Window
+from daemon.learning.samples.motion_sample import MotionSample
+from daemon.learning.samples.receptive_fields import ReceptiveFields
+from drivers.pose import Vector
+
+
+class SolvedField(NamedTuple):
+    """β (P, m) for rows x, and the matrix A (P, P) it was solved from, with its ridge."""
+
+    beta: Vector
+    matrix: Vector
+
+
+class OracleControllers:
+    """See `LocalControllers`."""
+
+    def __init__(
+        self,
+        fields: ReceptiveFields,
+        settings: LocalControllerSettings,
+        capacity: int,
+        posture: Vector,
+        prior: Prior | None = None,
+    ) -> None:
+        self.fields = fields
+        self._settings = settings
+        self._regressors = Regressors(fields, settings)
+        self._data = RegressionWindow(capacity, self._regressors, settings, posture)
+        self._prior = prior_for(prior, fields, settings, self._data.posture)
+
+    @property
+    def window(self) -> Window:
+        return self._data.samples
+
+    @property
+    def posture(self) -> Vector:
+        return self._data.posture.copy()
+
+    def add(self, sample: MotionSample) -> None:
+        self._data.put(sample)
+
+    def refill(self, samples: Iterable[MotionSample]) -> None:
+        self._data.refill(samples)
+
+    def set_posture(self, posture: Vector) -> None:
+        if self._data.set_posture(posture):
+            self._prior = self._prior.towards(self._data.posture)
+
+    def solve(self, budget: int | None = None) -> None:
+        """Nothing waits here."""
+
+    @property
+    def parameters(self) -> Vector:
+        regressors = self._regressors
+        result = np.zeros((self.fields.count, regressors.count, regressors.axes))
+        for index in range(self.fields.count):
+            solved = self.solve_field(index)
+            if solved is not None:
+                result[index] = regressors.centred(solved.beta, self.fields.centres[index])
+        return result
+
+    def solve_field(self, index: int) -> SolvedField | None:
+        """Field `index` from the whole window; None where neither window nor prior say anything."""
+        settings, data, count = self._settings, self._data, self._data.count
+        x, y, cost = data.rows[:count], data.targets[:count], data.cost[:count]
+        p = self._regressors.count
+        matrix, cross = np.zeros((p, p)), np.zeros((p, self._regressors.axes))
+        mass = 0.0
+        if count:
+            away = x[:, PLACE:] + self._regressors.middle - self.fields.centres[index]
+            log_weight = -0.5 * np.einsum("ka,ab,kb->k", away, self.fields.metrics[index], away)
+            weight = np.exp(log_weight)
+            mass = float(weight.sum())
+            log_rewarded = log_weight - 0.5 * reward_scale(settings, weight, cost) * cost
+            rewarded = np.exp(log_rewarded - log_rewarded.max())
+            rewarded *= mass / rewarded.sum()
+            matrix += x.T @ (rewarded[:, None] * x)
+            cross += x.T @ (rewarded[:, None] * y)
+        known, known_cross = self._regressors.unpack(self._prior.products[index])
+        prior_mass = self._prior.mass[index]
+        matrix += prior_mass * known
+        cross += prior_mass * known_cross
+        mass += prior_mass
+        if mass < settings.minimum_mass:
+            return None
+        matrix += np.diag(np.r_[0.0, np.full(p - 1, settings.ridge * mass)])
+        beta = np.asarray(np.linalg.solve(matrix, cross), dtype=np.float64)
+        return SolvedField(beta, matrix)
+
+    def command(self, delta_tip_mm: Vector, tip_mm: Vector, u: Vector) -> Command:
+        nothing = np.zeros(self._regressors.axes)
+        row = np.zeros(self._regressors.count)
+        self._regressors.query(delta_tip_mm, tip_mm, u, row)
+        if not self._regressors.known(row):
+            return Command(nothing, 0.0, 0.0)
+        log_weight = self.fields.log_weights(tip_mm, u)
+        activation = float(np.exp(log_weight.max(initial=-np.inf)))
+        solved = {i: s for i in range(self.fields.count) if (s := self.solve_field(i)) is not None}
+        if not solved:
+            return Command(nothing, activation, 0.0)
+        weight = np.exp(log_weight[list(solved)] - log_weight[list(solved)].max())
+        weight /= weight.sum()
+        answers = np.array([row @ field.beta for field in solved.values()])
+        delta_u = self._regressors.axis_steps * (weight @ answers)
+        leverage = np.array([row @ np.linalg.solve(s.matrix, row) for s in solved.values()])
+        strong = weight >= SUPPORT_CUTOFF * weight.max()
+        support = weight[strong].sum() / (weight[strong] @ leverage[strong])
+        return Command(delta_u, activation, float(support))

@@ -1,0 +1,1 @@
+"""Locally weighted projection regression (Vijayakumar et al. 2005), compiled: read model first."""

@@ -1,0 +1,199 @@
+"""Trajectories as they are followed: a place and a velocity for every time."""
+
+from bisect import bisect_right
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from math import cos, pi, sin, tau
+from pathlib import Path
+from typing import assert_never
+
+import numpy as np
+
+from config.model import Vector3
+from config.trajectory import (
+    LONGEST_S,
+    Circle,
+    Helix,
+    Hold,
+    Lissajous,
+    Plane,
+    Rectangle,
+    TrajectoryOptions,
+    Waypoints,
+)
+from daemon.reference.waypoints import checked_waypoints, read_waypoints
+from drivers.pose import Vector
+
+Motion = tuple[Vector, Vector]
+"""(3,) mm and (3,) mm/s."""
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """One cycle: what is where at a time from 0 to its length, and when its velocity jumps."""
+
+    at: Callable[[float], Motion]
+    corners_s: Vector = field(default_factory=lambda: np.zeros(0))
+
+
+_AXES: dict[Plane, tuple[int, int, int]] = {"xy": (0, 1, 2), "xz": (0, 2, 1), "yz": (1, 2, 0)}
+
+
+class Trajectory:
+    """A cycle and how often it is repeated. Before its time it waits, after it it stands still."""
+
+    def __init__(self, kind: str, cycle: Cycle, cycle_s: float, cycles: int) -> None:
+        self.kind = kind
+        self.cycle_s = cycle_s
+        self.cycles = cycles
+        self.corners_s = cycle.corners_s
+        self.end_mm = cycle.at(cycle_s)[0]
+        self._cycle = cycle
+
+    @property
+    def duration_s(self) -> float:
+        return self.cycle_s * self.cycles
+
+    @property
+    def start_mm(self) -> Vector:
+        return self._cycle.at(0.0)[0]
+
+    def at(self, t_s: float) -> Motion:
+        """(3,) mm and (3,) mm/s at `t_s` after the start."""
+        if t_s < 0.0:
+            return self.start_mm, np.zeros(3)
+        if t_s >= self.duration_s:
+            return self.end_mm.copy(), np.zeros(3)
+        return self._cycle.at(t_s - self.cycle_of(t_s) * self.cycle_s)
+
+    def in_cycle(self, t_s: float) -> Motion:
+        """(3,) mm and (3,) mm/s at a time within one cycle, its very end included."""
+        return self._cycle.at(t_s)
+
+    def cycle_of(self, t_s: float) -> int:
+        """Number of the cycle at `t_s`, from 0 to `cycles` − 1."""
+        return min(max(int(t_s / self.cycle_s), 0), self.cycles - 1)
+
+
+def make_trajectory(
+    options: TrajectoryOptions, base: Path, cycles: int | None = None
+) -> Trajectory:
+    """The trajectory that `options` describe.
+
+    base: where relative file names start. cycles: instead of the options' own number; a hold is
+    that many times as long. Raises WaypointError for waypoints that cannot be used, ValueError for
+    what would never end.
+    """
+    trajectory = _trajectory(options, base, cycles)
+    if not trajectory.duration_s <= LONGEST_S:
+        raise ValueError(f"all cycles together take longer than {LONGEST_S:g} s")
+    return trajectory
+
+
+def _trajectory(options: TrajectoryOptions, base: Path, cycles: int | None) -> Trajectory:
+    if cycles is not None and cycles < 1:
+        raise ValueError(f"a trajectory has 1 cycle or more, not {cycles}")
+    if isinstance(options, Hold):
+        place = np.array(options.position_mm)
+        return Trajectory("hold", _stay(place), options.duration_s, cycles or 1)
+    repeated = cycles or options.cycles
+    if isinstance(options, Waypoints):
+        closed = repeated > 1
+        if options.file is not None:
+            times, points = read_waypoints(base / options.file, closed=closed)
+        else:
+            times, points = checked_waypoints(options.points or (), closed=closed)
+        return Trajectory("waypoints", _polyline(times, points), float(times[-1]), repeated)
+    return Trajectory(options.kind, _periodic(options), options.cycle_s, repeated)
+
+
+def _periodic(options: Rectangle | Circle | Lissajous | Helix) -> Cycle:
+    match options:
+        case Rectangle():
+            return _rectangle(options)
+        case Circle():
+            return _circle(options)
+        case Lissajous():
+            return _lissajous(options)
+        case Helix():
+            return _helix(options)
+        case _:
+            assert_never(options)
+
+
+def _stay(place: Vector) -> Cycle:
+    return Cycle(lambda _: (place.copy(), np.zeros(3)))
+
+
+def _polyline(times: Vector, points: Vector) -> Cycle:
+    """Straight lines, each gone along evenly. times: (n,) from 0, rising. points: (n, 3)."""
+    velocities = np.diff(points, axis=0) / np.diff(times)[:, None]
+    begins_s: list[float] = times[:-1].tolist()
+
+    def at(t_s: float) -> Motion:
+        leg = max(bisect_right(begins_s, t_s) - 1, 0)
+        velocity = velocities[leg]
+        return points[leg] + (t_s - begins_s[leg]) * velocity, velocity.copy()
+
+    return Cycle(at, times)
+
+
+def _rectangle(options: Rectangle) -> Cycle:
+    along, up, _ = _AXES[options.plane]
+    sizes = ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))
+    corners = np.tile(np.array(options.center_mm), (5, 1))
+    for corner, (right, above) in zip(corners, sizes, strict=True):
+        corner[along] += 0.5 * right * options.width_mm
+        corner[up] += 0.5 * above * options.height_mm
+    passed = np.cumsum([0.0, *np.linalg.norm(np.diff(corners, axis=0), axis=1)])
+    return _polyline(passed / passed[-1] * options.cycle_s, corners)
+
+
+def _round(center_mm: Vector3, plane: Plane, radius_mm: float) -> Callable[[float, float], Motion]:
+    """A point on a circle at an angle and an angular velocity."""
+    first, second, _ = _AXES[plane]
+
+    def at(angle: float, rate: float) -> Motion:
+        position, velocity = np.array(center_mm), np.zeros(3)
+        position[first] += radius_mm * cos(angle)
+        position[second] += radius_mm * sin(angle)
+        velocity[first] = -radius_mm * rate * sin(angle)
+        velocity[second] = radius_mm * rate * cos(angle)
+        return position, velocity
+
+    return at
+
+
+def _circle(options: Circle) -> Cycle:
+    at, rate = _round(options.center_mm, options.plane, options.radius_mm), tau / options.cycle_s
+    return Cycle(lambda t_s: at(rate * t_s, rate))
+
+
+def _helix(options: Helix) -> Cycle:
+    turn = _round(options.center_mm, options.plane, options.radius_mm)
+    normal = _AXES[options.plane][2]
+    half_s = 0.5 * options.cycle_s
+
+    def at(t_s: float) -> Motion:
+        back = t_s >= half_s
+        share = (options.cycle_s - t_s if back else t_s) / half_s
+        direction = (-1.0 if back else 1.0) / half_s
+        turned = tau * options.turns
+        position, velocity = turn(turned * share, turned * direction)
+        position[normal] += options.rise_mm * share
+        velocity[normal] = options.rise_mm * direction
+        return position, velocity
+
+    return Cycle(at, np.array([half_s]))
+
+
+def _lissajous(options: Lissajous) -> Cycle:
+    center, amplitude = np.array(options.center_mm), np.array(options.amplitude_mm)
+    rates = 2.0 * pi * np.array(options.frequencies) / options.cycle_s
+    phases = np.array(options.phases_rad)
+
+    def at(t_s: float) -> Motion:
+        angle = rates * t_s + phases
+        return center + amplitude * np.sin(angle), amplitude * rates * np.cos(angle)
+
+    return Cycle(at)

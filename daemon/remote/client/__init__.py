@@ -1,0 +1,1 @@
+"""The client's side: find a daemon, command it, and listen to it."""

@@ -1,0 +1,89 @@
+"""A query that waits for its answer. It always gets one: silence means that something is wrong."""
+
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from typing import Final
+
+import zenoh
+
+from daemon.messages import Message, Refusal
+from daemon.remote.keys import is_exact, last_part
+from daemon.remote.server.replies import ReplyThread
+from daemon.remote.wire import Format, asked_format, encode, encoding_of
+
+_JSON_SCHEMA: Final = "application/schema+json"
+
+
+class Question:
+    """One query, and the way back to whoever asked. `answer` or `refuse` is called once."""
+
+    __slots__ = ("_query", "_replies", "_state", "key", "urgent", "word")
+
+    def __init__(
+        self,
+        query: zenoh.Query,
+        replies: ReplyThread,
+        state: Callable[[], str],
+        urgent_word: str = "",
+    ) -> None:
+        """state: the robot's, for refusals. urgent_word: its answer is sent before others."""
+        self._query = query
+        self._replies = replies
+        self._state = state
+        self.key = str(query.key_expr)
+        self.word = last_part(self.key)
+        """What is asked for."""
+        self.urgent = self.word == urgent_word
+
+    @property
+    def exact(self) -> bool:
+        """Whether one thing is asked for."""
+        return is_exact(self.key)
+
+    @property
+    def payload(self) -> bytes:
+        payload = self._query.payload
+        return b"" if payload is None else payload.to_bytes()
+
+    @property
+    def payload_format(self) -> Format:
+        return asked_format(self._query.encoding)
+
+    def matches(self, key: str) -> bool:
+        """Whether `key` is among what is asked for."""
+        return self._query.key_expr.intersects(key)
+
+    def answer(self, message: Message) -> None:
+        """Answer in the format that was asked for: by the encoding, or by `?encoding=json`."""
+        wants_json = self._query.parameters.get("encoding") == "json"
+        form = Format.JSON if wants_json else self.payload_format
+        payload, encoding = encode(message, form), encoding_of(message, form)
+
+        def reply(query: zenoh.Query) -> None:
+            if isinstance(message, Refusal):
+                query.reply_err(payload, encoding=encoding)
+            else:
+                query.reply(self.key, payload, encoding=encoding)
+
+        self._send(reply)
+
+    def answer_schemas(self, schemas: Mapping[str, bytes]) -> None:
+        """Answer with one schema per key."""
+
+        def reply(query: zenoh.Query) -> None:
+            for key, schema in schemas.items():
+                query.reply(key, schema, encoding=_JSON_SCHEMA)
+
+        self._send(reply)
+
+    def refuse(self, name: str, text: str, request: str = "") -> None:
+        """Say why there is no answer."""
+        self.answer(Refusal(request=request, state=self._state(), name=name, text=text))
+
+    def _send(self, reply: Callable[[zenoh.Query], None]) -> None:
+        def send() -> None:
+            with self._query as query, suppress(zenoh.ZError):  # the asker has left
+                reply(query)
+
+        if not self._replies.send(send, urgent=self.urgent):
+            self._query.drop()  # type: ignore[no-untyped-call]

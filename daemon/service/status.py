@@ -1,0 +1,175 @@
+"""The robot at a glance, put together from what the loop already knows."""
+
+from collections.abc import Sequence
+from typing import Final
+
+from config.robot import Robot
+from daemon.host.real_time import RealTime
+from daemon.loop.control_step import ControlLoop
+from daemon.loop.timekeeping import Timekeeping
+from daemon.messages import (
+    AxisStatus,
+    LeaseStatus,
+    LoopStatus,
+    ReferenceStatus,
+    RiskStatus,
+    Status,
+    TrackerStatus,
+)
+from daemon.supervision.explained import explained
+from daemon.supervision.supervisor import Supervisor
+from drivers.aurora.tracker import AuroraTracker
+from drivers.cia402.axis_channel import AxisChannel
+from drivers.cia402.drive_bus import DriveBus
+from drivers.cia402.node import Node
+
+_FORCE_UNIT: Final = {"mm": "N", "rad": "N mm"}
+
+
+class StatusReport:
+    """Makes `Status` messages."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        tracker: AuroraTracker,
+        buses: Sequence[DriveBus],
+        loop: ControlLoop,
+        risk_source: str,
+        supervisor: Supervisor,
+        timekeeping: Timekeeping,
+        real_time: RealTime | None,
+        simulated: bool,
+        version: str,
+    ) -> None:
+        self._robot = robot
+        self._tracker = tracker
+        self._buses = buses
+        self._loop = loop
+        self._risk_source = risk_source
+        self._supervisor = supervisor
+        self._timekeeping = timekeeping
+        self._real_time = real_time
+        self._simulated = simulated
+        self._version = version
+        node_of = {
+            channel.index: node
+            for bus in buses
+            for node in bus.nodes.values()
+            for channel in node.channels
+        }
+        self._axes = [_Axis(channel, node_of[channel.index]) for channel in loop.channels]
+        self._sequence = 0
+        self._loop_status: LoopStatus | None = None
+
+    def status(
+        self,
+        t_ns: int,
+        lease: LeaseStatus,
+        recording: str | None,
+        reference: ReferenceStatus | None,
+    ) -> Status:
+        """Everything, as of now."""
+        self._sequence += 1
+        tip, aim = self._loop.tip, self._loop.aim
+        return Status(
+            robot=self._robot.robot,
+            state=self._supervisor.state.value,
+            reasons=[explained(reason, t_ns) for reason in self._supervisor.reasons],
+            t_ns=t_ns,
+            sequence=self._sequence,
+            tip_mm=None if tip is None else tip.position_mm.tolist(),
+            reference_mm=None if aim is None else aim.position_mm.tolist(),
+            error_mm=self._loop.error_mm,
+            tracker=self._tracker_status(t_ns),
+            axes=self._axes_status(t_ns),
+            risk=self._risk_status(),
+            loop=self._loop_status or self.loop_status(t_ns),
+            lease=lease,
+            recording=recording,
+            simulated=self._simulated,
+            reference=reference,
+            version=self._version,
+            stopped_by=[explained(reason, t_ns) for reason in self._supervisor.stopped_by],
+        )
+
+    def loop_status(self, t_ns: int) -> LoopStatus:
+        """How the loop keeps its time. Costs more than the rest: once a second is enough."""
+        timekeeping = self._timekeeping
+        median, high, highest = timekeeping.lateness_s()
+        step_median, step_high, _ = timekeeping.step_s()
+        self._loop_status = LoopStatus(
+            rate_hz=timekeeping.step_rate_hz(t_ns),
+            cycle_rate_hz=timekeeping.cycle_rate_hz(t_ns),
+            lateness_p50_s=median,
+            lateness_p99_s=high,
+            lateness_max_s=highest,
+            missed=timekeeping.missed,
+            step_p50_s=step_median,
+            step_p99_s=step_high,
+            last_overrun=timekeeping.last_overrun,
+            real_time="" if self._real_time is None else str(self._real_time),
+        )
+        return self._loop_status
+
+    def _tracker_status(self, t_ns: int) -> TrackerStatus:
+        loop = self._loop
+        return TrackerStatus(
+            state=self._tracker.state.value,
+            rate_hz=loop.frames.rate_hz(t_ns),
+            age_s=loop.filter.age_s(t_ns),
+            quality=loop.filter.quality,
+            latency_s=loop.frames.latency_s(),
+        )
+
+    def _axes_status(self, t_ns: int) -> list[AxisStatus]:
+        told = self._loop.told_counts(t_ns)
+        if told is None:
+            return [axis.status(None) for axis in self._axes]
+        return [axis.status(target) for axis, target in zip(self._axes, told, strict=True)]
+
+    def _risk_status(self) -> RiskStatus:
+        decision = self._loop.decision
+        return RiskStatus(
+            source=self._risk_source,
+            contact_risk=None if decision is None else decision.risk,
+            body_point_risk=None if decision is None else decision.body_point_risk,
+            threshold=self._robot.risk.threshold,
+            scale=1.0 if decision is None else decision.scale,
+            detail="" if decision is None else decision.risk_detail,
+        )
+
+
+class _Axis:
+    """One axis, with what is the same in all its statuses."""
+
+    __slots__ = ("_channel", "_force_unit", "_name", "_node", "_scale")
+
+    def __init__(self, channel: AxisChannel, node: Node) -> None:
+        self._channel = channel
+        self._node = node
+        self._scale = channel.scale
+        self._name = channel.axis.name
+        self._force_unit = _FORCE_UNIT[channel.scale.unit]
+
+    def status(self, target_counts: int | None) -> AxisStatus:
+        """target_counts: None while it is told nothing."""
+        channel, scale = self._channel, self._scale
+        actual = target = force = volume_ml = None
+        if channel.received_ns is not None:
+            actual = scale.position(channel.position_counts)
+            force = scale.force(channel.torque_permille)
+            volume_ml = scale.volume_ml(channel.position_counts)
+            if target_counts is not None:
+                target = scale.position(target_counts)
+        return AxisStatus(
+            name=self._name,
+            unit=scale.unit,
+            actual=actual,
+            target=target,
+            drive_state=channel.state.value,
+            node_state=self._node.state.value,
+            force=force,
+            force_unit=self._force_unit,
+            volume_ml=volume_ml,
+        )

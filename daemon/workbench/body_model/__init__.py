@@ -1,0 +1,1 @@
+"""The mixture density network of a body: clouds, training, evaluation."""

@@ -1,0 +1,1 @@
+"""What is seen of a body: configurations, point clouds, and centrelines fitted to them."""

@@ -1,0 +1,1 @@
+"""How far a model of a body can be trusted: likelihood, and contacts that came about."""

@@ -1,0 +1,135 @@
+"""Whether contact_risk is what happens: beside it, how often an emulated body really collides."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from daemon.risk.model_file import ModelFile
+from daemon.workbench.body_model.evaluation.grazed_obstacles import grazed_block
+from daemon.workbench.body_model.evaluation.rollouts import Rollouts
+from safety.risk.contact import ContactModel
+from safety.risk.distance_grid import distance_grid
+from safety.risk.mixture import FloatArray
+
+BINS: Final = 10
+_MARGIN_MM: Final = 10.0
+"""Beyond the body's radius, to which the grid is exact."""
+_FULL: Final = 20
+_UNDECIDED: Final = (0.02, 0.98)
+
+
+@dataclass(frozen=True, eq=False)
+class ContactCalibration:
+    """Of n situations: a configuration, and something solid near the body."""
+
+    predicted: FloatArray
+    """(n,) the estimate of contact_risk."""
+    upper_limit: FloatArray
+    """(n,) what the gate goes by."""
+    observed: FloatArray
+    """(n,) share of the rollouts that touched."""
+    rollouts: int
+    """Of each situation."""
+    unknown: int
+    """Configurations that the model says it does not know: left out."""
+    learnt: int
+    """Configurations that it was trained at: left out as well."""
+
+    @property
+    def expected_error(self) -> float:
+        """Mean over all situations of |predicted − observed|, both averaged in their bin (ECE)."""
+        return float(sum(abs(p - o) * n for p, o, n in self.bins()) / len(self.predicted))
+
+    @property
+    def largest_error(self) -> float:
+        """Of a bin with twenty situations or more, if there is one."""
+        bins = self.bins()
+        full = [(p, o) for p, o, n in bins if n >= _FULL]
+        return float(max(abs(p - o) for p, o in full or [(p, o) for p, o, _ in bins]))
+
+    @property
+    def single_error(self) -> float:
+        """Mean of |predicted − observed| of each situation by itself."""
+        return float(np.abs(self.predicted - self.observed).mean())
+
+    @property
+    def undecided(self) -> float:
+        """Share of the situations in which it was not as good as certain what happens."""
+        low, high = _UNDECIDED
+        return float(((self.observed > low) & (self.observed < high)).mean())
+
+    @property
+    def exceeded(self) -> float:
+        """Share of the situations with more collisions than the upper limit says."""
+        return float((self.observed > self.upper_limit).mean())
+
+    def bins(self) -> list[tuple[float, float, int]]:
+        """(mean predicted, mean observed, situations) of each tenth that has any."""
+        which = np.minimum((self.predicted * BINS).astype(np.int64), BINS - 1)
+        return [
+            (float(self.predicted[mine].mean()), float(self.observed[mine].mean()), int(mine.sum()))
+            for mine in (which == b for b in range(BINS))
+            if mine.any()
+        ]
+
+    def told(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "situations": len(self.predicted),
+            "rollouts": self.rollouts,
+            "unknown_configurations": self.unknown,
+            "left_out_because_trained_at": self.learnt,
+            "expected_calibration_error": self.expected_error,
+            "largest_bin_error": self.largest_error,
+            "mean_absolute_error": self.single_error,
+            "undecided_share": self.undecided,
+            "above_upper_limit_share": self.exceeded,
+            "bins": [{"predicted": p, "observed": o, "situations": n} for p, o, n in self.bins()],
+        }
+
+
+def contact_calibration(
+    file: ModelFile,
+    rollouts: Rollouts,
+    obstacles: int,
+    samples: int,
+    grid_mm: float,
+    seed: int,
+    advance: Callable[[int], None],
+) -> ContactCalibration:
+    """Put `obstacles` blocks near the body at each configuration, and ask and look.
+
+    Where they are depends on the rollouts, not on the model. samples: of contact_risk. advance:
+    hears of each configuration. Raises ValueError.
+    """
+    model = file.model
+    exact_mm = model.basis.thickest_mm + _MARGIN_MM
+    found: list[tuple[float, float, float]] = []
+    unknown, learnt = 0, file.learnt_at(rollouts.u)
+    for number, (u, lines) in enumerate(zip(rollouts.u, rollouts.centrelines_mm, strict=True)):
+        if learnt[number]:
+            advance(1)
+            continue
+        mixture = model.shapes.mixture(u) if model.knows(u) else None
+        if mixture is None:
+            unknown += 1
+            advance(1)
+            continue
+        random = np.random.default_rng([seed, number])
+        for _ in range(obstacles):
+            block = grazed_block(lines, rollouts.radius_mm, random)
+            grid = distance_grid(block.surroundings(), grid_mm, exact_mm)
+            risk = ContactModel(model.basis, grid, None, samples).risk(mixture)
+            touched = float(block.touched(lines, rollouts.radius_mm).mean())
+            found.append((risk.probability, risk.upper_limit, touched))
+        advance(1)
+    if not found:
+        raise ValueError(
+            f"of {len(rollouts.u)} configurations the model was trained at {int(learnt.sum())}, "
+            f"and {unknown} it does not know: none is left to try. Take another --seed"
+        )
+    predicted, limit, observed = np.array(found).T
+    count = rollouts.centrelines_mm.shape[1]
+    return ContactCalibration(predicted, limit, observed, count, unknown, int(learnt.sum()))

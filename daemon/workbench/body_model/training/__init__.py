@@ -1,0 +1,1 @@
+"""From clouds to weights; torch is imported here and nowhere else."""

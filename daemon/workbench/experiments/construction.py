@@ -1,0 +1,97 @@
+"""Builds everything that a file describes, and lets it go again: what `check` passes can be built.
+
+Nothing is opened, nothing moves, and no time passes.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+from config.loader import RobotFile
+from config.problems import ConfigError, Problem
+from config.robot import Robot
+from config.yaml_document import Location
+from daemon.controllers.make_controller import make_controller
+from daemon.host.clock import MonotonicClock
+from daemon.recording.flight_recorder import FlightRecorder
+from daemon.risk.body_risk_source import make_risk_source
+from daemon.robot.connections import RealConnections
+from daemon.service.robot_service import RobotService
+from daemon.service.surroundings import Surroundings
+from daemon.workbench.experiments.experiment_file import ExperimentFile
+from daemon.workbench.experiments.risk import risk_source_of
+from safety.risk_source import RiskSource
+from sim_backends.faults import understand
+from sim_backends.lab.lab import Lab
+
+_At = Callable[[Location, str], Problem]
+
+
+def robot_problems(file: RobotFile) -> list[Problem]:
+    """Why a robot that is sound by itself can still not be emulated or run."""
+    problems: list[Problem] = []
+    _lab(file.robot, file, file.problem, problems)
+    clock = MonotonicClock()
+    problems += _why_not(
+        ("axes",), file.problem, lambda: _service(file, make_risk_source(file, clock))
+    )
+    return problems
+
+
+def lab_of(file: RobotFile) -> Lab:
+    """Its emulated lab. Raises ConfigError."""
+    problems: list[Problem] = []
+    lab = _lab(file.robot, file, file.problem, problems)
+    if lab is None:
+        missing = file.problem((), "there is no 'emulation' in this robot file")
+        raise ConfigError(problems or [missing])
+    return lab
+
+
+def experiment_problems(file: ExperimentFile) -> list[Problem]:
+    """Why an experiment that is sound by itself can still not be carried out."""
+    robot_file = replace(file.file, robot=file.robot)
+    problems: list[Problem] = []
+    lab = _lab(file.robot, robot_file, file.problem, problems)
+    clock = MonotonicClock()
+    problems += _why_not(
+        ("robot",), file.problem, lambda: _service(robot_file, risk_source_of(file, clock))
+    )
+    experiment = file.experiment
+    if experiment.pretraining is None:
+        problems += _why_not(
+            ("controller",),
+            file.problem,
+            lambda: make_controller(experiment.controller, file.robot, experiment.seed),
+        )
+    for index, happening in enumerate(experiment.happenings):
+        if lab is not None and happening.inject is not None:
+            where = ("happenings", index, "inject")
+            ask = partial(understand, lab.devices, happening.inject)
+            problems += _why_not(where, file.problem, ask)
+    return problems
+
+
+def _lab(robot: Robot, file: RobotFile, at: _At, problems: list[Problem]) -> Lab | None:
+    if robot.emulation is None:
+        return None
+    built: list[Lab] = []
+    problems += _why_not(
+        ("emulation",), at, lambda: built.append(Lab(robot, file.path, MonotonicClock()))
+    )
+    return built[0] if built else None
+
+
+def _service(file: RobotFile, risk: RiskSource) -> None:
+    clock = MonotonicClock()
+    surroundings = Surroundings(RealConnections(clock), clock, FlightRecorder(), risk, True, None)
+    RobotService(file, file.robot, surroundings)
+
+
+def _why_not(where: Location, at: _At, build: Callable[[], object]) -> list[Problem]:
+    """Whatever keeps it from being built is a problem of the file: nothing else is there yet."""
+    try:
+        build()
+    except Exception as error:
+        return [at(where, str(error) or type(error).__name__)]
+    return []

@@ -1,0 +1,105 @@
+"""Reads an experiment file, and the robot file that it names: sound, or every problem at once."""
+
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from config.emulation import Emulation
+from config.experiment import Experiment
+from config.loader import RobotFile
+from config.problems import ConfigError, Problem
+from config.robot import Robot
+from config.schema_errors import schema_problems
+from config.yaml_document import Location, YamlDocument, read_yaml
+from daemon.recording.run_folder import describe_run
+from daemon.robot.checked_robot import check_robot
+
+_BUILTIN = "builtin:"
+
+
+@dataclass(frozen=True)
+class ExperimentFile:
+    """A sound experiment, with its robot, whose plant is already the overridden one."""
+
+    path: Path
+    experiment: Experiment
+    file: RobotFile
+    robot: Robot
+    document: YamlDocument
+
+    def problem(self, location: Location, message: str) -> Problem:
+        """A problem at `location` of this file, found by a check that lives elsewhere."""
+        return self.document.problem(location, message)
+
+    def describe(self, folder: Path, wall_ns: int, seed: int) -> None:
+        """Write into a run's folder what is run, with which model. Raises OSError."""
+        model = getattr(self.experiment.controller, "model", None)
+        models = {} if model is None else {"controller": Path(model)}
+        describe_run(folder, self.robot, self.file.path, wall_ns, seed, models)
+
+
+def load_experiment(path: Path) -> ExperimentFile:
+    """Raises ConfigError with every problem of the file."""
+    document = read_yaml(path)
+    problems = list(document.problems)
+    if not problems:
+        try:
+            experiment = Experiment.model_validate(document.value)
+        except ValidationError as error:
+            problems += schema_problems(document, Experiment, error)
+        else:
+            return _with_robot(path, document, experiment)
+    raise ConfigError(problems)
+
+
+def _with_robot(path: Path, document: YamlDocument, experiment: Experiment) -> ExperimentFile:
+    named = robot_path(experiment.robot, path)
+    if not named.is_file():
+        raise ConfigError([document.problem(("robot",), f"there is no file {named}")])
+    file = check_robot(named).file
+    if file.robot.emulation is None:
+        text = "experiments need an emulated robot, and this one has no 'emulation'"
+        raise ConfigError([document.problem(("robot",), text)])
+    overridden = _overridden(document, file.robot.emulation, experiment)
+    robot = file.robot.model_copy(update={"emulation": overridden})
+    why = _why_not_followed(experiment, robot, path.parent)
+    if why:
+        raise ConfigError([document.problem(("trajectory",), why)])
+    return ExperimentFile(path, experiment, file, robot, document)
+
+
+def _why_not_followed(experiment: Experiment, robot: Robot, folder: Path) -> str:
+    """Why the trajectory cannot be followed, as far as that is known without a controller."""
+    # Who only wants to know where the robot file is does not wait for numpy.
+    from daemon.control.reachability import Bounds, unreachable
+    from daemon.reference.trajectories import make_trajectory
+
+    try:
+        trajectory = make_trajectory(experiment.trajectory, folder)
+    except ValueError as error:
+        return str(error)
+    speed = getattr(experiment.controller, "max_tip_speed_mm_s", None)
+    return unreachable(trajectory, Bounds(robot.workspace, tip_speed_mm_s=speed)) or ""
+
+
+def robot_path(name: str, path: Path) -> Path:
+    """The robot file that the experiment at `path` names so."""
+    if name.startswith(_BUILTIN):
+        return Path(str(files("config") / "robots" / f"{name.removeprefix(_BUILTIN)}.yaml"))
+    return path.parent / name
+
+
+def _overridden(document: YamlDocument, emulation: Emulation, experiment: Experiment) -> Emulation:
+    plant = emulation.plant
+    try:
+        other = type(plant).model_validate({**plant.model_dump(), **experiment.plant})
+    except ValidationError as error:
+        problems: list[Problem] = [
+            document.problem(("plant", *map(str, details["loc"])), details["msg"], at_key=True)
+            for details in error.errors()
+        ]
+        raise ConfigError(problems) from None
+    update = {"plant": other, "tip_load_g": experiment.tip_load_g}
+    return emulation.model_copy(update=update)

@@ -1,0 +1,87 @@
+"""An experiment with devices in the same process, on a clock that jumps: fast, and repeatable."""
+
+from collections.abc import Callable
+from pathlib import Path
+from random import Random
+
+import msgspec
+
+from daemon.host.collector_pause import collector_rarely
+from daemon.recording.direct_recorder import DirectRecorder
+from daemon.recording.result import Result, read_result, write_result
+from daemon.recording.run_files import RUN_FILE
+from daemon.recording.run_reader import control_hash
+from daemon.robot.lab_connections import LabConnections
+from daemon.service.surroundings import Surroundings
+from daemon.workbench.experiments.carry_out import carry_out
+from daemon.workbench.experiments.experiment_file import ExperimentFile
+from daemon.workbench.experiments.risk import risk_source_of
+from daemon.workbench.experiments.trial import Tell, TrialError
+from drivers.clock import WallClock
+from drivers.pose import Vector
+from sim_backends.lab.lab import Lab
+from sim_backends.virtual_time import run_in_virtual_time, virtual_clock
+
+
+def carry_out_in_virtual_time(
+    file: ExperimentFile,
+    seed: int,
+    folder: Path,
+    tell: Tell,
+    hash_of_recording: Callable[[], str] | None = None,
+) -> Result:
+    """The same file and seed give the same recording, to the last bit. Raises TrialError, OSError.
+
+    folder: an empty one, for the run. What was recorded before an error is there too.
+    hash_of_recording: from somebody who has read it already.
+    """
+    with collector_rarely():
+        run_in_virtual_time(_carry_out(file, seed, folder, tell))
+    result = read_result(folder)
+    if result is None:
+        raise TrialError(f"{folder}: the run left no result")
+    told = control_hash(folder / RUN_FILE) if hash_of_recording is None else hash_of_recording()
+    hashed = msgspec.structs.replace(result, control_sha256=told)
+    write_result(folder, hashed)
+    return hashed
+
+
+async def _carry_out(file: ExperimentFile, seed: int, folder: Path, tell: Tell) -> None:
+    clock = virtual_clock()
+    lab = Lab(file.robot, file.file.path, clock, seed)
+    lab.start()
+
+    async def make_folder() -> Path:
+        file.describe(folder, clock.wall_time_ns(), seed)
+        return folder
+
+    surroundings, truth = _surroundings(file, lab, clock, seed), _TruthOf(lab)
+    try:
+        await carry_out(file, file.robot, surroundings, make_folder, lab, truth, seed, tell)
+    finally:
+        lab.stop()
+
+
+class _TruthOf:
+    """Of a lab in this process."""
+
+    def __init__(self, lab: Lab) -> None:
+        self._body = lab.body
+
+    def tip_mm(self) -> Vector:
+        return self._body.record.state.tip.position_mm
+
+    def failures(self) -> int:
+        return self._body.record.plant_failures
+
+
+def _surroundings(file: ExperimentFile, lab: Lab, clock: WallClock, seed: int) -> Surroundings:
+    random = Random(seed)
+    return Surroundings(
+        LabConnections(lab, clock),
+        clock,
+        DirectRecorder(),
+        risk_source_of(file, clock),
+        simulated=True,
+        new_token=lambda: f"{random.getrandbits(128):032x}",
+    )

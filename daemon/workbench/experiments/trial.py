@@ -1,0 +1,146 @@
+"""One experiment, carried out: the same service and operator as under a remote client."""
+
+import asyncio
+from collections.abc import Callable
+from typing import Final
+
+from config.experiment import Experiment
+from daemon.messages import Acquire, Answer, Arm, Disarm, Refusal, Tip
+from daemon.reference.trajectories import Trajectory
+from daemon.service.refused import RefusedError
+from daemon.workbench.experiments.scripted_events import Happenings, LabControl
+from daemon.workbench.experiments.session import Session
+from daemon.workbench.experiments.stopwatch import Stopwatch, TimedController
+from safety.states import OperatingState
+
+Tell = Callable[[str], None]
+"""Hears in words of what happens."""
+
+_USER: Final = "experiment"
+_READY_WITHIN_S: Final = 120.0
+_RENEWALS_PER_LEASE: Final = 4
+_LOOK_EVERY_S: Final = 0.05
+_LOOKS_UNTIL_IT_RUNS: Final = 20
+_MOST_IN_A_ROW: Final = 50
+"""So often may it be held at once when it was resumed."""
+
+
+class TrialError(RuntimeError):
+    """The experiment could not be carried out; the text says why."""
+
+
+class Trial:
+    """Takes the lease, arms, follows the trajectory to its end, disarms."""
+
+    def __init__(
+        self,
+        experiment: Experiment,
+        trajectory: Trajectory,
+        session: Session,
+        lab: LabControl,
+        stopwatch: Stopwatch,
+        tell: Tell,
+    ) -> None:
+        self.resumptions = 0
+        """How often the motion had to be resumed after something had held it."""
+        self._experiment = experiment
+        self._trajectory = trajectory
+        self._service = session.service
+        self._operator = session.operator
+        self._stopwatch = stopwatch
+        self._tell = tell
+        self._token = ""
+        self._happenings = Happenings(
+            experiment.happenings, experiment.tip_load_g, lab, self._happened
+        )
+        self._last_ns: int | None = None
+        self._service.surroundings.listeners.add_for(Tip, self._step)
+
+    async def run(self) -> None:
+        """Raises TrialError; the robot is then left to `RobotService.rest`."""
+        await self._ready()
+        await self._acquire()
+        renewing = asyncio.create_task(self._keep_lease())
+        try:
+            await self._load()
+            self._carried_out(await self._operator.handle(_USER, Arm(token=self._token)))
+            self._operator.start(self._experiment.blend_speed_mm_s)
+            async with asyncio.timeout(self._experiment.longest_s):
+                await self._follow()
+            self._carried_out(await self._operator.handle(_USER, Disarm(token=self._token)))
+        except RefusedError as refused:
+            raise TrialError(refused.text) from None
+        except TimeoutError:
+            raise TrialError(
+                f"the trajectory was not finished within {self._experiment.longest_s:g} s"
+            ) from None
+        finally:
+            renewing.cancel()
+            await asyncio.gather(renewing, return_exceptions=True)
+
+    async def _ready(self) -> None:
+        supervisor = self._service.supervisor
+        try:
+            async with asyncio.timeout(_READY_WITHIN_S):
+                while supervisor.state is not OperatingState.READY:
+                    await asyncio.sleep(_LOOK_EVERY_S)
+        except TimeoutError:
+            raise TrialError(f"the robot did not get ready: {self._why()}") from None
+
+    async def _acquire(self) -> None:
+        answer = self._carried_out(await self._operator.handle(_USER, Acquire(token=self._token)))
+        self._token = answer.token
+
+    async def _load(self) -> None:
+        await self._operator.load(self._trajectory, self._experiment.controller)
+        loaded = self._operator.loaded
+        assert loaded is not None
+        timed = TimedController(loaded.controller, self._stopwatch)
+        self._operator.loaded = loaded._replace(controller=timed)
+
+    async def _keep_lease(self) -> None:
+        while True:
+            await asyncio.sleep(self._service.robot.supervision.lease_s / _RENEWALS_PER_LEASE)
+            await self._acquire()
+
+    async def _follow(self) -> None:
+        """To the trajectory's end, going on whenever what held the motion is over."""
+        supervisor, loop = self._service.supervisor, self._service.loop
+        looks_running = in_a_row = 0
+        while True:
+            await asyncio.sleep(_LOOK_EVERY_S)
+            if supervisor.running:
+                looks_running += 1
+                in_a_row = 0 if looks_running > _LOOKS_UNTIL_IT_RUNS else in_a_row
+                continue
+            looks_running = 0
+            if loop.reference is not None and loop.reference.finished:
+                return
+            if not supervisor.state.energised:
+                raise TrialError(f"the robot is {supervisor.state.value}: {self._why()}")
+            if in_a_row >= _MOST_IN_A_ROW:
+                where = f"{self._operator.elapsed_s:.1f} s along the trajectory"
+                raise TrialError(f"the motion is held again and again, {where}: {self._why()}")
+            self._operator.try_to_resume()
+            self.resumptions += supervisor.running
+            in_a_row += supervisor.running
+
+    def _step(self, tip: Tip) -> None:
+        """Happenings go by the trajectory's own time."""
+        dt_s = 0.0 if self._last_ns is None else (tip.t_ns - self._last_ns) * 1e-9
+        self._last_ns = tip.t_ns
+        self._happenings.step(self._operator.elapsed_s, tip.cycle, dt_s)
+
+    def _happened(self, what: str) -> None:
+        self._service.events.tell("note", "happening", what, subject="lab")
+        self._tell(what)
+
+    def _carried_out(self, outcome: Answer | Refusal) -> Answer:
+        if isinstance(outcome, Answer):
+            return outcome
+        reasons = "; ".join(f"{r.name} ({r.subject}): {r.text}" for r in outcome.reasons)
+        raise TrialError(": ".join(filter(None, (outcome.text, reasons))))
+
+    def _why(self) -> str:
+        reasons = self._service.supervisor.reasons
+        return "; ".join(f"{r.cause.name} ({r.subject}): {r.detail}" for r in reasons) or "?"

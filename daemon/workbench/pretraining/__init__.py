@@ -1,0 +1,1 @@
+"""Exploration of a robot, and the forward model made from it."""

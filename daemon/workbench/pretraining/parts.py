@@ -1,0 +1,137 @@
+"""An exploration that may be interrupted: recorded in parts, kept beside the file that it makes.
+
+Each part is a run of its own, with its recording. What an interruption has left, whatever it was,
+is gone on from with the lines that are missing.
+"""
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from config.exploration import WaypointExploration
+from config.loader import RobotFile
+from daemon.learning.samples.dataset import Dataset, DatasetError, joined
+from daemon.recording.recovery import recover_unfinished
+from daemon.recording.run_files import RUN_FILE, write_whole
+from daemon.workbench.experiments.trial import Tell
+from daemon.workbench.pretraining.explore import config_sha256, dataset_of_run, explore
+
+_ASKED_FILE = "exploration.json"
+_NOT_WHOLE = 2
+"""Stretches of a part that are no line, or not all of one: the first and the last."""
+
+
+class ExplorationParts:
+    """Of one exploration of a robot."""
+
+    def __init__(
+        self,
+        out: Path,
+        file: RobotFile,
+        options: WaypointExploration,
+        seed: int,
+        tip_load_g: float,
+        real_time: bool,
+    ) -> None:
+        """out: of the file that it shall make."""
+        self.folder = out.with_name(f"{out.name}.parts")
+        self._file = file
+        self._options = options
+        self._seed = seed
+        self._tip_load_g = tip_load_g
+        self._real_time = real_time
+
+    def begin(self) -> None:
+        """Raises FileExistsError where one was interrupted, OSError."""
+        self.folder.mkdir(parents=True)
+        write_whole(self.folder / _ASKED_FILE, json.dumps(self._asked, indent=1).encode())
+
+    def check(self) -> None:
+        """Raises DatasetError where there is nothing to go on from, or something else was asked."""
+        try:
+            asked = json.loads((self.folder / _ASKED_FILE).read_bytes())
+        except (OSError, ValueError):
+            raise DatasetError(f"there is no interrupted exploration in {self.folder}") from None
+        other = [name for name, value in self._asked.items() if asked.get(name) != value]
+        if other:
+            raise DatasetError(
+                f"the exploration in {self.folder} was asked for otherwise ({', '.join(other)}): "
+                f"go on with the same words, or remove it"
+            )
+
+    def lines_done(self) -> int:
+        """How many of the lines have been gone along, as far as the recordings tell."""
+        done = 0
+        for part in self._parts():
+            done += max(len(np.unique(part.frames.line)) - _NOT_WHOLE, 0)
+        return min(done, self._options.waypoints)
+
+    def explore(self, tell: Tell) -> None:
+        """Go along the lines that are missing. Raises TrialError, DatasetError, OSError."""
+        left = self._options.waypoints - self.lines_done()
+        if left <= 0:
+            return
+        number = 1 + max((int(path.name) for path in self._folders()), default=0)
+        folder = self.folder / str(number)
+        folder.mkdir()
+        options = self._options.model_copy(update={"waypoints": left})
+        explore(
+            self._file,
+            options,
+            self._seed_of(number),
+            folder,
+            tell,
+            tip_load_g=self._tip_load_g,
+            real_time=self._real_time,
+        )
+
+    def dataset(self) -> Dataset:
+        """All that was seen. Raises DatasetError, OSError."""
+        parts = self._parts()
+        if not parts:
+            raise DatasetError(f"{self.folder}: nothing was seen")
+        return joined(parts)
+
+    def end(self, kept: Path | None) -> None:
+        """The recordings go to `kept`, a new folder, or are not needed any more. Raises OSError."""
+        folders = self._folders()
+        if kept is not None:
+            shutil.move(folders[0] if len(folders) == 1 else self.folder, kept)
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    @property
+    def _asked(self) -> dict[str, Any]:
+        return {
+            "exploration": self._options.model_dump(mode="json"),
+            "seed": self._seed,
+            "tip_load_g": self._tip_load_g,
+            "real_time": self._real_time,
+            "config_sha256": config_sha256(self._file),
+        }
+
+    def _seed_of(self, part: int) -> int:
+        """Another one for each part: the same would go along the same lines."""
+        if part == 1:
+            return self._seed
+        return int(np.random.SeedSequence((self._seed, part)).generate_state(1)[0])
+
+    def _folders(self) -> list[Path]:
+        found = [path for path in self.folder.glob("*") if path.name.isdecimal()]
+        return sorted(found, key=lambda path: int(path.name))
+
+    def _parts(self) -> list[Dataset]:
+        """Of what was recorded; a part in which nothing moved is none."""
+        parts = []
+        for folder in self._folders():
+            recover_unfinished(folder)
+            how = {key: value for key, value in self._asked.items() if key != "config_sha256"}
+            how["seed"] = self._seed_of(int(folder.name))
+            if (folder / RUN_FILE).exists():
+                try:
+                    parts.append(dataset_of_run(folder, self._file, how))
+                except DatasetError:
+                    continue
+        return parts

@@ -1,0 +1,288 @@
+"""A recording as arrays, for figures and tables."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from daemon.host.collector_pause import collector_paused
+from daemon.messages import Axes, AxisStatus, Event, Loop, Message, Risk, Status, Tip
+from daemon.recording.channels import MESSAGES
+from daemon.recording.error_table import CycleError, ErrorTable
+from daemon.recording.result import Result, read_result
+from daemon.recording.run_files import PROVENANCE_FILE, ROBOT_FILE, RUN_FILE, unfinished
+from daemon.recording.run_folder import Provenance
+from daemon.recording.run_reader import RunMessage, RunReader, UnreadableRunError
+from daemon.recording.run_writer import ENDING, HEADER
+from daemon.workbench.report.report_table import Array, Column, MessageTable, fitted, number
+from safety.states import OperatingState
+
+_RUNNING: Final = OperatingState.RUNNING.value
+_NS: Final = 1e-9
+_DECODERS: Final = {topic: msgspec.json.Decoder(kind) for topic, kind in MESSAGES.items()}
+_WITH_STATE: Final = (Tip, Status)
+
+
+def _flat(places: list[list[float]] | None) -> list[float] | None:
+    return None if places is None else [number for place in places for number in place]
+
+
+_COLUMNS: Final[dict[type[Message], dict[str, Column]]] = {
+    Tip: {
+        "tip_mm": Column(lambda tip: tip.tip_mm, 3),
+        "measured_mm": Column(lambda tip: tip.measured_mm, 3),
+        "reference_mm": Column(lambda tip: tip.reference_mm, 3),
+        "error_mm": number(lambda tip: tip.error_mm),
+        "cycle": number(lambda tip: tip.cycle),
+        "running": number(lambda tip: tip.state == _RUNNING),
+    },
+    Axes: {
+        "actual": Column(lambda axes: axes.actual),
+        "target": Column(lambda axes: axes.target),
+        "proposed": Column(lambda axes: axes.proposed),
+        "permitted": Column(lambda axes: axes.permitted),
+        "force": Column(lambda axes: axes.force),
+    },
+    Risk: {
+        "contact": number(lambda risk: risk.contact_risk),
+        "body_point": number(lambda risk: risk.body_point_risk),
+        "threshold": number(lambda risk: risk.threshold),
+        "scale": number(lambda risk: risk.scale),
+        "clearance_mm": number(lambda risk: risk.clearance_mm),
+        "place_mm": Column(lambda risk: risk.place_mm, 3),
+        "obstacle_mm": Column(lambda risk: risk.obstacle_mm, 3),
+        "means_mm": Column(lambda risk: _flat(risk.means_mm)),
+        "tip_statistic": number(lambda risk: risk.tip_statistic),
+        "tip_off_mm": number(lambda risk: risk.tip_off_mm),
+    },
+    Loop: {
+        "lateness_p50_s": number(lambda loop: loop.status.lateness_p50_s),
+        "lateness_p99_s": number(lambda loop: loop.status.lateness_p99_s),
+        "lateness_max_s": number(lambda loop: loop.status.lateness_max_s),
+        "step_p50_s": number(lambda loop: loop.status.step_p50_s),
+        "step_p99_s": number(lambda loop: loop.status.step_p99_s),
+        "missed": number(lambda loop: loop.status.missed),
+    },
+}
+
+
+@dataclass
+class Series:
+    """Values over time: `t_s` of shape (N,), everything else (N,) or (N, columns), nan: none."""
+
+    t_s: Array
+    columns: dict[str, Array]
+
+    def __getitem__(self, name: str) -> Array:
+        return self.columns[name]
+
+
+@dataclass
+class RunData:
+    """All that a report tells. A part that was not recorded is None or empty."""
+
+    path: Path
+    header: dict[str, str]
+    started_ns: int
+    """Date of the first message."""
+    duration_s: float
+    whole: bool
+    """Whether the recording was ended properly."""
+    dropped: int
+    unreadable: int
+    """Messages or chunks that could not be read."""
+    counts: dict[str, int]
+    """Messages by topic."""
+    status: Status | None
+    """The last one."""
+    tip: Series | None
+    """tip_mm, measured_mm, reference_mm, error_mm, cycle, running."""
+    axes: Series | None
+    """actual, target, proposed, permitted, force."""
+    risk: Series | None
+    """contact, body_point, threshold, scale, clearance_mm, place_mm, obstacle_mm, means_mm,
+    tip_statistic, tip_off_mm."""
+    loop: Series | None
+    """lateness_p50_s, lateness_p99_s, lateness_max_s, step_p50_s, step_p99_s, missed."""
+    states: list[tuple[float, str]]
+    """When the robot came into which state."""
+    events: list[tuple[float, Event]]
+    cycles: list[CycleError]
+    result: Result | None = None
+    provenance: Provenance | None = None
+    robot_yaml: str = ""
+
+    @property
+    def axis_status(self) -> list[AxisStatus]:
+        """Names and units of the axes, as far as they were told."""
+        return [] if self.status is None else self.status.axes
+
+
+def run_file(path: Path) -> Path:
+    """The recording that is meant by a run's folder or by the file itself.
+
+    Raises UnreadableRunError where there is none.
+    """
+    if not path.is_dir():
+        if not path.exists():
+            raise UnreadableRunError(f"{path}: there is no such file or folder")
+        return path
+    for candidate in (path / RUN_FILE, unfinished(path / RUN_FILE)):
+        if candidate.exists():
+            return candidate
+    raise UnreadableRunError(f"{path}: there is no {RUN_FILE} in this folder")
+
+
+def read_run(path: Path) -> RunData:
+    """Read a run. path: as for `run_file`. Raises UnreadableRunError, OSError."""
+    return GrowingRun(path).data()
+
+
+class GrowingRun:
+    """A run that may still be going on, read as far as it has been recorded."""
+
+    def __init__(self, path: Path, also: Callable[[RunMessage], None] | None = None) -> None:
+        """path: as for `run_file`; there may not be anything yet. also: gets each message too."""
+        self._path = path
+        self._reader = RunReader(path)
+        self._gathered = _Gathered()
+        self._also = also
+
+    def catch_up(self) -> None:
+        """Read what has been added. Raises UnreadableRunError, OSError."""
+        self._reader.path = run_file(self._path)
+        with collector_paused():
+            for message in self._reader.messages():
+                self._gathered.take(message.topic, message.wall_ns, message.data)
+                if self._also is not None:
+                    self._also(message)
+
+    def data(self) -> RunData:
+        """All there is. Raises UnreadableRunError, OSError."""
+        self.catch_up()
+        reader, file = self._reader, self._reader.path
+        if not self._gathered.counts:
+            raise UnreadableRunError(f"{file}: there is no message in it")
+        data = self._gathered.run_data(file, reader)
+        dropped = reader.metadata.get(ENDING, {}).get("dropped", "0")
+        data.dropped = int(dropped)
+        data.result = read_result(file.parent)
+        data.provenance = _read_provenance(file.parent / PROVENANCE_FILE)
+        data.robot_yaml = _text_of(file.parent / ROBOT_FILE)
+        return data
+
+
+@dataclass
+class _Gathered:
+    """What has been read so far."""
+
+    counts: dict[str, int] = field(default_factory=dict)
+    first_ns: int = 0
+    last_ns: int = 0
+    unreadable: int = 0
+    states: list[tuple[int, str]] = field(default_factory=list)
+    status: tuple[int, Status] | None = None
+    """The last one."""
+    events: list[tuple[int, Event]] = field(default_factory=list)
+    errors: ErrorTable = field(default_factory=ErrorTable)
+    tables: dict[type[Message], MessageTable] = field(
+        default_factory=lambda: {kind: MessageTable(columns) for kind, columns in _COLUMNS.items()}
+    )
+
+    def take(self, topic: str, wall_ns: int, data: bytes) -> None:
+        if not self.counts:
+            self.first_ns = self.last_ns = wall_ns
+        if wall_ns < self.first_ns:
+            self.first_ns = wall_ns
+        elif wall_ns > self.last_ns:
+            self.last_ns = wall_ns
+        self.counts[topic] = self.counts.get(topic, 0) + 1
+        decoder = _DECODERS.get(topic)
+        if decoder is None:
+            return
+        try:
+            message = decoder.decode(data)
+        except msgspec.MsgspecError:
+            self.unreadable += 1
+            return
+        self._keep(wall_ns, message)
+        # In the order of writing: a Tip is dated by its measurement, before it was told.
+        if isinstance(message, _WITH_STATE):
+            self._enter(wall_ns, message.state)
+
+    def _keep(self, wall_ns: int, message: Message) -> None:
+        table = self.tables.get(type(message))
+        if table is not None:
+            table.add(wall_ns, message)
+        if isinstance(message, Tip):
+            self.errors.add(message)
+        elif isinstance(message, Event):
+            self.events.append((wall_ns, message))
+        elif isinstance(message, Status) and (self.status is None or wall_ns >= self.status[0]):
+            self.status = wall_ns, message
+
+    def _enter(self, wall_ns: int, state: str) -> None:
+        if not self.states or self.states[-1][1] != state:
+            self.states.append((max([wall_ns, *(t_ns for t_ns, _ in self.states[-1:])]), state))
+
+    def run_data(self, file: Path, reader: RunReader) -> RunData:
+        return RunData(
+            path=file,
+            header=reader.metadata.get(HEADER, {}),
+            started_ns=self.first_ns,
+            duration_s=self._s(self.last_ns),
+            whole=reader.whole and ENDING in reader.metadata,
+            dropped=0,
+            unreadable=self.unreadable + reader.orphans + max(reader.lost, len(reader.damage)),
+            counts=dict(sorted(self.counts.items())),
+            status=None if self.status is None else self.status[1],
+            tip=self._series(Tip),
+            axes=_as_wide_as(self._series(Axes), "actual"),
+            risk=self._series(Risk),
+            loop=self._series(Loop),
+            states=[(self._s(wall_ns), state) for wall_ns, state in self.states],
+            events=sorted(
+                ((self._s(wall_ns), event) for wall_ns, event in self.events),
+                key=lambda each: each[0],
+            ),
+            cycles=self.errors.rows(),
+        )
+
+    def _s(self, wall_ns: int) -> float:
+        """Since the start."""
+        return (wall_ns - self.first_ns) * _NS
+
+    def _series(self, kind: type[Message]) -> Series | None:
+        table = self.tables[kind]
+        if not len(table):
+            return None
+        times, columns = table.read()
+        t_s = (times - self.first_ns).astype(np.float64) * _NS
+        return Series(t_s, columns)
+
+
+def _as_wide_as(series: Series | None, name: str) -> Series | None:
+    """All columns in the width of this one."""
+    if series is None:
+        return None
+    width = series[name].shape[1]
+    return Series(
+        series.t_s, {each: fitted(column, width) for each, column in series.columns.items()}
+    )
+
+
+def _read_provenance(path: Path) -> Provenance | None:
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=Provenance)
+    except (OSError, msgspec.MsgspecError):
+        return None
+
+
+def _text_of(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return ""

@@ -1,0 +1,1 @@
+"""Many experiments side by side: a paper's tables, and comparisons of controllers."""

@@ -1,0 +1,87 @@
+"""Carries out the runs of a study in several processes, and again only what is not done yet."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor, Future, as_completed
+from pathlib import Path
+from typing import Protocol, TypeVar
+
+from daemon.host.worker_processes import worker_processes
+from daemon.workbench.pretraining.pretrained import needs_model
+from daemon.workbench.studies.outcome import Outcome, read_outcome
+from daemon.workbench.studies.run import Run
+from daemon.workbench.studies.worker import carry_out_run, make_model
+
+T = TypeVar("T")
+
+
+class Progress(Protocol):
+    """Hears how far it is."""
+
+    def begin(self, done: int, models: int, runs: int) -> None:
+        """`done` runs are there; `models` and `runs` are to be made."""
+        ...
+
+    def model(self, run: Run, error: str) -> None:
+        """A model was made for this run and others; or not, and why."""
+        ...
+
+    def run(self, run: Run, outcome: Outcome | None, error: str) -> None:
+        """A run is done; or it could not be done, and why."""
+        ...
+
+
+class Grid:
+    """All runs, done or not."""
+
+    def __init__(self, runs: Sequence[Run], root: Path) -> None:
+        self._runs = runs
+        self._root = root
+
+    def outcomes(self) -> list[Outcome]:
+        """Of all runs that are done, in the order of the plan."""
+        found = (read_outcome(run, self._root) for run in self._runs)
+        return [outcome for outcome in found if outcome is not None]
+
+    def carry_out(self, jobs: int, keep_recordings: bool, progress: Progress) -> None:
+        """Do what is left. A run that cannot be done is told, and the others go on.
+
+        jobs: processes at the same time. keep_recordings: 16 MB for an experiment of 400 s.
+        """
+        left = [run for run in self._runs if read_outcome(run, self._root) is None]
+        models = _one_for_each_model(left)
+        progress.begin(len(self._runs) - len(left), len(models), len(left))
+        if not left:
+            return
+        with worker_processes(min(jobs, len(left))) as workers:
+            for run, made in _each(workers, models, make_model):
+                progress.model(run, _error(made))
+            for run, future in _each(workers, left, carry_out_run, self._root, keep_recordings):
+                error = _error(future)
+                progress.run(run, None if error else future.result(), error)
+
+
+def _one_for_each_model(runs: Iterable[Run]) -> list[Run]:
+    """Runs whose models are all that are needed: two processes must not make the same."""
+    models: dict[tuple[object, ...], Run] = {}
+    for run in runs:
+        experiment = run.file.experiment
+        if experiment.pretraining is not None and needs_model(run.file):
+            seed = experiment.pretraining.seed
+            body = (experiment.robot, str(experiment.plant), run.plant)
+            of = (body, experiment.pretraining.waypoints, run.seed if seed is None else seed)
+            models.setdefault(of, run)
+    return list(models.values())
+
+
+def _each(
+    workers: Executor, runs: Iterable[Run], task: Callable[..., T], *more: object
+) -> Iterator[tuple[Run, "Future[T]"]]:
+    """Each run when its task has ended, whatever came first."""
+    futures = {workers.submit(task, run, *more): run for run in runs}
+    for future in as_completed(futures):
+        yield futures[future], future
+
+
+def _error(future: "Future[T]") -> str:
+    error = future.exception()
+    return "" if error is None else f"{type(error).__name__}: {error}"

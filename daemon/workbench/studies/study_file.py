@@ -1,0 +1,102 @@
+"""Reads a study file, and the experiments that it names: sound, or every problem at once."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from config.controllers import ControllerOptions, load_controller_options
+from config.options import OptionsError
+from config.problems import ConfigError, Problem
+from config.schema_errors import schema_problems
+from config.study import Study, StudyRow
+from config.yaml_document import YamlDocument, read_yaml
+from daemon.workbench.experiments.experiment_file import ExperimentFile, load_experiment
+
+
+@dataclass(frozen=True)
+class StudyFile:
+    """A sound study. Experiments have their own names, whatever their files are called."""
+
+    path: Path
+    study: Study
+    experiments: Mapping[str, ExperimentFile]
+    """By name, in the order of the tables."""
+    rows: Mapping[str, StudyRow]
+    """By the experiment's name."""
+
+
+def load_study(path: Path) -> StudyFile:
+    """Raises ConfigError with every problem of the study, or of the first wrong experiment."""
+    document = read_yaml(path)
+    if document.problems:
+        raise ConfigError(document.problems)
+    try:
+        study = Study.model_validate(document.value)
+    except ValidationError as error:
+        raise ConfigError(schema_problems(document, Study, error)) from None
+    experiments: dict[str, ExperimentFile] = {}
+    rows: dict[str, StudyRow] = {}
+    problems: list[Problem] = []
+    for table_number, table in enumerate(study.tables):
+        for row_number, row in enumerate(table.rows):
+            where = ("tables", table_number, "rows", row_number, "experiment")
+            file = path.parent / row.experiment
+            if not file.is_file():
+                problems.append(document.problem(where, f"there is no file {file}"))
+                continue
+            loaded = load_experiment(file)
+            name = loaded.experiment.experiment
+            if name in experiments:
+                problems.append(document.problem(where, f"another one is called {name} too"))
+            experiments[name], rows[name] = loaded, row
+    problems += _unknown_names(document, study, set(experiments))
+    problems += _unfit_variants(document, study, experiments)
+    if problems:
+        raise ConfigError(problems)
+    return StudyFile(path, study, experiments, rows)
+
+
+def merged(options: ControllerOptions, overrides: Mapping[str, Any]) -> ControllerOptions:
+    """The options with others on top; of another kind's, those that this kind has too.
+
+    Raises OptionsError.
+    """
+    other = type(load_controller_options({"kind": options.kind, **overrides}))
+    given = options.model_dump(exclude_unset=True)
+    kept = {key: value for key, value in given.items() if key in other.model_fields}
+    return load_controller_options({**kept, **overrides})
+
+
+def _unknown_names(document: YamlDocument, study: Study, known: set[str]) -> list[Problem]:
+    problems = []
+    for number, figure in enumerate(study.figures):
+        for index, name in enumerate(figure.experiments):
+            if name not in known:
+                where = ("figures", number, "experiments", index)
+                problems.append(document.problem(where, f"no table has an experiment {name}"))
+    for table_number, table in enumerate(study.tables):
+        for row_number, row in enumerate(table.rows):
+            if row.first_no_worse_than not in {None, *known}:
+                place = ("tables", table_number, "rows", row_number, "first_no_worse_than")
+                text = f"no table has an experiment {row.first_no_worse_than}"
+                problems.append(document.problem(place, text))
+    return problems
+
+
+def _unfit_variants(
+    document: YamlDocument, study: Study, experiments: Mapping[str, ExperimentFile]
+) -> list[Problem]:
+    """A variant's options must be right for every experiment."""
+    problems = []
+    for number, variant in enumerate(study.variants):
+        for name, file in experiments.items():
+            try:
+                merged(file.experiment.controller, variant.controller)
+            except OptionsError as error:
+                where = ("variants", number, "controller")
+                problems.append(document.problem(where, f"with {name}: {error}"))
+                break
+    return problems

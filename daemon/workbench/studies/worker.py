@@ -1,0 +1,70 @@
+"""Carries out one run of a study, in whatever process it is called."""
+
+import shutil
+from pathlib import Path
+
+import msgspec
+
+from daemon.recording.result import read_result
+from daemon.recording.run_files import PROVENANCE_FILE, RUN_FILE
+from daemon.recording.run_folder import Provenance
+from daemon.workbench.experiments.in_virtual_time import carry_out_in_virtual_time
+from daemon.workbench.experiments.trial import TrialError
+from daemon.workbench.pretraining.pretrained import with_model
+from daemon.workbench.studies.outcome import Outcome, write_outcome
+from daemon.workbench.studies.run import Run
+
+
+def carry_out_run(run: Run, root: Path, keep_recording: bool) -> Outcome:
+    """Leaves a folder that is there whole or not at all. Raises OSError, ModelError.
+
+    keep_recording: 16 MB for an experiment of 400 s.
+    """
+    folder = run.folder(root)
+    partial = folder.with_name(f".{folder.name}")
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir(parents=True)
+    outcome = _outcome(run, partial)
+    write_outcome(partial, outcome)
+    if not keep_recording:
+        (partial / RUN_FILE).unlink(missing_ok=True)
+    shutil.rmtree(folder, ignore_errors=True)
+    partial.rename(folder)
+    return outcome
+
+
+def make_model(run: Run) -> None:
+    """Make what the run's controller has to know before, unless it is there. Raises as above."""
+    with_model(run.file, run.seed, _nobody)
+
+
+def _outcome(run: Run, folder: Path) -> Outcome:
+    failure = ""
+    try:
+        file = with_model(run.file, run.seed, _nobody)
+        carry_out_in_virtual_time(file, run.seed, folder, _nobody)
+    except TrialError as error:
+        failure = str(error)
+    return Outcome(
+        experiment=run.experiment,
+        variant=run.variant,
+        plant=run.plant,
+        seed=run.seed,
+        fingerprint=run.fingerprint,
+        failure=failure,
+        result=read_result(folder),
+        commit=_commit(folder),
+    )
+
+
+def _commit(folder: Path) -> str | None:
+    try:
+        data = (folder / PROVENANCE_FILE).read_bytes()
+        told = msgspec.json.decode(data, type=Provenance)
+    except (OSError, msgspec.MsgspecError):
+        return None
+    return None if told.commit is None else told.commit + ("+" if told.modified else "")
+
+
+def _nobody(line: str) -> None:
+    """Hears what happens."""

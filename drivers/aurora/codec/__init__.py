@@ -1,0 +1,1 @@
+"""The Aurora's bytes and what they mean, without I/O: commands out, replies in."""

@@ -1,0 +1,226 @@
+"""The emulated lab around one robot: body, tracker, buses and drives, wired to each other.
+
+Nothing here is connected to the outside; `lab_ports` does that for other processes, and the
+in-process links of the devices do it for virtual time.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from config.axis import Axis, LinearAxis, LinearStepper, TendonMotor
+from config.emulated_plants import TendonArmPlant
+from config.emulation import Emulation
+from config.loader import eds_path
+from config.robot import Robot
+from drivers.axis_scale import axis_scale
+from drivers.clock import Clock
+from drivers.pose import Pose
+from sim_backends.devices.aurora.device import EmulatedAurora
+from sim_backends.devices.can.bus import CanBus
+from sim_backends.devices.can.faults import BusFaults
+from sim_backends.devices.device import DeviceClock, Pump
+from sim_backends.devices.drive.axis.axis import Axis as DriveAxis
+from sim_backends.devices.drive.axis.mechanics import AxisMechanics
+from sim_backends.devices.drive.drive import EmulatedDrive
+from sim_backends.faults import FaultyDevice, inject
+from sim_backends.lab.body import Body
+from sim_backends.lab.play import PLAYS
+from sim_backends.plants.plant import Plant, PlantError, TipLoad
+from sim_backends.plants.shooting import warm_up
+from sim_backends.plants.soft_arm import SoftArm
+from sim_backends.plants.tendon_arm import TendonArm
+
+_BEYOND_TRAVEL = 0.02
+"""End stops and their switches lie this share of the travel beyond its ends."""
+
+
+class LabError(ValueError):
+    """The lab cannot be built; the text says why."""
+
+
+@dataclass(frozen=True)
+class _Seeds:
+    tracker: int
+    drives: int
+    buses: int
+
+    @classmethod
+    def of(cls, seed: int) -> "_Seeds":
+        return cls(*(int(word) for word in np.random.SeedSequence(seed).generate_state(3)))
+
+
+class Lab:
+    """A robot without hardware. Lives in the running event loop once `start` was called."""
+
+    def __init__(
+        self, robot: Robot, robot_path: Path, clock: Clock, seed: int | None = None
+    ) -> None:
+        """seed: instead of the robot file's. Raises LabError."""
+        if robot.emulation is None:
+            raise LabError(f"{robot_path}: there is no 'emulation' in this robot file")
+        emulation = robot.emulation
+        seeds = _Seeds.of(emulation.seed if seed is None else seed)
+        self.robot = robot
+        self._clock = clock
+        self._period_ns = round(emulation.plant_period_s * 1e9)
+        self.buses = {
+            name: CanBus(bus.bitrate_bit_s, seeds.buses + place)
+            for place, (name, bus) in enumerate(robot.buses.items())
+        }
+        self.drives = _drives(robot, robot_path, self.buses, seeds.drives)
+        shafts = [self._shaft(axis) for axis in robot.axes]
+        load = TipLoad(emulation.tip_load_g)
+        warm_up()
+        self.body = Body(plant_of(emulation, robot), robot.axes, shafts, load)
+        self.tracker = EmulatedAurora(
+            emulation.tracker, self._poses, seeds.tracker, powered_up_ns=clock.now_ns()
+        )
+        self.devices: Mapping[str, FaultyDevice] = {
+            "tracker": self.tracker,
+            **{f"bus.{name}": BusFaults(bus) for name, bus in self.buses.items()},
+            **{f"drive.{name}": drive for name, drive in self.drives.items()},
+        }
+        self.pumps: dict[str, Pump] = {}
+        self._stop_heart: Callable[[], None] = lambda: None
+
+    def start(self) -> None:
+        """Switch everything on."""
+        now_ns = self._clock.now_ns()
+        for name, bus in self.buses.items():
+            bus.advance(now_ns)
+            self.pumps[name] = Pump(bus, self._clock)
+        for drive in self.drives.values():
+            drive.power_on(now_ns)
+        self._touch()
+        heart = Pump(_Heart(self._period_ns, self._poses, self.body), self._clock)
+        heart.touch()
+        self._stop_heart = heart.stop
+
+    def stop(self) -> None:
+        """Leave the event loop."""
+        self._stop_heart()
+        for pump in self.pumps.values():
+            pump.stop()
+
+    def inject(self, order: str) -> None:
+        """Carry out a fault order now. Raises FaultError."""
+        inject(self.devices, order, self._clock.now_ns())
+        self._touch()
+
+    def set_tip_load(self, mass_g: float) -> None:
+        """Hang another weight on the tip."""
+        self.body.advance(self._clock.now_ns())
+        self.body.load = TipLoad(mass_g)
+
+    def play(self, name: str | None) -> None:
+        """Begin a scripted actuation of the axes that no motor holds; None ends it.
+
+        Raises LabError.
+        """
+        if name is not None and name not in PLAYS:
+            raise LabError(f"there is no play '{name}': there are {', '.join(PLAYS)}")
+        play = None if name is None else PLAYS[name](self.robot.axes)
+        self.body.begin_play(play, self._clock.now_ns())
+
+    def _poses(self, t_ns: int) -> Mapping[str, Pose]:
+        for bus in self.buses.values():
+            bus.advance(t_ns)
+        return self.body.poses(t_ns)
+
+    def _touch(self) -> None:
+        for pump in self.pumps.values():
+            pump.touch()
+
+    def _shaft(self, axis: Axis) -> DriveAxis:
+        return self.drives[f"{axis.drive.bus}/{axis.drive.node}"].axes[axis.drive.axis]
+
+
+class _Heart:
+    """Keeps the body moving while no tracker looks at it. A `Device`."""
+
+    def __init__(self, period_ns: int, beat: Callable[[int], object], body: Body) -> None:
+        self._period_ns = period_ns
+        self._beat = beat
+        self._body = body
+
+    def advance(self, t_ns: int) -> int:
+        # Half a period of grace: a tracker's own rhythm is never quite ours.
+        if 2 * (t_ns - self._body.advanced_ns) >= 3 * self._period_ns:
+            self._beat(t_ns)
+        return max(self._body.advanced_ns + 3 * self._period_ns // 2, t_ns + 1)
+
+
+def plant_of(emulation: Emulation, robot: Robot) -> Plant:
+    """The body of this robot, at rest. Raises LabError where its axes cannot move it."""
+    if isinstance(emulation.plant, TendonArmPlant):
+        return _tendon_arm(emulation.plant, robot)
+    bores = [axis.bore_mm if isinstance(axis, LinearStepper) else None for axis in robot.axes]
+    if None in bores:
+        raise LabError("a soft arm needs linear_stepper axes with a bore_mm: they push its gas")
+    try:
+        return SoftArm(emulation.plant, [bore for bore in bores if bore is not None])
+    except (ValueError, PlantError) as error:
+        raise LabError(f"this soft arm cannot be at rest: {error}") from None
+
+
+def _tendon_arm(plant: TendonArmPlant, robot: Robot) -> Plant:
+    motors = [axis for axis in robot.axes if isinstance(axis, TendonMotor)]
+    if not len(motors) == len(robot.axes) == len(plant.tendons):
+        raise LabError(
+            f"a tendon arm needs a tendon_motor axis for each of its {len(plant.tendons)} tendons"
+        )
+    try:
+        return TendonArm(plant)
+    except (ValueError, PlantError) as error:
+        raise LabError(f"this tendon arm cannot be at rest: {error}") from None
+
+
+def _drives(
+    robot: Robot, robot_path: Path, buses: Mapping[str, CanBus], seed: int
+) -> dict[str, EmulatedDrive]:
+    """The drives by `bus/node`, each with the axes that the robot file puts on it."""
+    assert robot.emulation is not None
+    options = robot.emulation.drives
+    nodes: dict[tuple[str, int], list[Axis]] = {}
+    for axis in robot.axes:
+        nodes.setdefault((axis.drive.bus, axis.drive.node), []).append(axis)
+    random = np.random.default_rng(seed)
+    return {
+        f"{bus}/{node}": EmulatedDrive(
+            buses[bus],
+            node,
+            eds_path(axes[0].drive.eds, robot_path),
+            options,
+            seed=seed,
+            clock=DeviceClock(float(random.uniform(-1, 1) * options.clock_error_ppm)),
+            mechanics=_mechanics(axes),
+        )
+        for (bus, node), axes in nodes.items()
+    }
+
+
+def _mechanics(axes: list[Axis]) -> list[AxisMechanics]:
+    """How the axes of one drive are built, in the order of their numbers."""
+    by_number = {axis.drive.axis: _axis_mechanics(axis) for axis in axes}
+    spare = next(iter(by_number.values()))
+    return [by_number.get(number, spare) for number in range(max(by_number) + 1)]
+
+
+def _axis_mechanics(axis: Axis) -> AxisMechanics:
+    """Stops and switches a little beyond the travel; the lab's zero is the axis' own."""
+    travel = axis.travel_mm if isinstance(axis, LinearAxis) else axis.travel_rad
+    margin = _BEYOND_TRAVEL * (travel[1] - travel[0])
+    per_unit = axis_scale(axis).counts_per_unit
+    low, high = sorted(((travel[0] - margin) * per_unit, (travel[1] + margin) * per_unit))
+    return AxisMechanics(
+        counts_per_turn=axis.drive.counts_per_turn,
+        rated_torque_nmm=axis.drive.rated_torque_nmm,
+        absolute_encoder=axis.homing.referenced == "absolute_encoder",
+        low_stop_counts=low,
+        high_stop_counts=high,
+        low_switch_counts=low,
+        high_switch_counts=high,
+    )

@@ -1,0 +1,75 @@
+"""Small random motions: near where they began, in all directions, for as long as asked."""
+
+import numpy as np
+import pytest
+
+from config.exploration import MotorBabbling
+from daemon.control.controller import Observation
+from daemon.controllers.babbling import Babbling
+from daemon.robot.axes import AxisRanges
+from drivers.pose import Vector
+from tests.daemon.control.closed_loop import DT_S, ROBOT
+
+AXES = AxisRanges.of(ROBOT)
+OPTIONS = MotorBabbling(reach_share=0.05, duration_s=10.0)
+TIP = np.array([0.0, 0.0, 185.0])
+
+
+def at(u: Vector) -> Observation:
+    return Observation(0, DT_S, u, u, TIP, np.zeros(3), TIP, np.zeros(3))
+
+
+def babbled(start: Vector, options: MotorBabbling = OPTIONS, seed: int = 1) -> Vector:
+    """(n, 6) where the axes were, until it was done."""
+    babbling, u = Babbling(options, AXES, seed), start
+    babbling.reset()
+    places = [u]
+    while not babbling.done:
+        u = u + babbling.propose(at(u))
+        places.append(u)
+    assert babbling.note == ""
+    assert not babbling.propose(at(u)).any()
+    return np.array(places)
+
+
+def test_it_lasts_as_long_as_asked_for() -> None:
+    assert len(babbled(np.full(6, 25.0))) == pytest.approx(10.0 / DT_S, abs=2)
+
+
+def test_it_stays_near_where_it_began_and_moves_all_axes() -> None:
+    places = babbled(np.full(6, 25.0))
+    reach = 50.0 * (OPTIONS.reach_share + OPTIONS.dither_share)
+    assert (np.abs(places - 25.0) <= reach + 0.5).all()
+    assert (np.ptp(places, axis=0) > 2.0).all()
+
+
+def test_its_steps_go_in_all_directions() -> None:
+    steps = np.diff(babbled(np.full(6, 25.0)), axis=0)
+    power = np.linalg.svd(steps, compute_uv=False) ** 2
+    assert power[-1] > 0.02 * power[0]
+
+
+@pytest.mark.parametrize("start", [0.0, 50.0])
+def test_at_the_end_of_the_travel_it_uses_the_side_that_has_room(start: float) -> None:
+    places = babbled(np.full(6, start))
+    assert (places >= -1e-9).all()
+    assert (places <= 50.0 + 1e-9).all()
+    assert (np.ptp(places, axis=0) > 2.0).all()
+
+
+def test_a_pause_does_not_count_and_the_rest_is_made_up_for() -> None:
+    babbling, u = Babbling(OPTIONS, AXES, 1), np.full(6, 25.0)
+    babbling.reset()
+    for _ in range(100):
+        u = u + babbling.propose(at(u))
+    assert babbling.note == "tries small motions: 2 of 10 s"
+    babbling.reset()
+    elsewhere = u + 10.0
+    assert np.abs(babbling.propose(at(elsewhere))).max() < 0.1
+    assert not babbling.done
+
+
+def test_the_seed_decides() -> None:
+    start = np.full(6, 25.0)
+    np.testing.assert_array_equal(babbled(start), babbled(start))
+    assert not np.array_equal(babbled(start), babbled(start, seed=2))

@@ -1,0 +1,344 @@
+"""The controller without a model: its first motions, its corrections, and its file."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from config.controllers import Broyden, ConstantCurvature
+from config.robot import Robot
+from daemon.control.controller import ControllerError, Observation
+from daemon.controllers.broyden import BroydenController
+from daemon.controllers.constant_curvature import ConstantCurvatureController
+from daemon.controllers.jacobian_estimate import JacobianEstimate
+from daemon.npz_file import ModelError
+from drivers.pose import Vector
+from tests.daemon.control.closed_loop import DT_S, ROBOT
+
+OPTIONS = Broyden(kind="broyden")
+
+
+@dataclass
+class LinearRobot:
+    """Any number of axes, a tip that moves with them in proportion, a controller and noise."""
+
+    robot: Robot = ROBOT
+    options: Broyden = OPTIONS
+    noise_mm: float = 0.2
+    drift_mm_s: float = 0.0
+    seed: int = 4
+
+    def __post_init__(self) -> None:
+        self.generator = np.random.default_rng(self.seed)
+        self.count = len(self.robot.axes)
+        self.jacobian = 3.0 * np.random.default_rng(9).normal(size=(3, self.count))
+        self.controller = BroydenController(self.options, self.robot)
+        self.targets = np.full(self.count, 10.0)
+        self.frames = 0
+        self.stuck: int | None = None
+
+    @property
+    def truth_mm(self) -> Vector:
+        drift = self.drift_mm_s * DT_S * self.frames
+        moved = self.jacobian @ (self.targets - 10.0)
+        return np.asarray(moved + np.array([0.0, 0.0, drift]))
+
+    def seen(self, reference_mm: Vector | None = None) -> Observation:
+        tip = self.truth_mm + self.noise_mm * self.generator.normal(size=3)
+        return Observation(
+            t_ns=round(self.frames * DT_S * 1e9),
+            dt_s=DT_S,
+            u=self.targets.copy(),
+            targets=self.targets.copy(),
+            tip_mm=tip,
+            tip_velocity_mm_s=np.zeros(3),
+            reference_mm=tip if reference_mm is None else reference_mm,
+            reference_velocity_mm_s=np.zeros(3),
+        )
+
+    def step(self, reference_mm: Vector | None = None) -> Vector:
+        self.frames += 1
+        observation = self.seen(reference_mm)
+        self.controller.observe(observation)
+        step = self.controller.propose(observation).delta_u.copy()
+        if self.stuck is not None:
+            step[self.stuck] = 0.0
+        self.targets = self.targets + step
+        return step
+
+    def explore(self) -> None:
+        self.controller.reset(self.seen())
+        for _ in range(3000):
+            if self.controller.ready:
+                return
+            self.step()
+        raise AssertionError("explores for ever")
+
+    @property
+    def error(self) -> float:
+        """Of the controller's Jacobian, relative."""
+        found = self.controller.jacobian
+        assert found is not None
+        return float(np.linalg.norm(found - self.jacobian) / np.linalg.norm(self.jacobian))
+
+
+def with_axes(count: int) -> Robot:
+    return ROBOT.model_copy(update={"axes": ROBOT.axes[:count]})
+
+
+@pytest.mark.parametrize("count", [2, 3, 5, 6])
+def test_exploration_finds_the_jacobian_in_spite_of_noise(count: int) -> None:
+    loop = LinearRobot(robot=with_axes(count))
+    loop.explore()
+    assert loop.error < 0.03
+
+
+@pytest.mark.parametrize("together", [True, False])
+def test_a_steady_drift_does_not_disturb_it(together: bool) -> None:
+    options = OPTIONS.model_copy(update={"explore_together": together})
+    loop = LinearRobot(options=options, noise_mm=0.0, drift_mm_s=0.5)
+    loop.explore()
+    assert loop.error < 1e-6
+
+
+def test_exploration_is_small_slow_and_ends_where_it_began() -> None:
+    loop = LinearRobot()
+    before = loop.targets
+    loop.controller.reset(loop.seen())
+    farthest, fastest = 0.0, 0.0
+    for _ in range(3000):
+        if loop.controller.ready:
+            break
+        fastest = max(fastest, float(np.abs(loop.step()).max()))
+        farthest = max(farthest, float(np.abs(loop.targets - before).max()))
+    assert farthest <= OPTIONS.explore_share * 50.0 + 1e-9
+    assert fastest <= OPTIONS.explore_speed_share * 10.0 * DT_S + 1e-9
+    np.testing.assert_allclose(loop.targets, before, atol=0.1 * OPTIONS.explore_share * 50.0)
+
+
+def test_where_there_is_no_room_outwards_it_goes_inwards() -> None:
+    loop = LinearRobot()
+    loop.targets = np.array([50.0, 10.0, 49.0, 0.0, 10.0, 50.0])
+    loop.controller.reset(loop.seen())
+    while not loop.controller.ready:
+        loop.step()
+        assert (loop.targets >= 0.0).all()
+        assert (loop.targets <= 50.0).all()
+    assert loop.error < 0.03
+
+
+def test_it_says_what_it_is_doing() -> None:
+    loop = LinearRobot()
+    loop.controller.reset(loop.seen())
+    assert "proximal_1" in loop.controller.propose(loop.seen()).note
+    loop.explore()
+    assert loop.controller.propose(loop.seen()).note == ""
+
+
+def test_an_axis_that_does_not_move_is_named() -> None:
+    loop = LinearRobot()
+    loop.stuck = 2
+    with pytest.raises(ControllerError, match=r"proximal_3 was to go to 13, and is at 10"):
+        loop.explore()
+
+
+def test_an_interruption_repeats_only_the_excursion_it_broke() -> None:
+    loop = LinearRobot()
+    loop.controller.reset(loop.seen())
+    while "proximal_3" not in loop.controller.propose(loop.seen()).note:
+        loop.step()
+    for _ in range(40):
+        loop.step()
+    loop.targets = loop.targets + 2.0
+    loop.controller.reset(loop.seen())
+    assert "proximal_3" in loop.controller.propose(loop.seen()).note
+    while not loop.controller.ready:
+        loop.step()
+    assert loop.error < 0.03
+
+
+def test_the_tip_is_brought_to_the_reference() -> None:
+    loop = LinearRobot(noise_mm=0.05)
+    loop.explore()
+    goal = loop.truth_mm + np.array([8.0, -6.0, 4.0])
+    for _ in range(200):
+        loop.step(goal)
+    assert np.linalg.norm(loop.truth_mm - goal) < 0.3
+
+
+def test_a_body_that_has_changed_is_learnt_while_it_moves(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    errors = []
+    for updating in (True, False):
+        loop = LinearRobot(noise_mm=0.1)
+        loop.explore()
+        start = loop.truth_mm
+        # The body now turns what it did by 50° about z: feedback alone still gets there.
+        turn = np.array([[0.64, -0.77, 0.0], [0.77, 0.64, 0.0], [0.0, 0.0, 1.0]])
+        loop.jacobian = turn @ loop.jacobian
+        offset = start - loop.truth_mm
+        if not updating:
+            monkeypatch.setattr(loop.controller, "observe", lambda observation: None)
+        for k in range(1500):
+            angle = 2.0 * np.pi * k / 300.0
+            circle = 10.0 * np.array([np.cos(angle) - 1.0, np.sin(angle), 0.3 * np.sin(angle)])
+            loop.step(start - offset + circle)
+        errors.append(loop.error)
+    learnt, left = errors
+    assert left > 0.4
+    assert learnt < 0.5 * left
+
+
+def test_noise_alone_teaches_nothing() -> None:
+    loop = LinearRobot()
+    loop.explore()
+    before = loop.controller.jacobian
+    for _ in range(400):
+        loop.controller.observe(loop.seen())
+        loop.frames += 1
+    np.testing.assert_array_equal(loop.controller.jacobian, before)
+
+
+def test_a_frame_that_is_not_a_number_teaches_nothing() -> None:
+    loop = LinearRobot()
+    loop.explore()
+    before = loop.controller.jacobian
+    for bad in (np.full(3, np.nan), np.array([0.0, np.inf, 0.0])):
+        loop.controller.observe(loop.seen()._replace(tip_mm=bad))
+    loop.controller.observe(loop.seen()._replace(u=np.full(6, np.nan)))
+    np.testing.assert_array_equal(loop.controller.jacobian, before)
+
+
+def test_a_tip_that_is_only_extrapolated_teaches_nothing() -> None:
+    loop = LinearRobot()
+    loop.explore()
+    before = loop.controller.jacobian
+    elsewhere = loop.seen()
+    for share in (0.1, 0.2, 0.3):
+        loop.controller.observe(
+            elsewhere._replace(
+                u=elsewhere.u + share, tip_mm=elsewhere.tip_mm - 50.0 * share, believed=False
+            )
+        )
+    loop.controller.observe(elsewhere)
+    np.testing.assert_array_equal(loop.controller.jacobian, before)
+
+
+def test_without_noise_and_memory_a_correction_is_broydens_own() -> None:
+    generator = np.random.default_rng(3)
+    jacobian, moved = generator.normal(size=(3, 6)), 0.01 * generator.normal(size=6)
+    tip_moved = jacobian @ moved + 0.01 * generator.normal(size=3)
+    estimate = JacobianEstimate(jacobian, 1e8 * np.eye(6), noise_mm=1e-9, drift_mm=1e-9)
+    estimate.correct(moved, tip_moved)
+    missing = tip_moved - jacobian @ moved
+    expected = jacobian + np.outer(missing, moved) / (moved @ moved)
+    np.testing.assert_allclose(estimate.jacobian, expected, rtol=1e-3, atol=1e-4)
+    np.testing.assert_allclose(estimate.jacobian @ moved, tip_moved, rtol=1e-3)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10**6), axes=st.integers(3, 8))
+def test_a_correction_goes_where_the_jacobian_is_uncertain(seed: int, axes: int) -> None:
+    """J + (d - J x) x'P / (x'P x + r), with a P that has grown by the distance moved."""
+    generator = np.random.default_rng(seed)
+    jacobian, spread = generator.normal(size=(3, axes)), generator.normal(size=(axes, axes))
+    before = spread @ spread.T
+    moved, tip_moved = 0.1 * generator.normal(size=axes), 0.1 * generator.normal(size=3)
+    estimate = JacobianEstimate(jacobian, before, noise_mm=0.3, drift_mm=2.0)
+    estimate.correct(moved, tip_moved)
+    grown = before + 2.0**2 * np.linalg.norm(moved) * np.eye(axes)
+    noise = 0.3**2 + 0.1**2 * tip_moved @ tip_moved
+    gain = grown @ moved / (moved @ grown @ moved + noise)
+    expected = jacobian + np.outer(tip_moved - jacobian @ moved, gain)
+    np.testing.assert_allclose(estimate.jacobian, expected, rtol=1e-9, atol=1e-9)
+    shrunk = grown - np.outer(gain, grown @ moved)
+    np.testing.assert_allclose(estimate.covariance, shrunk, rtol=1e-9, atol=1e-9)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_a_change_after_which_the_tip_could_hardly_move_one_way_is_dropped(seed: int) -> None:
+    jacobian = np.random.default_rng(seed).normal(size=(3, 6))
+    hardest = np.linalg.svd(jacobian)[2][2]
+    estimate = JacobianEstimate(jacobian, 1e8 * np.eye(6), noise_mm=1e-3, drift_mm=1e-9)
+    estimate.correct(0.1 * hardest, np.zeros(3))
+    np.testing.assert_array_equal(estimate.jacobian, jacobian)
+    np.testing.assert_array_equal(estimate.covariance, 1e8 * np.eye(6))
+    estimate.correct(0.1 * hardest, 0.05 * jacobian @ hardest)
+    assert not np.array_equal(estimate.jacobian, jacobian)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10**6), axes=st.integers(3, 8))
+def test_the_estimate_stays_finite_and_its_covariance_one(seed: int, axes: int) -> None:
+    generator = np.random.default_rng(seed)
+    estimate = JacobianEstimate(
+        100.0 * generator.normal(size=(3, axes)), 400.0 * np.eye(axes), 0.3, 25.0
+    )
+    for _ in range(50):
+        size = 10.0 ** generator.uniform(-3, 0)
+        estimate.correct(size * generator.normal(size=axes), 5.0 * generator.normal(size=3))
+        assert np.isfinite(estimate.jacobian).all()
+        assert np.linalg.cond(estimate.jacobian) < 1e3
+        assert np.linalg.eigvalsh(estimate.covariance).min() > -1e-6
+
+
+def test_what_was_learnt_goes_on_from_a_file_without_exploring(tmp_path: Path) -> None:
+    loop = LinearRobot()
+    loop.explore()
+    loop.controller.save(tmp_path / "broyden.npz")
+    again = LinearRobot()
+    again.controller.load(tmp_path / "broyden.npz")
+    assert again.controller.ready
+    assert again.error == loop.error
+
+
+def test_before_there_is_a_jacobian_there_is_nothing_to_save(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match="nothing to save"):
+        BroydenController(OPTIONS, ROBOT).save(tmp_path / "broyden.npz")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_model_of_another_robot_or_controller_is_refused(tmp_path: Path) -> None:
+    loop = LinearRobot()
+    loop.explore()
+    path = tmp_path / "broyden.npz"
+    loop.controller.save(path)
+    other = ROBOT.model_copy(update={"robot": "other_arm"})
+    with pytest.raises(ModelError, match="its robot is 'soft_arm', not 'other_arm'"):
+        BroydenController(OPTIONS, other).load(path)
+    with pytest.raises(ModelError, match="its axes is"):
+        BroydenController(OPTIONS, with_axes(5)).load(path)
+    analytic = ConstantCurvatureController(ConstantCurvature(kind="constant_curvature"), ROBOT)
+    with pytest.raises(ModelError, match="its controller is 'broyden'"):
+        analytic.load(path)
+    analytic.save(tmp_path / "arcs.npz")
+    analytic.load(tmp_path / "arcs.npz")
+
+
+@pytest.mark.parametrize("content", [b"", b"not a model", b"PK\x03\x04 broken"])
+def test_a_file_that_is_no_model_is_refused_and_nothing_changes(
+    tmp_path: Path, content: bytes
+) -> None:
+    path = tmp_path / "broken.npz"
+    path.write_bytes(content)
+    controller = BroydenController(OPTIONS, ROBOT)
+    with pytest.raises(ModelError, match=r"broken\.npz"):
+        controller.load(path)
+    assert not controller.ready
+
+
+def test_a_late_frame_in_exploration_does_not_make_an_axis_leap() -> None:
+    loop = LinearRobot()
+    loop.controller.reset(loop.seen())
+    for _ in range(60):
+        late = loop.seen()._replace(dt_s=30.0)
+        step = loop.controller.propose(late).delta_u
+        assert np.abs(step).max() <= 10.0 * 0.1
+        loop.controller.observe(late)
+        loop.targets = loop.targets + step
+        loop.frames += 1

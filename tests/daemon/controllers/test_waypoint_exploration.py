@@ -1,0 +1,200 @@
+"""The exploration stays where the tip may be, goes everywhere else, and ends."""
+
+import numpy as np
+import pytest
+
+from config.control import Workspace
+from config.exploration import WaypointExploration
+from config.robot import Robot
+from daemon.control.controller import Observation
+from daemon.controllers.waypoint_exploration import WaypointExplorationController
+from daemon.npz_file import ModelError
+from drivers.pose import Vector
+from tests.daemon.control.closed_loop import DT_S, ROBOT, ClosedLoop
+
+TRAVEL_MM = 50.0
+FRAMES_AT_MOST = 6000
+
+
+def controller(
+    seed: int = 1, robot: Robot = ROBOT, **options: float
+) -> WaypointExplorationController:
+    asked = {"kind": "waypoint_exploration", "waypoints": 10, **options}
+    return WaypointExplorationController(WaypointExploration.model_validate(asked), robot, seed)
+
+
+def explored(loop: ClosedLoop) -> tuple[Vector, Vector]:
+    """Where axes and the true tip were, (n, 6) and (n, 3), from the start to the end."""
+    loop.start()
+    places: list[Vector] = []
+    tips: list[Vector] = []
+    for _ in range(FRAMES_AT_MOST):
+        loop.step(loop.tip_mm, np.zeros(3))
+        if loop.controller.ready:
+            return np.array(places), np.array(tips)
+        places.append(loop.u)
+        tips.append(loop.body.tip.position_mm)
+    raise AssertionError("it explores for ever")
+
+
+@pytest.fixture(scope="module")
+def arm() -> tuple[Vector, Vector]:
+    return explored(ClosedLoop(controller()))
+
+
+def test_the_tip_stays_in_its_workspace(arm: tuple[Vector, Vector]) -> None:
+    box = ROBOT.workspace
+    assert box is not None
+    lowest, highest = np.array([box.x_mm, box.y_mm, box.z_mm]).T
+    _, tips = arm
+    assert (tips >= lowest).all()
+    assert (tips <= highest).all()
+
+
+def test_all_axes_are_used(arm: tuple[Vector, Vector]) -> None:
+    places, tips = arm
+    assert (np.ptp(places, axis=0) > 0.4 * TRAVEL_MM).all()
+    assert (np.ptp(tips, axis=0)[:2] > 60.0).all()
+
+
+def test_the_axes_are_kept_busy(arm: tuple[Vector, Vector]) -> None:
+    places, _ = arm
+    speeds = np.abs(np.diff(places, axis=0)).max(axis=1) / DT_S
+    assert speeds.mean() > 0.5 * ROBOT.axes[0].max_velocity_mm_s  # type: ignore[union-attr]
+
+
+def test_the_same_seed_goes_the_same_way_and_another_one_does_not() -> None:
+    ways = [explored(ClosedLoop(controller(seed, waypoints=2)))[0] for seed in (1, 1, 2)]
+    np.testing.assert_array_equal(ways[0], ways[1])
+    assert len(ways[0]) != len(ways[2]) or not np.allclose(ways[0], ways[2])
+
+
+def still(u: Vector, tip_mm: Vector, velocity_mm_s: Vector | None = None) -> Observation:
+    velocity = np.zeros(3) if velocity_mm_s is None else velocity_mm_s
+    return Observation(0, DT_S, u, u, tip_mm, velocity, tip_mm, np.zeros(3))
+
+
+def walked(control: WaypointExplorationController, frames: int = 4000) -> Vector:
+    """(n, 6) axes of a body whose tip stays in the middle of the workspace."""
+    u, tip = np.full(6, 25.0), np.array([0.0, 0.0, 185.0])
+    places = [u]
+    control.reset(still(u, tip))
+    for _ in range(frames):
+        observation = still(u, tip)
+        control.observe(observation)
+        u = u + control.propose(observation).delta_u
+        if control.ready:
+            break
+        places.append(u)
+    return np.array(places)
+
+
+def test_it_goes_to_as_many_places_as_asked_for_and_says_which() -> None:
+    control, notes = controller(waypoints=3), []
+    u, tip = np.full(6, 25.0), np.array([0.0, 0.0, 185.0])
+    control.reset(still(u, tip))
+    while not control.ready:
+        proposal = control.propose(still(u, tip))
+        u = u + proposal.delta_u
+        notes.append(proposal.note)
+    assert list(dict.fromkeys(notes)) == ["line 1 of 3", "line 2 of 3", "line 3 of 3", ""]
+    np.testing.assert_array_equal(control.propose(still(u, tip)).delta_u, np.zeros(6))
+
+
+def test_places_come_from_the_middle_share_of_the_travel() -> None:
+    places = walked(controller(travel_share=0.4, waypoints=30, dither_share=0.0))
+    assert np.ptp(places, axis=0) == pytest.approx(np.full(6, 18.0), abs=2.5)
+    assert (np.abs(places - 25.0) <= 10.0 + 0.5).all()
+
+
+def test_without_dither_steps_of_a_line_all_go_one_way_and_with_it_they_do_not() -> None:
+    straight, dithered = (
+        walked(controller(waypoints=1, dither_share=share)) for share in (0.0, 0.03)
+    )
+    assert spread_of_directions(straight) < 0.02
+    assert spread_of_directions(dithered) > 0.1
+
+
+def spread_of_directions(places: Vector) -> float:
+    """Share of the steps' power outside their main direction."""
+    steps = np.diff(places, axis=0)[20:-20]
+    power = np.linalg.svd(steps, compute_uv=False) ** 2
+    return float(1.0 - power[0] / power.sum())
+
+
+def test_no_axis_leaves_its_travel_or_is_faster_than_it_may_be() -> None:
+    places = walked(controller(waypoints=15, dither_share=0.2, speed_share=1.0))
+    assert (places >= -1e-9).all()
+    assert (places <= TRAVEL_MM + 1e-9).all()
+    assert (np.abs(np.diff(places, axis=0)) <= 10.0 * DT_S + 1e-9).all()
+
+
+def test_near_a_wall_it_goes_back_the_way_it_came() -> None:
+    control = controller(waypoints=4, dither_share=0.0)
+    u, tip = np.full(6, 25.0), np.array([0.0, 0.0, 185.0])
+    control.reset(still(u, tip))
+    trail = []
+    for _ in range(60):
+        trail.append(u)
+        u = u + control.propose(still(u, tip)).delta_u
+    at_the_wall = still(u, np.array([74.0, 0.0, 185.0]), np.array([20.0, 0.0, 0.0]))
+    for _ in range(40):
+        u = u + control.propose(still(u, at_the_wall.tip_mm, at_the_wall.tip_velocity_mm_s)).delta_u
+    nearest = np.linalg.norm(np.array(trail) - u, axis=1)
+    assert nearest.min() < 0.5
+    assert int(np.argmin(nearest)) < 40
+
+
+def test_beside_the_wall_it_does_not_turn_back_while_it_comes_from_there() -> None:
+    control = controller(waypoints=2, dither_share=0.0)
+    u = np.full(6, 25.0)
+    tip, inwards = np.array([79.0, 0.0, 185.0]), np.array([-20.0, 0.0, 0.0])
+    control.reset(still(u, tip, inwards))
+    start = u
+    for _ in range(40):
+        u = u + control.propose(still(u, tip, inwards)).delta_u
+    assert np.linalg.norm(u - start) > 2.0
+
+
+def test_a_hold_interrupts_a_line_and_does_not_end_it() -> None:
+    control = controller(waypoints=2)
+    u, tip = np.full(6, 25.0), np.array([0.0, 0.0, 185.0])
+    control.reset(still(u, tip))
+    for _ in range(20):
+        u = u + control.propose(still(u, tip)).delta_u
+    control.reset(still(u, tip))
+    assert control.note == "line 1 of 2"
+    assert np.abs(control.propose(still(u, tip)).delta_u).max() < 0.1
+
+
+def test_a_robot_without_a_workspace_uses_all_of_its_travel() -> None:
+    free = ROBOT.model_copy(update={"workspace": None})
+    places = walked(controller(robot=free, waypoints=30, dither_share=0.0), frames=12_000)
+    assert (np.ptp(places, axis=0) > 0.8 * TRAVEL_MM).all()
+
+
+def test_walls_thicker_than_the_workspace_leave_some_of_it() -> None:
+    small = Workspace(x_mm=(-4.0, 4.0), y_mm=(-4.0, 4.0), z_mm=(183.0, 187.0))
+    tight = ROBOT.model_copy(update={"workspace": small})
+    control = controller(robot=tight, waypoints=1)
+    assert len(walked(control)) > 20
+    assert control.ready
+
+
+def test_there_is_no_model_to_save_or_load(tmp_path: object) -> None:
+    from pathlib import Path
+
+    path = Path(str(tmp_path)) / "model.npz"
+    with pytest.raises(ModelError, match="no model"):
+        controller().save(path)
+    with pytest.raises(ModelError, match="no model"):
+        controller().load(path)
+
+
+def test_what_is_not_finite_is_not_remembered() -> None:
+    control = controller(waypoints=3)
+    u, tip = np.full(6, 25.0), np.array([0.0, 0.0, 185.0])
+    control.reset(still(u, tip))
+    control.observe(still(u, np.full(3, np.nan)))
+    control.observe(still(np.full(6, np.inf), tip))
+    assert np.isfinite(walked(control)).all()

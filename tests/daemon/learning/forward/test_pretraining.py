@@ -1,0 +1,132 @@
+"""A forward model learnt from an exploration: how good, how large, and from what."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from daemon.learning.forward.forward_model import receptive_fields, slopes_by_step
+from daemon.learning.forward.pretraining import (
+    EpochErrors,
+    Pretraining,
+    PretrainingError,
+    PretrainingSettings,
+    pretrain,
+)
+from daemon.learning.samples.motion_samples import SamplingSettings
+from tests.daemon.learning.frames_of_arm import ARM, arm_dataset
+
+LINES = 30
+EPOCHS = 6
+
+
+@cache
+def learnt(**changes: object) -> Pretraining:
+    settings = PretrainingSettings(**{"epochs": EPOCHS, **changes})  # type: ignore[arg-type]
+    return pretrain(arm_dataset(LINES, lag_s=0.1), settings)
+
+
+def test_it_predicts_motions_that_it_has_not_seen() -> None:
+    pretraining = learnt()
+    spread_mm = float(pretraining.motions.delta_tip_mm[pretraining.test].std())
+    best = pretraining.errors[pretraining.best_epoch - 1]
+    assert best.test_mm < 0.4 * spread_mm
+    assert best.train_mm <= best.all_mm <= best.test_mm
+
+
+def test_the_model_is_the_one_of_the_epoch_with_the_lowest_test_error() -> None:
+    pretraining = learnt()
+    tests = [errors.test_mm for errors in pretraining.errors]
+    assert [errors.epoch for errors in pretraining.errors] == list(range(1, EPOCHS + 1))
+    assert pretraining.best_epoch == 1 + int(np.argmin(tests))
+    inputs = pretraining.motions.inputs
+    said = np.array([pretraining.model.predict(x) for x in inputs])
+    np.testing.assert_array_equal(said, pretraining.predicted_mm)
+    wrong = (said - pretraining.motions.delta_tip_mm)[pretraining.test]
+    assert min(tests) == pytest.approx(float(np.sqrt((wrong**2).mean())))
+
+
+def test_every_epoch_is_told() -> None:
+    told: list[EpochErrors] = []
+    pretraining = pretrain(arm_dataset(6), PretrainingSettings(epochs=3), told.append)
+    assert tuple(told) == pretraining.errors
+
+
+def test_a_fifth_of_the_lines_is_kept_back_and_none_is_cut() -> None:
+    pretraining = learnt()
+    kept = set(pretraining.motions.line[pretraining.test].tolist())
+    used = set(pretraining.motions.line[~pretraining.test].tolist())
+    assert len(kept) == LINES // 5
+    assert not kept & used
+
+
+def test_without_a_test_everything_is_learnt() -> None:
+    pretraining = learnt(test_share=0.0)
+    assert not pretraining.test.any()
+    assert all(np.isnan(errors.test_mm) for errors in pretraining.errors)
+    trained = [errors.train_mm for errors in pretraining.errors]
+    assert pretraining.best_epoch == 1 + int(np.argmin(trained))
+
+
+@pytest.mark.parametrize("fields", [1, 12, 40])
+def test_there_are_as_many_fields_as_asked_for(fields: int) -> None:
+    assert learnt(fields=fields, epochs=1).model.count == pytest.approx(fields, abs=1)
+
+
+def test_left_alone_there_is_a_field_for_every_hundred_motions() -> None:
+    pretraining = learnt()
+    learnt_from = int((~pretraining.test).sum())
+    assert pretraining.model.count == pytest.approx(learnt_from / 100, abs=2)
+
+
+def test_the_lag_is_found_and_kept_with_the_samples() -> None:
+    pretraining = learnt()
+    assert pretraining.sampling.lag_s == pytest.approx(0.1, abs=0.01)
+    wrong = learnt(lag_s=0.0)
+    assert wrong.sampling.lag_s == 0.0
+    assert min(e.test_mm for e in pretraining.errors) < min(e.test_mm for e in wrong.errors)
+
+
+def test_the_same_seed_learns_the_same_and_another_one_does_not() -> None:
+    settings = PretrainingSettings(epochs=2)
+    one, same = (pretrain(arm_dataset(8), settings) for _ in range(2))
+    other = pretrain(arm_dataset(8), PretrainingSettings(epochs=2, seed=2))
+    np.testing.assert_array_equal(one.predicted_mm, same.predicted_mm)
+    assert one.errors == same.errors
+    assert other.errors != one.errors
+
+
+def test_the_slopes_are_those_of_the_arm() -> None:
+    pretraining, shares = learnt(test_share=0.0), []
+    for tip_mm, u in zip(
+        pretraining.motions.tip_mm[::60], pretraining.motions.u[::60], strict=True
+    ):
+        slopes = slopes_by_step(pretraining.model, tip_mm, u)
+        true = ARM.tip(u)[1]
+        shares.append(np.linalg.norm(slopes - true) / np.linalg.norm(true))
+    assert np.median(shares) < 0.35
+
+
+def test_local_controllers_get_the_fields_of_the_model() -> None:
+    pretraining = learnt()
+    fields = receptive_fields(pretraining.model)
+    assert fields.count == pretraining.model.count
+    tip_mm, u = pretraining.motions.tip_mm[5], pretraining.motions.u[5]
+    x = np.concatenate([tip_mm, u, np.zeros(6)])
+    np.testing.assert_allclose(fields.weights(tip_mm, u), pretraining.model.weights(x), atol=1e-12)
+
+
+def test_too_few_motions_are_no_data() -> None:
+    far_apart = PretrainingSettings(sampling=SamplingSettings(tip_mm=80.0, travel_share=0.9))
+    with pytest.raises(PretrainingError, match="too few"):
+        pretrain(arm_dataset(8), far_apart)
+    with pytest.raises(PretrainingError, match="3 lines are too few"):
+        pretrain(arm_dataset(3), PretrainingSettings())
+
+
+@pytest.mark.parametrize(
+    "changes", [{"epochs": 0}, {"fields": 0}, {"test_share": 1.0}, {"seed": -1}]
+)
+def test_settings_that_make_no_sense_are_refused(changes: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match=r"epochs|kept back"):
+        PretrainingSettings(**changes)  # type: ignore[arg-type]

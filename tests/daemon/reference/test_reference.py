@@ -1,0 +1,111 @@
+"""The trajectory's own clock: it stands still while the robot does."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from config.trajectory import load_trajectory_options
+from daemon.reference.reference import TeleoperationReference, TrajectoryReference
+from daemon.reference.trajectories import make_trajectory
+
+MS = 1_000_000
+TIP = np.array([0.0, 0.0, 180.0])
+
+
+def rectangle(cycles: int = 2) -> TrajectoryReference:
+    options = load_trajectory_options(
+        {
+            "kind": "rectangle",
+            "center_mm": [0.0, 0.0, 180.0],
+            "width_mm": 20.0,
+            "height_mm": 40.0,
+            "cycle_s": 12.0,
+            "cycles": cycles,
+        }
+    )
+    return TrajectoryReference(make_trajectory(options, Path()), blend_speed_mm_s=10.0)
+
+
+def follow(reference: TrajectoryReference, seconds: float) -> list[tuple[float, ...]]:
+    aims = [reference.advance(0, 0.025) for _ in range(round(seconds / 0.025))]
+    return [(*aim.position_mm, aim.cycle) for aim in aims]
+
+
+def test_the_tip_is_led_to_the_start_without_a_jump() -> None:
+    reference = rectangle()
+    reference.begin(TIP)
+    before = TIP
+    for _ in range(400):
+        aim = reference.advance(0, 0.025)
+        assert np.linalg.norm(aim.position_mm - before) < 0.5
+        before = aim.position_mm
+    assert aim.cycle == 0
+
+
+def test_while_it_waits_it_is_where_motion_began() -> None:
+    reference = rectangle()
+    reference.begin(TIP)
+    aim = reference.wait()
+    assert aim.position_mm.tolist() == TIP.tolist()
+    assert aim.cycle == -1
+    assert reference.elapsed_s == 0.0
+
+
+def test_after_a_hold_it_goes_on_where_it_was() -> None:
+    reference = rectangle()
+    reference.begin(TIP)
+    follow(reference, 10.0)
+    elapsed_s = reference.elapsed_s
+    there, _ = reference.trajectory.at(elapsed_s)
+    reference.begin(there + np.array([3.0, 0.0, 0.0]))
+    back = follow(reference, 0.2)
+    assert all(cycle == -1 for *_, cycle in back)
+    assert reference.elapsed_s == elapsed_s
+    follow(reference, 3.0)
+    assert reference.elapsed_s > elapsed_s
+
+
+def test_it_is_finished_after_its_last_cycle_and_not_before() -> None:
+    reference = rectangle(cycles=1)
+    reference.begin(reference.trajectory.start_mm)
+    cycles = follow(reference, 11.9)
+    assert not reference.finished
+    assert {row[-1] for row in cycles} == {0}
+    follow(reference, 0.2)
+    assert reference.finished
+
+
+def test_teleoperation_stands_where_it_began_until_the_first_setpoint() -> None:
+    reference = TeleoperationReference(max_speed_mm_s=10.0, t_ns=0)
+    reference.begin(TIP)
+    assert reference.age_s(100 * MS) == pytest.approx(0.1)
+    assert reference.advance(0, 0.025).position_mm.tolist() == TIP.tolist()
+
+
+def test_a_setpoint_that_came_before_motion_began_counts() -> None:
+    reference = TeleoperationReference(max_speed_mm_s=10.0, t_ns=0)
+    reference.set(0, TIP + np.array([5.0, 0.0, 0.0]), 0.3, None)
+    reference.begin(TIP)
+    reference.advance(0, 0.025)
+    assert reference.advance(25 * MS, 0.025).position_mm[0] == pytest.approx(0.25)
+
+
+def test_teleoperation_follows_no_faster_than_it_may_and_not_for_ever() -> None:
+    reference = TeleoperationReference(max_speed_mm_s=10.0, t_ns=0)
+    reference.begin(TIP)
+    reference.advance(0, 0.025)
+    reference.set(0, TIP + np.array([5.0, 0.0, 0.0]), 0.3, None)
+    assert reference.age_s(100 * MS) == pytest.approx(0.1)
+    moved = [reference.advance(t * 25 * MS, 0.025).position_mm[0] for t in range(1, 40)]
+    assert max(np.diff([0.0, *moved])) <= 0.25 + 1e-9
+    assert moved[-1] == pytest.approx(3.0, abs=0.26)  # 0.3 s at 10 mm/s, then it has expired
+    assert reference.age_s(400 * MS) == np.inf
+
+
+def test_a_setpoint_that_is_not_finite_changes_nothing() -> None:
+    reference = TeleoperationReference(max_speed_mm_s=10.0, t_ns=0)
+    reference.begin(TIP)
+    with pytest.raises(ValueError, match="set-point needs"):
+        reference.set(0, np.array([np.nan, 0.0, 0.0]), 0.3, None)
+    assert reference.advance(25 * MS, 0.025).position_mm.tolist() == TIP.tolist()

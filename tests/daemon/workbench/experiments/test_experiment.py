@@ -1,0 +1,188 @@
+"""Experiments in virtual time: figures, recording, and the same bytes for the same seed."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from config.problems import ConfigError
+from daemon.recording.channels import TIP_POSE, TOPICS
+from daemon.recording.result import Result, read_result
+from daemon.recording.run_reader import RunReader
+from daemon.workbench.experiments import in_virtual_time
+from daemon.workbench.experiments.experiment_file import load_experiment
+from daemon.workbench.experiments.in_virtual_time import carry_out_in_virtual_time
+from daemon.workbench.experiments.step_series import StepSeries
+from daemon.workbench.experiments.trial import TrialError
+from safety.risk_source import RiskReading
+from tests.daemon.recording.schemas import recording_contradictions
+
+SHIPPED = sorted((Path(__file__).parents[4] / "config" / "experiments").glob("*.yaml"))
+
+CIRCLE = """
+experiment: circle
+robot: builtin:soft_arm
+trajectory: {kind: circle, center_mm: [0, 0, 185], radius_mm: 8, cycle_s: 4, cycles: 2}
+controller: {kind: constant_curvature}
+"""
+
+
+def carry_out(folder: Path, text: str = CIRCLE, seed: int = 1) -> Result:
+    folder.mkdir()
+    path = folder / "experiment.yaml"
+    path.write_text(text)
+    run = folder / "run"
+    run.mkdir()
+    return carry_out_in_virtual_time(load_experiment(path), seed, run, lambda _: None)
+
+
+@pytest.fixture(scope="module")
+def circle(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Result, Path]]:
+    folder = tmp_path_factory.mktemp("experiment") / "circle"
+    yield carry_out(folder), folder / "run"
+
+
+def test_the_table_has_each_cycle_and_the_errors_are_small(circle: tuple[Result, Path]) -> None:
+    result, _ = circle
+    assert [row.cycle for row in result.cycles] == [0, 1]
+    assert all(row.samples == pytest.approx(160, abs=3) for row in result.cycles)
+    assert all(0.0 < row.mean_mm < 2.0 for row in result.cycles)
+    assert (result.holds, result.refusals, result.faults) == (0, 0, [])
+    assert result.simulated
+
+
+def test_the_result_has_the_truth_and_what_the_controller_cost(
+    circle: tuple[Result, Path],
+) -> None:
+    result, folder = circle
+    assert [row.cycle for row in result.true_cycles] == [0, 1]
+    assert len(result.drifts) == 2
+    assert all(0.0 <= drift < 0.2 for drift in result.drifts)
+    assert result.limits is not None
+    assert result.limits.distortion_mm is not None
+    assert 0.0 < result.limits.noise_mm < result.limits.reading_noise_mm < 1.0
+    assert result.computing is not None
+    assert result.computing.steps == pytest.approx(result.steps, abs=2)
+    assert 0.0 < result.computing.median_ms <= result.computing.p99_ms <= result.computing.max_ms
+    steps = StepSeries.load(folder / "steps.npz")
+    of_cycles = [row.samples for row in result.cycles]
+    assert [int((steps.cycle == number).sum()) for number in steps.cycles] == of_cycles
+    # What the controller saw, and where the tip was, are not the same and not far apart.
+    apart = np.linalg.norm(steps.tip_mm - steps.true_mm, axis=1)
+    assert 0.1 < np.median(apart) < 2.5
+
+
+def test_the_run_folder_tells_all(circle: tuple[Result, Path]) -> None:
+    _, folder = circle
+    names = {path.name for path in folder.iterdir()}
+    assert names == {"run.mcap", "robot.yaml", "provenance.json", "result.json", "steps.npz"}
+    reader = RunReader(folder / "run.mcap")
+    topics = {message.topic for message in reader.messages()}
+    assert {"/tip", "/axes", "/risk", "/state", "/event", "/raw/tracker", "/raw/can/can0"} <= topics
+    assert reader.whole
+    assert json.loads((folder / "result.json").read_text())["robot"] == "soft_arm"
+
+
+def test_every_recorded_message_is_as_its_channel_says(circle: tuple[Result, Path]) -> None:
+    _, folder = circle
+    counts, found = recording_contradictions(folder / "run.mcap")
+    assert found == []
+    assert {*TOPICS.values(), TIP_POSE, "/raw/tracker", "/raw/can/can0"} == set(counts)
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_one_does_not(
+    circle: tuple[Result, Path], tmp_path: Path
+) -> None:
+    result, _ = circle
+    assert carry_out(tmp_path / "again").control_sha256 == result.control_sha256
+    other = carry_out(tmp_path / "other", seed=2).control_sha256
+    assert len(other) == 64
+    assert other != result.control_sha256
+
+
+def test_loads_and_faults_happen_and_the_motion_goes_on(tmp_path: Path) -> None:
+    text = CIRCLE + (
+        "happenings:\n"
+        "  - {at_s: 1.0, tip_load_g: 20.0, fill_g_s: 10.0}\n"
+        "  - {at_cycle: 1, inject: tracker.missing=0.5s}\n"
+    )
+    result = carry_out(tmp_path / "faults", text)
+    assert result.holds == 1
+    assert result.faults[0] == "tracker_late"
+    assert len(result.cycles) == 2
+    events = RunReader(tmp_path / "faults" / "run" / "run.mcap").messages(["/event"])
+    told = [json.loads(event.data)["text"] for event in events]
+    assert "tip load filled up to 20 g at 10 g/s" in told
+    assert "tracker.missing=0.5s" in told
+
+
+def test_a_run_that_is_given_up_leaves_what_it_has_seen(tmp_path: Path) -> None:
+    text = CIRCLE + "happenings: [{at_s: 5.0, inject: drive.can0/2.power_cycle=1s}]\n"
+    with pytest.raises(TrialError, match="the robot is fault"):
+        carry_out(tmp_path / "broken", text)
+    result = read_result(tmp_path / "broken" / "run")
+    assert result is not None
+    assert [row.cycle for row in result.cycles] == [row.cycle for row in result.true_cycles]
+    assert result.cycles[0].samples == pytest.approx(160, abs=3)
+    assert result.faults[0] == "node_lost", result.faults
+
+
+class Wall:
+    """Every way touches something."""
+
+    name = "wall"
+
+    def assess(self, u_from: object, u_to: object, t_ns: int) -> RiskReading:
+        return RiskReading(0.9, None, 0.0, self.name, "there is a wall")
+
+    def room(self, u: object, risk: float) -> None:
+        return None
+
+
+def test_who_is_held_again_and_again_gives_up_and_says_why(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(in_virtual_time, "risk_source_of", lambda file, clock: Wall())
+    with pytest.raises(TrialError, match=r"held again and again, .*risk_too_high .*a wall"):
+        carry_out(tmp_path / "stuck")
+    result = read_result(tmp_path / "stuck" / "run")
+    assert result is not None
+    assert result.holds > 10
+
+
+def test_another_plant_is_another_body(circle: tuple[Result, Path], tmp_path: Path) -> None:
+    text = CIRCLE + "plant: {bending_stiffness_n_mm2: 12000.0}\n"
+    assert carry_out(tmp_path / "stiff", text).control_sha256 != circle[0].control_sha256
+
+
+def test_what_cannot_be_reached_ends_the_experiment_with_the_reason(tmp_path: Path) -> None:
+    with pytest.raises(TrialError, match="beyond the workspace's x_mm"):
+        carry_out(tmp_path / "far", CIRCLE.replace("radius_mm: 8", "radius_mm: 95"))
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        (
+            ("radius_mm", "radus_mm"),
+            ":4:52: trajectory.radus_mm: unknown key (did you mean 'radius_mm'?)",
+        ),
+        (("kind: constant_curvature", "kind: magic"), ":5:"),
+        (("builtin:soft_arm", "no_such.yaml"), ":3:8: robot: there is no file"),
+    ],
+)
+def test_a_wrong_experiment_file_is_explained(
+    tmp_path: Path, change: tuple[str, str], problem: str
+) -> None:
+    path = tmp_path / "wrong.yaml"
+    path.write_text(CIRCLE.replace(*change))
+    with pytest.raises(ConfigError) as raised:
+        load_experiment(path)
+    assert problem in str(raised.value)
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_shipped_experiments_are_sound(path: Path) -> None:
+    assert load_experiment(path).experiment.experiment == path.stem

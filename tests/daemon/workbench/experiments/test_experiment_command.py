@@ -1,0 +1,113 @@
+"""`tentacled experiment` as it is typed: what it leaves, and that it leaves no process."""
+
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+from daemon.recording.result import read_result
+from daemon.recording.run_reader import control_hash
+from daemon.workbench.report.report import write_report
+
+WITHIN_S = 120.0
+
+CIRCLE = """
+experiment: circle
+robot: builtin:soft_arm
+trajectory: {{kind: circle, center_mm: [0, 0, 185], radius_mm: 8, cycle_s: {cycle_s}}}
+controller: {{kind: constant_curvature}}
+"""
+
+
+def command(folder: Path, *more: str, cycle_s: float = 3.0) -> "subprocess.Popen[str]":
+    path = folder / "circle.yaml"
+    path.write_text(CIRCLE.format(cycle_s=cycle_s))
+    words = ["experiment", str(path), "--out", str(folder / "run"), *more]
+    return subprocess.Popen(
+        [sys.executable, "-m", "daemon.commands.terminal.command_line", *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def child_of(process: "subprocess.Popen[str]") -> int:
+    """A descriptor of the only process that this one has started."""
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    wait_until(process, lambda: children.read_text() != "")
+    return os.pidfd_open(int(children.read_text().split()[0]))
+
+
+def wait_until(process: "subprocess.Popen[str]", seen: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + WITHIN_S
+    while not seen():
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def has_ended(watched: int) -> bool:
+    return bool(select.select([watched], [], [], WITHIN_S)[0])
+
+
+def test_the_command_leaves_tables_files_and_no_process(tmp_path: Path) -> None:
+    process = command(tmp_path)
+    beside = child_of(process)
+    said, complaints = process.communicate(timeout=WITHIN_S)
+    assert (process.returncode, complaints) == (EXIT_OK, "")
+    assert has_ended(beside)
+    os.close(beside)
+    run = tmp_path / "run"
+    assert said.splitlines()[-1] == str(run / "report.html")
+    assert {path.name for path in run.iterdir()} == {
+        "run.mcap",
+        "robot.yaml",
+        "provenance.json",
+        "result.json",
+        "steps.npz",
+        "report.html",
+    }
+    result = read_result(run)
+    assert result is not None
+    assert result.control_sha256 == control_hash(run / "run.mcap")
+    again = write_report(run, tmp_path / "again.html")
+    assert again.read_text() == (run / "report.html").read_text()
+
+
+def test_without_a_report_the_result_is_the_same(tmp_path: Path) -> None:
+    said, complaints = command(tmp_path, "--no-report").communicate(timeout=WITHIN_S)
+    assert complaints == ""
+    run = tmp_path / "run"
+    assert not (run / "report.html").exists()
+    assert "report" not in said
+    result = read_result(run)
+    assert result is not None
+    assert result.control_sha256 == control_hash(run / "run.mcap")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_an_end_before_its_time_leaves_no_process(tmp_path: Path, number: signal.Signals) -> None:
+    process = command(tmp_path, cycle_s=5000.0)
+    beside = child_of(process)
+    wait_until(process, (tmp_path / "run" / "run.mcap.part").exists)
+    process.send_signal(number)
+    assert has_ended(beside)
+    os.close(beside)
+    process.communicate(timeout=WITHIN_S)
+    assert process.returncode != EXIT_OK
+
+
+def test_a_folder_that_is_there_is_not_written_to(tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    process = command(tmp_path)
+    _, complaints = process.communicate(timeout=WITHIN_S)
+    assert process.returncode == EXIT_FAILED
+    assert "is there already" in complaints
+    assert list((tmp_path / "run").iterdir()) == []

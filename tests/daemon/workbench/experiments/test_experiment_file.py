@@ -1,0 +1,58 @@
+"""What is wrong with an experiment is told when its file is read, not when it is carried out."""
+
+from pathlib import Path
+
+import pytest
+
+from config.problems import ConfigError
+from daemon.workbench.experiments.experiment_file import load_experiment
+
+EXPERIMENT = """experiment: little
+robot: builtin:soft_arm
+trajectory:
+  kind: circle
+  center_mm: [0, 0, 185]
+  radius_mm: 20.0
+  cycle_s: 30.0
+controller:
+  kind: broyden
+"""
+WAYPOINTS = """  kind: waypoints
+  file: way.csv
+"""
+
+
+def problem(tmp_path: Path, text: str) -> str:
+    path = tmp_path / "experiment.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        load_experiment(path)
+    return str(caught.value)
+
+
+def with_waypoints() -> str:
+    head, _, tail = EXPERIMENT.partition("  kind: circle\n")
+    return head + WAYPOINTS + "controller" + tail.partition("controller")[2]
+
+
+def test_a_sound_one_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "experiment.yaml"
+    path.write_text(EXPERIMENT)
+    assert load_experiment(path).robot.robot == "soft_arm"
+
+
+def test_what_is_faster_than_the_tip_may_go_is_told_with_its_line(tmp_path: Path) -> None:
+    told = problem(tmp_path, EXPERIMENT.replace("cycle_s: 30.0", "cycle_s: 1.0"))
+    assert "experiment.yaml:4" in told
+    assert "at 125.7 mm/s, and the tip may go 25 mm/s" in told
+
+
+def test_what_is_outside_the_workspace_is_told(tmp_path: Path) -> None:
+    told = problem(tmp_path, EXPERIMENT.replace("[0, 0, 185]", "[500, 0, 185]"))
+    assert "beyond the workspace" in told
+
+
+def test_a_waypoint_file_that_is_missing_or_a_pipe_is_told(tmp_path: Path) -> None:
+    assert "way.csv: No such file" in problem(tmp_path, with_waypoints())
+    (tmp_path / "way.csv").mkdir()
+    assert "way.csv" in problem(tmp_path, with_waypoints())

@@ -1,0 +1,89 @@
+"""An experiment's controller gets the model of the experiment's body, without the load."""
+
+from pathlib import Path
+
+import pytest
+
+from config.loader import RobotFile
+from daemon.learning.forward.pretraining import PretrainingError
+from daemon.workbench.experiments.experiment_file import load_experiment
+from daemon.workbench.experiments.trial import TrialError
+from daemon.workbench.pretraining import model_cache, pretrained
+
+EXPERIMENT = """
+experiment: learner
+robot: builtin:soft_arm
+trajectory: {kind: circle, center_mm: [0, 0, 185], radius_mm: 8, cycle_s: 4}
+controller: {kind: forward_jacobian}
+pretraining: {waypoints: 12}
+tip_load_g: 14.2
+plant: {mass_g: 50.0}
+"""
+
+
+class Made:
+    """Stands for the making of models."""
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[RobotFile, int, int]] = []
+
+    def __call__(self, file: RobotFile, waypoints: int, seed: int, tell: object) -> Path:
+        self.asked.append((file, waypoints, seed))
+        return Path("made.npz")
+
+
+@pytest.fixture
+def made(monkeypatch: pytest.MonkeyPatch) -> Made:
+    one = Made()
+    monkeypatch.setattr(model_cache, "pretrained", one)
+    return one
+
+
+def controller_of(tmp_path: Path, text: str, seed: int = 7) -> object:
+    path = tmp_path / "experiment.yaml"
+    path.write_text(text)
+    given = load_experiment(path)
+    return pretrained.with_model(given, seed, lambda _: None).experiment.controller
+
+
+def test_the_model_is_of_this_body_with_nothing_at_its_tip(made: Made, tmp_path: Path) -> None:
+    controller = controller_of(tmp_path, EXPERIMENT)
+    assert getattr(controller, "model", None) == "made.npz"
+    ((file, waypoints, seed),) = made.asked
+    emulation = file.robot.emulation
+    assert emulation is not None
+    assert getattr(emulation.plant, "mass_g", None) == 50.0
+    assert emulation.tip_load_g == 0.0
+    assert (waypoints, seed) == (12, 7)
+
+
+def test_a_seed_of_its_own_makes_one_model_for_all_seeds(made: Made, tmp_path: Path) -> None:
+    controller_of(tmp_path, EXPERIMENT.replace("waypoints: 12", "waypoints: 12, seed: 3"))
+    assert [seed for _, _, seed in made.asked] == [3]
+
+
+@pytest.mark.parametrize(
+    ("change", "model"),
+    [
+        (("kind: forward_jacobian", "kind: forward_jacobian, model: mine.npz"), "mine.npz"),
+        (("kind: forward_jacobian", "kind: broyden"), None),
+        (("pretraining: {waypoints: 12}\n", ""), None),
+    ],
+)
+def test_no_model_is_made_where_none_is_wanted(
+    made: Made, tmp_path: Path, change: tuple[str, str], model: str | None
+) -> None:
+    controller = controller_of(tmp_path, EXPERIMENT.replace(*change))
+    assert getattr(controller, "model", None) == model
+    assert made.asked == []
+
+
+def test_what_cannot_be_learnt_is_a_failure_of_the_trial(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def cannot(*_: object) -> Path:
+        raise PretrainingError("3 lines are too few")
+
+    monkeypatch.setattr(model_cache, "pretrained", cannot)
+    with pytest.raises(TrialError, match="3 lines are too few"):
+        controller_of(tmp_path, EXPERIMENT)

@@ -1,0 +1,144 @@
+"""A study is carried out in several processes, and again only what is not done yet."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from daemon.commands.terminal.command_line import main
+from daemon.workbench.studies.grid import Grid
+from daemon.workbench.studies.outcome import Outcome, read_outcome
+from daemon.workbench.studies.run import Run, plan
+from daemon.workbench.studies.study_file import load_study
+from tests.daemon.workbench.studies.made_up import write_study
+
+pytestmark = pytest.mark.xdist_group("study_grid")  # whose runs are done once for all tests
+
+CYCLE_S = 3.0
+STUDY = """
+study: small
+tables:
+  - title: Table 1
+    rows: [{experiment: calm.yaml, label: no load}]
+figures:
+  - {figure: path, title: Path, experiments: [calm]}
+variants:
+  - {variant: arcs, label: arcs, controller: {kind: constant_curvature}}
+  - {variant: stubborn, label: stubborn, controller: {kind: broyden, posture: [1.0, 2.0]}}
+seeds: 1
+plants: 1
+"""
+
+
+class Heard:
+    def __init__(self) -> None:
+        self.begun: list[tuple[int, int, int]] = []
+        self.runs: list[tuple[str, Outcome | None, str]] = []
+
+    def begin(self, done: int, models: int, runs: int) -> None:
+        self.begun.append((done, models, runs))
+
+    def model(self, run: Run, error: str) -> None:
+        raise AssertionError("nothing here needs a model")
+
+    def run(self, run: Run, outcome: Outcome | None, error: str) -> None:
+        self.runs.append((run.variant, outcome, error))
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, Path, Heard]]:
+    folder = tmp_path_factory.mktemp("grid")
+    path = write_study(folder / "study", STUDY, CYCLE_S)
+    heard = Heard()
+    Grid(plan(load_study(path), 1, 1), folder / "out").carry_out(2, False, heard)
+    yield path, folder / "out", heard
+
+
+def test_every_run_is_done_and_heard_of(done: tuple[Path, Path, Heard]) -> None:
+    _, _, heard = done
+    assert heard.begun == [(0, 0, 2)]
+    told = {variant: outcome for variant, outcome, error in heard.runs if not error}
+    assert set(told) == {"arcs", "stubborn"}
+    good, bad = told["arcs"], told["stubborn"]
+    assert good is not None
+    assert good.result is not None
+    assert [cycle.cycle for cycle in good.result.cycles] == [0, 1]
+    assert good.result.true_cycles
+    assert good.result.computing is not None
+    assert bad is not None
+    assert bad.failure == "posture has 2 positions, and the robot 6 axes"
+
+
+def test_a_run_leaves_what_pictures_need_and_no_recording(
+    done: tuple[Path, Path, Heard],
+) -> None:
+    _, out, _ = done
+    (folder,) = out.glob("runs/calm/arcs/*")
+    names = {path.name for path in folder.iterdir()}
+    assert folder.name == "plant-1-seed-1"
+    files = {"outcome.json", "result.json", "steps.npz", "robot.yaml", "provenance.json"}
+    assert names == files
+
+
+def test_what_is_done_is_not_done_again(done: tuple[Path, Path, Heard]) -> None:
+    path, out, _ = done
+    heard = Heard()
+    Grid(plan(load_study(path), 1, 1), out).carry_out(2, False, heard)
+    assert heard.begun == [(2, 0, 0)]
+    assert heard.runs == []
+
+
+def test_under_other_conditions_it_is_not_done(
+    done: tuple[Path, Path, Heard], tmp_path: Path
+) -> None:
+    path, out, _ = done
+    (run,) = plan(load_study(path), 1, 1, ["arcs"])
+    assert read_outcome(run, out) is not None
+    changed = STUDY.replace("constant_curvature}", "constant_curvature, gain_per_s: 2.0}")
+    other = load_study(write_study(tmp_path / "changed", changed, CYCLE_S))
+    (run,) = plan(other, 1, 1, ["arcs"])
+    assert read_outcome(run, out) is None
+
+
+def test_a_damaged_outcome_counts_as_none(done: tuple[Path, Path, Heard], tmp_path: Path) -> None:
+    path, _, _ = done
+    (run,) = plan(load_study(path), 1, 1, ["arcs"])
+    run.folder(tmp_path).mkdir(parents=True)
+    (run.folder(tmp_path) / "outcome.json").write_text('{"experiment": "calm"')
+    assert read_outcome(run, tmp_path) is None
+
+
+@pytest.mark.parametrize(
+    ("command", "picture"), [("reproduce", "path-arcs.png"), ("compare", "comparison.png")]
+)
+def test_the_commands_write_up_what_is_there(
+    done: tuple[Path, Path, Heard],
+    capsys: pytest.CaptureFixture[str],
+    command: str,
+    picture: str,
+) -> None:
+    path, out, _ = done
+    study = [str(path)] if command == "reproduce" else ["--study", str(path)]
+    assert main([command, *study, "--out", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert "2 runs are done already" in printed
+    assert "1 failed" in printed
+    assert (out / picture).stat().st_size > 10_000
+    data = json.loads((out / "tables.json").read_text())
+    assert [one["variant"] for one in data["summaries"]] == ["arcs", "stubborn"]
+
+
+def test_a_name_that_is_not_in_the_study_is_refused(
+    done: tuple[Path, Path, Heard], capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, out, _ = done
+    assert main(["reproduce", str(path), "--out", str(out), "--only", "wild"]) == 2
+    assert "there is no wild in this study: there are calm, arcs" in capsys.readouterr().err
+
+
+def test_a_study_that_is_not_there_is_explained(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["reproduce", str(tmp_path / "no.yaml"), "--out", str(tmp_path)]) == 1
+    assert "no.yaml" in capsys.readouterr().err

@@ -1,0 +1,63 @@
+"""The plan of a study: which runs there are, and what makes one another."""
+
+from pathlib import Path
+
+import pytest
+
+from config.controllers import ConstantCurvature
+from daemon.workbench.studies.run import plan
+from daemon.workbench.studies.study_file import StudyFile, load_study
+from tests.daemon.workbench.studies.made_up import write_study
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> StudyFile:
+    return load_study(write_study(tmp_path))
+
+
+def test_every_experiment_with_every_controller_on_every_body_seed_by_seed(
+    study: StudyFile,
+) -> None:
+    runs = plan(study, seeds=3, plants=2)
+    assert len(runs) == len(set(map(str, runs))) == 2 * 2 * 2 * 3
+    assert [run.seed for run in runs] == sorted(run.seed for run in runs)
+    assert {run.plant for run in runs} == {1, 2}
+    assert {run.plant for run in plan(study, seeds=1, plants=0)} == {0}
+
+
+@pytest.mark.parametrize(
+    ("only", "experiments", "variants"),
+    [
+        (["calm"], {"calm"}, {"broyden", "arcs"}),
+        (["arcs"], {"calm", "loaded"}, {"arcs"}),
+        (["loaded", "arcs"], {"loaded"}, {"arcs"}),
+    ],
+)
+def test_only_some_of_it(
+    study: StudyFile, only: list[str], experiments: set[str], variants: set[str]
+) -> None:
+    runs = plan(study, 1, 1, only)
+    assert {run.experiment for run in runs} == experiments
+    assert {run.variant for run in runs} == variants
+
+
+def test_runs_differ_in_what_they_depend_on_and_in_where_they_leave_it(study: StudyFile) -> None:
+    runs = plan(study, 2, 2)
+    assert len({run.fingerprint for run in runs}) == len(runs)
+    assert len({run.folder(Path("out")) for run in runs}) == len(runs)
+    assert [run.fingerprint for run in plan(study, 2, 2)] == [run.fingerprint for run in runs]
+
+
+def test_a_plant_has_another_body_and_the_same_tracker_and_load(study: StudyFile) -> None:
+    runs = [*plan(study, 1, 0, ["loaded", "arcs"]), *plan(study, 1, 2, ["loaded", "arcs"])]
+    emulations = [run.file.robot.emulation for run in runs]
+    assert len({str(one and one.plant) for one in emulations}) == 3
+    assert len({str(one and one.tracker) for one in emulations}) == 1
+    assert {one and one.tip_load_g for one in emulations} == {14.2}
+
+
+def test_the_variants_controller_is_in_the_experiment(study: StudyFile) -> None:
+    (run,) = plan(study, 1, 0, ["calm", "arcs"])
+    controller = run.file.experiment.controller
+    assert isinstance(controller, ConstantCurvature)
+    assert controller.gain_per_s == 2.5

@@ -1,0 +1,66 @@
+"""The shipped studies are sound, and ask for what the papers did."""
+
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+
+from config.trajectory import Rectangle
+from daemon.commands.terminal.study_arguments import shipped_study
+from daemon.workbench.studies.findings import cycles_of
+from daemon.workbench.studies.run import plan
+from daemon.workbench.studies.study_file import StudyFile, load_study
+
+SHIPPED = sorted(Path(str(files("config") / "studies")).glob("*.yaml"))
+
+
+@pytest.fixture(scope="module")
+def ho2018() -> StudyFile:
+    return load_study(shipped_study("ho2018"))
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_a_shipped_study_is_sound_and_goes_by_its_name(path: Path) -> None:
+    file = load_study(path)
+    assert file.study.study == path.stem
+    assert shipped_study(path.stem) == path
+    assert plan(file, 1, 1)
+    for name, row in file.rows.items():
+        told = row.published
+        figures = [] if told is None else [told.mean_mm, told.std_mm, told.max_mm]
+        figures += [] if row.aim_mm is None else [row.aim_mm]
+        assert {len(one) for one in figures} <= {cycles_of(file.experiments[name])}
+
+
+def test_another_path_is_meant_itself() -> None:
+    assert shipped_study("my/own.yaml") == Path("my/own.yaml")
+
+
+def test_both_rectangles_are_gone_round_at_the_papers_speed(ho2018: StudyFile) -> None:
+    for file in ho2018.experiments.values():
+        path = file.experiment.trajectory
+        assert isinstance(path, Rectangle)
+        speed_mm_s = 2.0 * (path.width_mm + path.height_mm) / path.cycle_s
+        assert speed_mm_s == pytest.approx(1.875, rel=1e-3)
+
+
+@pytest.mark.parametrize("how", ["offline_filling", "online"])
+def test_water_is_poured_in_from_the_third_and_the_fourth_cycle(
+    ho2018: StudyFile, how: str
+) -> None:
+    experiment = ho2018.experiments[f"ho2018_table2_{how}"].experiment
+    assert experiment.tip_load_g == 14.0
+    poured = [(one.at_cycle, one.tip_load_g, one.fill_g_s) for one in experiment.happenings]
+    assert poured == [(2, 24.0, 0.6), (3, 30.0, 0.6)]
+
+
+def test_only_what_is_said_to_learn_learns_and_the_models_never_felt_a_load(
+    ho2018: StudyFile,
+) -> None:
+    for name, file in ho2018.experiments.items():
+        controller, pretraining = file.experiment.controller, file.experiment.pretraining
+        assert controller.kind == "reward_weighted"
+        assert controller.learning == ("online" in name)
+        assert pretraining is not None
+        expected = (80, 425) if "table1" in name else (320, 550)
+        assert (pretraining.waypoints, controller.window) == expected
