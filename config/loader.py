@@ -1,18 +1,16 @@
 """Reads a robot file. Either a sound `Robot` comes out, or every problem of the file at once."""
 
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 
 from pydantic import ValidationError
 
 from config.checks import Parts, findings
+from config.paths import eds_path, named_paths
 from config.problems import ConfigError, Problem
 from config.robot import Robot
 from config.schema_errors import schema_problems
 from config.yaml_document import Location, YamlDocument, read_yaml
-
-_BUILTIN = "builtin:"
 
 
 @dataclass(frozen=True)
@@ -48,50 +46,25 @@ def load_robot(path: Path) -> RobotFile:
             ]
         parts = Parts.of(document.value)
         problems += [document.problem(location, message) for location, message in findings(parts)]
-        problems += _missing_files(document, parts, path)
-        problems += _missing_risk_files(document, robot, path)
+        problems += _missing_files(document, parts, robot, path)
     if problems or robot is None:
         raise ConfigError(problems)
     return RobotFile(path, robot, document)
 
 
-def eds_path(reference: str, robot_path: Path) -> Path:
-    """The EDS file that a robot file names: shipped with us, or relative to the robot file."""
-    return _shipped_or_beside(reference, "eds", robot_path)
-
-
-def risk_paths(robot: Robot, robot_path: Path) -> tuple[Path, Path] | None:
-    """The model of the body and the mesh that a robot file names; None: it names none."""
-    settings = robot.risk
-    if settings.model is None or settings.surface is None:
-        return None
-    return (
-        _shipped_or_beside(settings.model, "models", robot_path),
-        _shipped_or_beside(settings.surface.mesh, "surfaces", robot_path),
-    )
-
-
-def _shipped_or_beside(reference: str, folder: str, robot_path: Path) -> Path:
-    if reference.startswith(_BUILTIN):
-        return Path(str(files("config") / folder / reference.removeprefix(_BUILTIN)))
-    return robot_path.parent / reference
-
-
-def _missing_files(document: YamlDocument, parts: Parts, path: Path) -> list[Problem]:
+def _missing_files(
+    document: YamlDocument, parts: Parts, robot: Robot | None, path: Path
+) -> list[Problem]:
+    if robot is not None:
+        named = [(one.location, one.path) for one in named_paths(robot, path) if one.is_file]
+    else:  # each drive that is sound can still be looked at
+        named = [
+            (("axes", index, "drive", "eds"), eds_path(drive.eds, path))
+            for index, drive in enumerate(parts.drives)
+            if drive is not None
+        ]
     return [
-        document.problem(("axes", index, "drive", "eds"), f"there is no file {eds}")
-        for index, drive in enumerate(parts.drives)
-        if drive is not None and not (eds := eds_path(drive.eds, path)).is_file()
-    ]
-
-
-def _missing_risk_files(document: YamlDocument, robot: Robot | None, path: Path) -> list[Problem]:
-    paths = None if robot is None else risk_paths(robot, path)
-    if paths is None:
-        return []
-    places: tuple[Location, ...] = ("risk", "model"), ("risk", "surface", "mesh")
-    return [
-        document.problem(place, f"there is no file {file}")
-        for place, file in zip(places, paths, strict=True)
+        document.problem(location, f"there is no file {file}")
+        for location, file in named
         if not file.is_file()
     ]

@@ -7,18 +7,17 @@ from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from itertools import count
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import msgspec
 import numpy as np
 import yaml
 
-from config.loader import eds_path
+from config.paths import values_with_absolute_paths
 from config.robot import Robot
 from daemon.recording.run_files import PROVENANCE_FILE, ROBOT_FILE, write_whole
 
 _CHECKOUT: Final = Path(__file__).parents[2]
-_BUILTIN: Final = "builtin:"
 _GIT_WITHIN_S: Final = 5.0
 _PACKAGES: Final = ("numpy", "scipy", "numba", "mcap", "eclipse-zenoh")
 
@@ -95,11 +94,7 @@ def describe_run(
 
 def robot_yaml(robot: Robot, robot_path: Path) -> str:
     """The robot as one file that stands alone: all defaults written out, all paths absolute."""
-    values: dict[str, Any] = robot.model_dump(mode="json")
-    for axis in values["axes"]:
-        reference = axis["drive"]["eds"]
-        if not reference.startswith(_BUILTIN):
-            axis["drive"]["eds"] = str(eds_path(reference, robot_path).absolute())
+    values = values_with_absolute_paths(robot, robot_path)
     return yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=100)
 
 

@@ -7,7 +7,8 @@ from typing import Final
 import numpy as np
 
 from config.control import RiskSettings, Surface
-from config.loader import RobotFile, risk_paths
+from config.loader import RobotFile
+from config.paths import risk_paths
 from daemon.risk.grid_cache import cached_grid
 from daemon.risk.mesh_file import read_environment
 from daemon.risk.model_file import ModelFile, read_model

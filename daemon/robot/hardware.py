@@ -5,7 +5,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from config.loader import RobotFile, eds_path
+from config.loader import RobotFile
+from config.paths import eds_path
 from config.robot import Robot
 from config.tracker import Tracker
 from daemon.host.periodic_timer import PeriodicTimer, Tick

@@ -13,7 +13,7 @@ import numpy as np
 from config.axis import Axis, LinearAxis, LinearStepper, TendonMotor
 from config.emulated_plants import TendonArmPlant
 from config.emulation import Emulation
-from config.loader import eds_path
+from config.paths import eds_path
 from config.robot import Robot
 from drivers.axis_scale import axis_scale
 from drivers.clock import Clock

@@ -14,6 +14,7 @@ from typing import Any, Final
 
 import zenoh
 
+from config.paths import certificates_path
 from config.remote import LOCAL_USER, Remote
 from daemon.host.clock import MonotonicClock
 from daemon.messages import (
@@ -154,7 +155,7 @@ class RemoteServer:
         tls = self._settings.tls
         if tls is None:
             return
-        folder = (self._robot_file_dir / tls.certificates).absolute()
+        folder = certificates_path(tls.certificates, self._robot_file_dir)
         for name in ("ca.pem", "server.pem", "server.key"):
             if not (folder / name).is_file():
                 raise RemoteOpenError(

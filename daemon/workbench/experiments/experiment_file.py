@@ -9,14 +9,13 @@ from pydantic import ValidationError
 from config.emulation import Emulation
 from config.experiment import Experiment
 from config.loader import RobotFile
+from config.paths import BUILTIN
 from config.problems import ConfigError, Problem
 from config.robot import Robot
 from config.schema_errors import schema_problems
 from config.yaml_document import Location, YamlDocument, read_yaml
 from daemon.recording.run_folder import describe_run
 from daemon.robot.checked_robot import check_robot
-
-_BUILTIN = "builtin:"
 
 
 @dataclass(frozen=True)
@@ -86,8 +85,8 @@ def _why_not_followed(experiment: Experiment, robot: Robot, folder: Path) -> str
 
 def robot_path(name: str, path: Path) -> Path:
     """The robot file that the experiment at `path` names so."""
-    if name.startswith(_BUILTIN):
-        return Path(str(files("config") / "robots" / f"{name.removeprefix(_BUILTIN)}.yaml"))
+    if name.startswith(BUILTIN):
+        return Path(str(files("config") / "robots" / f"{name.removeprefix(BUILTIN)}.yaml"))
     return path.parent / name
 
 

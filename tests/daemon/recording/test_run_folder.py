@@ -47,6 +47,31 @@ def test_files_beside_the_robot_file_are_found_from_the_run(tmp_path: Path) -> N
     assert Path(drive.eds) == source / "own.eds"
 
 
+def test_all_that_a_robot_file_names_is_found_from_the_run(tmp_path: Path) -> None:
+    source, run = tmp_path / "source", tmp_path / "run"
+    (source / "certificates").mkdir(parents=True)
+    run.mkdir()
+    shipped = SOFT_ARM.parents[1]
+    (source / "body.npz").write_bytes((shipped / "models" / "tendon_arm.npz").read_bytes())
+    (source / "room.stl").write_bytes((shipped / "surfaces" / "chest.stl").read_bytes())
+    text = (SOFT_ARM.parent / "tendon_arm.yaml").read_text()
+    text = text.replace("builtin:tendon_arm.npz", "body.npz").replace(
+        "builtin:chest.stl", "room.stl"
+    )
+    text += "remote:\n  tls: {endpoint: '127.0.0.1:7448', certificates: certificates}\n"
+    text += "  users: {anna: operator}\n"
+    (source / "robot.yaml").write_text(text)
+    robot = load_robot(source / "robot.yaml").robot
+    (run / "robot.yaml").write_text(robot_yaml(robot, source / "robot.yaml"))
+    again = load_robot(run / "robot.yaml").robot
+    assert again.risk.model == str(source / "body.npz")
+    assert again.risk.surface is not None
+    assert again.risk.surface.mesh == str(source / "room.stl")
+    assert again.remote.tls is not None
+    assert again.remote.tls.certificates == str(source / "certificates")
+    assert again.axes[0].drive.eds == "builtin:stepper.eds", "it is wherever we are"
+
+
 def test_the_provenance_names_code_and_inputs(tmp_path: Path) -> None:
     model = tmp_path / "risk.npz"
     model.write_bytes(b"weights")

@@ -10,7 +10,7 @@ from pydantic import TypeAdapter
 from config.axis import Axis
 from config.bus import Bus
 from config.emulated_drives import EmulatedDrives
-from config.loader import eds_path
+from config.paths import eds_path
 from daemon.host.periodic_timer import LoopTimer
 from drivers.axis_scale import count_limits
 from drivers.can.link import CanLink, FrameReceiver
