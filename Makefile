@@ -41,7 +41,7 @@ quick: $(DEVELOPMENT)
 
 # What numba compiles is kept: tests with a clock of their own must not wait for it.
 test: lint
-	@$(BIN)/python -c "from daemon.controllers.warm_up import warm_up; warm_up()"
+	@$(BIN)/python -c "from daemon.controllers.make_controller import warm_up; warm_up()"
 	@$(BIN)/pytest -n 2 --dist loadgroup -m "not long"
 
 hil: $(DEVELOPMENT)

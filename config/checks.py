@@ -12,8 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 from config.axis import Axis, Drive, LinearAxis, LinearStepper, TendonMotor, TubeRotation
 from config.bus import Bus
 from config.control import Supervision
-from config.emulated_plants import SoftArmPlant, TendonArmPlant
-from config.emulation import Emulation
+from config.emulation import Emulation, SoftArmPlant, TendonArmPlant
 from config.patience import impatience
 from config.problems import did_you_mean
 from config.schema_errors import location_in_file

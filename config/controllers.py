@@ -5,8 +5,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from config.exploration import MotorBabbling, WaypointExploration
-from config.model import ConfigModel, NotNegative, Positive, Vector3
-from config.options import checked_options
+from config.model import ConfigModel, NotNegative, Positive, Vector3, checked_options
 
 Share = Annotated[float, Field(gt=0.0, le=1.0)]
 PerAxis = Annotated[tuple[float, ...], Field(min_length=1, strict=False)]

@@ -1,13 +1,234 @@
 """What stands in for the hardware when there is none. A real rig ignores this part."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field, StringConstraints
 
-from config.emulated_drives import EmulatedDrives
-from config.emulated_plants import Plant
-from config.emulated_tracker import EmulatedTracker
-from config.model import ConfigModel, NotNegative, Positive
+from config.model import ConfigModel, NotNegative, Positive, Vector3
+
+# The emulated CiA 402 drives and their quirks.
+
+
+Quirk = Literal[
+    "boots_twice",
+    "csp_not_listed",
+    "emcy_short",
+    "fixed_mapping_count",
+    "even_mapping_only",
+    "no_dummy_mapping",
+    "factory_pdos_flood",
+    "guarding_excludes_heartbeat",
+    "interpolation_index_fixed",
+    "interpolation_while_inactive",
+    "late_sync_holds",
+    "no_encoder",
+    "communication_error_stops",
+    "tells_reference",
+]
+
+
+class EmulatedDrives(ConfigModel):
+    """The emulated CiA 402 drives."""
+
+    quirks: Annotated[tuple[Quirk, ...], Field(strict=False)] = ()
+    """Ways of real products; each is described in sim_backends/devices/drive/quirks.py."""
+    clock_error_ppm: NotNegative = 50.0
+    """Spread of the drives' own clocks."""
+    boot_time_s: Positive = 0.3
+    sync_lost_after_periods: Positive = 10.0
+    """How many SYNC periods (0x1006) may pass without one. Products have from 2 to none at all."""
+    sdo_delay_s: NotNegative = 0.002
+    response_time_s: Positive = 0.004
+    """Lag of the position loop."""
+    motor_torque_nmm: Positive = 400.0
+    """Torque at which the motor stalls."""
+    brake_release_s: NotNegative = 0.05
+
+
+# The bodies that the emulated lab can hold.
+
+
+PerChamber = Annotated[
+    tuple[Positive, Positive, Positive, Positive, Positive, Positive], Field(strict=False)
+]
+
+
+def _not_zero(vector: Vector3) -> Vector3:
+    if not any(vector):
+        raise ValueError("zero has no direction")
+    return vector
+
+
+Direction = Annotated[Vector3, AfterValidator(_not_zero)]
+
+
+class SoftArmPlant(ConfigModel):
+    """Two pneumatic segments, three chambers each, moved by cylinders (Ho 2018, section 2.1).
+
+    The paper gives the sizes: 155 mm long, 27 mm across, 41.71 g, Dragon Skin 10, 0.040 MPa before
+    it moves, about 100° of bending per segment. The rest follows from these. At 1.07 g/cm³ the mass
+    leaves 252 mm² of silicone in a cross-section of 573 mm²; voids take the other 320: three
+    chambers of 95 mm² (11 mm across) at 7.5 mm from the axis, and a lumen for tubes. That leaves
+    15.9e3 of the circle's second moment of 26.1e3 mm⁴. Young's modulus is 0.26 MPa by the data
+    sheet's 100 % modulus (151 kPa, neo-Hookean) and 0.41 MPa by its hardness (Shore 10A, Gent
+    1958); the fibre round the chambers keeps their walls from narrowing, which makes 4/3 of it:
+    0.45 MPa in the middle. Rigid printed parts take about 20 of the 155 mm. So EI = 0.45 × 15.9e3
+    × 155/135 = 8e3 N·mm² and EA = 0.45 × 252 × 155/135 = 130 N, uncertain by a third either way.
+    """
+
+    kind: Literal["soft_arm"]
+    length_mm: Positive = 155.0
+    """As cast. The pre-pressure stretches it."""
+    mass_g: Positive = 41.7
+    body_radius_mm: Positive = 13.5
+    """Of what it may touch with."""
+    bending_stiffness_n_mm2: Positive = 8.0e3
+    """EI for good, without creep. Below 5e3 the arm buckles under the paper's tip loads."""
+    axial_stiffness_n: Positive = 130.0
+    """EA for good, without creep."""
+    chamber_area_mm2: Positive = 95.0
+    chamber_area_ratios: PerChamber = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+    """Area of each chamber against `chamber_area_mm2`: no two castings are alike."""
+    chamber_radius_mm: Positive = 7.5
+    """Distance of the chambers from the axis."""
+    distal_rotation_rad: float = 1.0471975511965976
+    """Turn of the distal chambers against the proximal ones: 60° puts each over a gap."""
+    pre_pressure_mpa: NotNegative = 0.04
+    """Gauge pressure of every chamber with its cylinder at zero."""
+    tube_volume_ml: NotNegative = 2.0
+    """0.6 m of tube, 2 mm wide."""
+    cylinder_volume_ml: Positive = 25.5
+    """Gas in front of the piston at zero: 50 mm of stroke in a bore of 25 mm and 1 mL more."""
+    hysteresis: Annotated[float, Field(ge=0, le=0.5)] = 0.15
+    """How much stiffer against bending the body is after a reversal (Prandtl-Ishlinskii): 0.10 to
+    0.25 for fibre-reinforced silicone."""
+    hysteresis_reach_mm: Positive = 6.0
+    """Change of a chamber's length after which nothing sticks any more: half of a bend of 100°."""
+    creep: Annotated[float, Field(ge=0, le=0.3)] = 0.05
+    """Share of the deformation that comes late."""
+    creep_time_s: Positive = 20.0
+    """Time constant of that share under a constant load."""
+    pneumatic_lag_s: Positive = 0.1
+    """Time constant of the gas between cylinder and chamber."""
+
+
+class TendonRoute(ConfigModel):
+    """Where a tendon runs: through a hole in every plate."""
+
+    angle_rad: float
+    """Of its hole in the base plate, from the x axis."""
+    turns: float = 0.0
+    """How often it winds round the arm from base to tip; 0: it runs straight."""
+
+
+class TendonArmPlant(ConfigModel):
+    """One flexible backbone with disks, bent by tendons through them (Thompson's prototype).
+
+    The paper gives 0.2 m, nine disks, three parallel tendons and a helical one. The robot files
+    that its laboratory has published give the rest: tendons 8 mm from the axis, at 0 and ±120°, the
+    helical one 1.5 turns beginning in line with the first; a body of printed polyurethane round a
+    nitinol tube with E = 91 MPa, ν = 0.3 over a radius of 3 mm, so EI = 5.79e3 N·mm², GJ = 4.45e3
+    N·mm² and EA = 2573 N; and 15 mm as its radius for collisions. Their E varies from file to file
+    by two decades, as it must where only lengths drive a robot that nothing loads; 91 MPa goes with
+    their greatest tensions, 9.7 N straight and 16.8 N helical. Mass, tendons' stiffness, friction
+    and play are judged.
+    """
+
+    kind: Literal["tendon_arm"]
+    length_mm: Positive = 200.0
+    mass_g: NotNegative = 30.0
+    body_radius_mm: Positive = 15.0
+    """Of what it may touch with: the disks and what stands out from them."""
+    gravity_direction: Direction = (0.0, 0.0, 1.0)
+    """In the base frame, whose z axis points along the straight arm: as it stands, the arm hangs
+    from its base plate. Level (0, -1, 0), the tendons below it go slack by its own weight."""
+    bending_stiffness_n_mm2: Positive = 5.79e3
+    torsion_stiffness_n_mm2: Positive = 4.45e3
+    shear_stiffness_n: Positive = 990.0
+    axial_stiffness_n: Positive = 2573.0
+    disks: Annotated[int, Field(ge=2, le=30)] = 9
+    """Evenly spaced. Tendons rub on the base plate and on all disks but the last, which holds
+    their ends."""
+    tendon_radius_mm: Positive = 8.0
+    """Distance of the tendons from the axis."""
+    tendons: Annotated[
+        tuple[TendonRoute, ...], Field(strict=False, min_length=1, max_length=12)
+    ] = (
+        TendonRoute(angle_rad=0.0),
+        TendonRoute(angle_rad=2.0943951023931953),
+        TendonRoute(angle_rad=-2.0943951023931953),
+        TendonRoute(angle_rad=0.0, turns=-1.5),
+    )
+    """In the order of the axes that pull them."""
+    tendon_stiffness_n: Positive = 3.0e3
+    """EA of a tendon."""
+    drive_stiffness_n_mm: Positive = 8.0
+    """Of everything between a motor and the base plate: spool, gear, the tendon's way there."""
+    pretension_n: Positive = 2.0
+    """Of every tendon as it is strung, with all axes at zero and nothing at the tip."""
+    friction: Annotated[float, Field(ge=0, le=1)] = 0.15
+    """Of a tendon on the edge of a hole, by Euler and Eytelwein."""
+    presliding_mm: Annotated[float, Field(ge=0.005)] = 0.02
+    """What a tendon gives way at a hole before it slips, from rest to full friction."""
+    backlash_mm: NotNegative = 0.1
+    """Half of the play of gear, spool and sheath: a motor that turns back moves its tendon only
+    after twice as much."""
+
+
+Plant = Annotated[SoftArmPlant | TendonArmPlant, Field(discriminator="kind")]
+
+
+# The emulated Aurora: its tools, its place and its errors.
+
+
+Quaternion = Annotated[tuple[float, float, float, float], Field(strict=False)]
+
+
+class EmulatedTool(ConfigModel):
+    """A sensor plugged into the emulated tracker."""
+
+    attached_to: Literal["tip", "base", "nothing"]
+    """Where on the robot it sits. `nothing`: it lies beside the field generator, out of volume."""
+    port: Annotated[int, Field(ge=1, le=16)]
+    channel: Literal[0, 1] = 0
+    serial: Annotated[str, StringConstraints(pattern=r"^[0-9A-F]{8}$")]
+    degrees_of_freedom: Literal[5, 6] = 6
+    part_number: Annotated[str, StringConstraints(max_length=20)] = "610061"
+    blank_memory: bool = False
+    """Its memory chip is not programmed: initialising it fails with error 13."""
+
+
+class EmulatedTracker(ConfigModel):
+    """The emulated Aurora: its tools, its place and its errors."""
+
+    tools: list[EmulatedTool]
+    base_position_mm: Vector3 = (0.0, 0.0, -300.0)
+    """The robot's base in the field generator's frame."""
+    base_quaternion: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    """Scalar first."""
+    freeze_tag: str = "AURORA Rev 013"
+    """`AURORA Rev 008` makes some third-party clients ask for text replies."""
+    strict_baud_rate: bool = True
+    """Bytes at another rate than the device's are noise, as on a wire."""
+    initialise_clears_handles: bool = True
+    """Whether INIT forgets all tools, or keeps them initialised. Both exist."""
+    hold_until_new_frame: bool = False
+    """Answer a second request for the same frame only when the next frame is there."""
+    reset_time_s: Positive = 1.0
+    """2 to 12 s on real hardware."""
+    initialise_tool_s: NotNegative = 0.2
+    """About 2 s per tool on real hardware."""
+    reply_delay_s: NotNegative = 0.002
+    clock_error_ppm: float = 25.0
+    distortion_rms_mm: NotNegative = 0.8
+    """Smooth and fixed: the accuracy that the maker quotes."""
+    distortion_rms_rad: NotNegative = 0.012
+    jitter_mm: NotNegative = 0.1
+    """White, per coordinate, 300 mm from the generator; half of it near by, more far away."""
+    jitter_rad: NotNegative = 0.0013
+    outliers_per_s: NotNegative = 0.005
+    """Single frames that are wildly wrong and carry no flag."""
+    outlier_mm: Annotated[tuple[Positive, Positive], Field(strict=False)] = (5.0, 50.0)
 
 
 class Emulation(ConfigModel):

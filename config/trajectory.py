@@ -4,8 +4,7 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field, model_validator
 
-from config.model import ConfigModel
-from config.options import checked_options
+from config.model import ConfigModel, checked_options
 
 FARTHEST_MM: Final = 10_000.0
 """From the base sensor's origin: no tracker sees ten metres."""

@@ -2,7 +2,7 @@
 
 import argparse
 
-from daemon.commands.terminal.study_arguments import add_grid_arguments, shipped_study
+from daemon.commands.terminal.study_command import add_grid_arguments, shipped_study
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -11,11 +11,10 @@ from config.loader import load_robot
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 from daemon.commands.terminal.tour import Tour, TourError
 from daemon.host.clock import run_in_real_time
-from daemon.host.own_processes import OwnProcesses, ProcessError
+from daemon.host.processes import OwnProcesses, ProcessError
 from daemon.host.stop_signals import StopSignals
 from daemon.learning.forward.pretraining import PretrainingError
-from daemon.recording.error_table import table_text
-from daemon.recording.result import read_result
+from daemon.recording.result import read_result, table_text
 from daemon.remote.client.client_errors import ClientError
 from daemon.workbench.experiments.trial import TrialError
 from daemon.workbench.pretraining.model_cache import pretrained

@@ -6,15 +6,14 @@ from pathlib import Path
 
 from config.problems import ConfigError
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
-from daemon.host.collector_pause import imported_for_good
+from daemon.host.real_time import imported_for_good
 from daemon.host.stop_signals import all_like_ctrl_c
-from daemon.recording.error_table import table_text
-from daemon.recording.result import Result
+from daemon.recording.result import Result, table_text
 from daemon.recording.run_reader import UnreadableRunError
 from daemon.workbench.experiments.experiment_file import ExperimentFile, load_experiment
 from daemon.workbench.experiments.trial import TrialError
-from daemon.workbench.pretraining.pretrained import with_model
-from daemon.workbench.report.report_beside import ReportBeside
+from daemon.workbench.pretraining.model_cache import with_model
+from daemon.workbench.report.report_process import ReportBeside
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

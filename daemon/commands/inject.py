@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
-from daemon.robot.lab_client import LabRefusedError, LabUnreachableError, ask, the_running_lab
+from daemon.robot.lab_connections import LabRefusedError, LabUnreachableError, ask, the_running_lab
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

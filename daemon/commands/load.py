@@ -112,7 +112,7 @@ def _pretrained(path: Path) -> dict[str, str] | str:
     # Nobody else who loads a trajectory has to wait for what learns.
     from daemon.workbench.experiments.experiment_file import load_experiment
     from daemon.workbench.experiments.trial import TrialError
-    from daemon.workbench.pretraining.pretrained import with_model
+    from daemon.workbench.pretraining.model_cache import with_model
 
     try:
         file = load_experiment(path)

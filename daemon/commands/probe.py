@@ -17,8 +17,7 @@ from rich.live import Live
 
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 from daemon.commands.terminal.probe_beside_daemon import folder_of_master, show_what_it_says
-from daemon.commands.terminal.probe_session import ProbeSession
-from daemon.commands.terminal.probe_snapshot import Json
+from daemon.commands.terminal.probe_snapshot import Json, ProbeSession
 from daemon.commands.terminal.probe_view import event_line, view
 from daemon.host.clock import MonotonicClock, run_in_real_time
 from daemon.host.stop_signals import StopSignals

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
-from daemon.controllers.warm_up import warm_up
+from daemon.controllers.make_controller import warm_up
 from daemon.files import models_directory
 from daemon.host.clock import MonotonicClock, run_in_real_time
 from daemon.host.real_time import RealTime
@@ -22,7 +22,7 @@ from daemon.remote.server.server import RemoteOpenError, RemoteServer
 from daemon.risk.body_risk_source import RiskFilesError, make_risk_source
 from daemon.robot.checked_robot import CheckedRobot, add_robot_argument, robot_or_explain
 from daemon.robot.connections import RealConnections
-from daemon.robot.lab_client import LabRefusedError, LabUnreachableError, ask
+from daemon.robot.lab_connections import LabRefusedError, LabUnreachableError, ask
 from daemon.robot.runtime_directory import default_runtime_directory, uses_lab, with_lab_ports
 from daemon.service.asked import in_a_thread
 from daemon.service.operator import Operator

@@ -12,14 +12,154 @@ import numpy as np
 
 from config.controllers import Broyden
 from config.robot import Robot
-from daemon.control.controller import Observation, Proposal
-from daemon.control.tip_following import TipFollower
-from daemon.controllers.exploration import Exploration
+from daemon.control.controller import ControllerError, Observation, Proposal
+from daemon.control.tip_following import TipFollower, step_time
 from daemon.controllers.fixed_model_file import load_model, model_metadata, save_model
-from daemon.controllers.jacobian_correction import FIRST_STD_MM
 from daemon.controllers.jacobian_estimate import JacobianEstimate
-from daemon.npz_file import ModelError
+from daemon.controllers.learnt_jacobian import FIRST_STD_MM
+from daemon.files import ModelError
+from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
+
+# The first motions of a controller that knows nothing: each axis a little out and back.
+#
+# Between the motions the body is given time to settle, and many frames are taken then. What an
+# excursion does to the tip is the slope of a line through the frames before, at and after it; a
+# drift that is even in time (creep) does not disturb it.
+#
+# At the end all axes go out together. Where each of them swings the tip aside a lot and lifts it
+# a little, the swing lowers the tip too, and one by one they tell the lift badly.
+
+
+_ARRIVED = 0.1
+"""Share of the amplitude that an axis may be away from where it was to go."""
+_PATIENCE_S = 5.0
+"""An excursion that takes so much longer than it should is given up."""
+_FRAMES_AT_LEAST = 3
+_RESTS = 3
+
+Frame = tuple[float, Vector, Vector]
+"""Time in s, (m,) where the axes were, (3,) where the tip was."""
+
+
+class Exploration:
+    """Goes through the excursions. What is found so far is kept when motion is interrupted."""
+
+    def __init__(self, options: Broyden, axes: AxisRanges) -> None:
+        self._options = options
+        self._axes = axes
+        self._amplitude = options.explore_share * axes.travel
+        self._speed = options.explore_speed_share * axes.max_velocity
+        self._plan = list(np.eye(axes.count))
+        if options.explore_together and axes.count > 1:
+            self._plan.append(np.ones(axes.count))
+        self._made: list[Vector] = []
+        self._effects: list[Vector] = []
+        self._home: Vector | None = None
+        self._out = np.zeros(axes.count)
+        self._rests: list[list[Frame]] = []
+        self._moving = False
+        self._elapsed_s = 0.0
+        self._begin_rest()
+
+    @property
+    def done(self) -> bool:
+        return len(self._effects) == len(self._plan)
+
+    @property
+    def jacobian(self) -> Vector:
+        """(3, m) mm per whole travel of each axis, once `done`."""
+        moved = np.array(self._made) / self._axes.travel
+        solution, *_ = np.linalg.lstsq(moved, np.array(self._effects), rcond=None)
+        return np.asarray(solution.T)
+
+    @property
+    def note(self) -> str:
+        return "" if self.done else f"measures what {self._who} does to the tip"
+
+    def reset(self) -> None:
+        """Motion begins again: so does the excursion that was interrupted."""
+        self._home = None
+        self._rests = []
+        self._begin_rest()
+
+    def observe(self, observation: Observation) -> None:
+        """Take a frame, if the body is at rest by now."""
+        if self.done or self._moving or self._elapsed_s < 0.5 * self._options.settle_s:
+            return
+        self._rests[-1].append((observation.t_ns * 1e-9, observation.u, observation.tip_mm))
+
+    def propose(self, observation: Observation) -> Vector:
+        """(m,) the next step of the excursion. Raises ControllerError if an axis is stuck."""
+        still = np.zeros(self._axes.count)
+        if self.done:
+            return still
+        dt_s = step_time(observation)
+        self._elapsed_s += dt_s
+        if self._home is None:
+            self._home = observation.targets.copy()
+            self._out = self._excursion(self._home)
+        if not self._moving:
+            if self._elapsed_s >= self._options.settle_s and self._enough():
+                self._end_rest(self._home)
+            return still
+        goal = self._home if len(self._rests) == _RESTS - 1 else self._home + self._out
+        away = np.maximum(np.abs(observation.u - goal), np.abs(observation.targets - goal))
+        if (away <= _ARRIVED * self._amplitude).all():
+            self._begin_rest()
+        elif self._elapsed_s > float((self._amplitude / self._speed).max()) + _PATIENCE_S:
+            raise self._stuck(int(np.argmax(away / self._amplitude)), observation, goal)
+        most = self._speed * dt_s
+        return np.asarray(np.clip(goal - observation.targets, -most, most))
+
+    @property
+    def _who(self) -> str:
+        axis = len(self._effects)
+        return self._axes.names[axis] if axis < self._axes.count else "moving all axes"
+
+    def _excursion(self, home: Vector) -> Vector:
+        """(m,) of the next one: outwards, and inwards where there is no room left."""
+        room = home + self._amplitude <= self._axes.highest
+        return np.asarray(
+            self._plan[len(self._effects)] * np.where(room, 1.0, -1.0) * self._amplitude
+        )
+
+    def _begin_rest(self) -> None:
+        self._rests.append([])
+        self._moving = False
+        self._elapsed_s = 0.0
+
+    def _end_rest(self, home: Vector) -> None:
+        """Go on: out, back, or to the next excursion, whose first rest this one is as well."""
+        if len(self._rests) == _RESTS:
+            frames = [frame for rest in self._rests for frame in rest]
+            self._made.append(self._out)
+            self._effects.append(_effect(frames, home, self._out))
+            self._home = None
+            self._rests = self._rests[-1:]
+            return
+        self._moving, self._elapsed_s = True, 0.0
+
+    def _enough(self) -> bool:
+        return len(self._rests[-1]) >= _FRAMES_AT_LEAST
+
+    def _stuck(self, axis: int, observation: Observation, goal: Vector) -> ControllerError:
+        return ControllerError(
+            f"{self._axes.names[axis]} was to go to {goal[axis]:.3g}, and is at "
+            f"{observation.u[axis]:.3g} after {self._elapsed_s:.0f} s: see what holds it, or begin "
+            f"where the tip is free"
+        )
+
+
+def _effect(frames: list[Frame], home: Vector, out: Vector) -> Vector:
+    """(3,) motion of the tip by the whole excursion: c of p = a + b t + c s, by least squares.
+
+    s is how much of the excursion the axes had made.
+    """
+    table = np.array([[t_s, (u - home) @ out / (out @ out), *tip_mm] for t_s, u, tip_mm in frames])
+    centred = table - table.mean(axis=0)
+    solution, *_ = np.linalg.lstsq(centred[:, :2], centred[:, 2:], rcond=None)
+    return np.asarray(solution[1])
 
 
 class BroydenController:

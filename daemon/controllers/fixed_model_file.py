@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from config.robot import Robot
-from daemon.files import MOST_MODEL_BYTES, open_regular
+from daemon.files import MOST_MODEL_BYTES, ModelError, open_regular, save_npz
 from daemon.learning.samples.robot_fit import whose
-from daemon.npz_file import ModelError, save_npz
 from drivers.pose import Vector
 
 _METADATA = "metadata"

@@ -10,7 +10,7 @@ from daemon.controllers.learning_file import Arrays
 from daemon.controllers.learnt_jacobian import LearntJacobian
 from daemon.learning.forward.pretrained_model import PretrainedModel
 from daemon.learning.lwpr.memory import with_memory
-from daemon.learning.samples.motion_sample import MotionSample
+from daemon.learning.samples.motion import MotionSample
 
 
 class ForwardJacobianController(LearningController):

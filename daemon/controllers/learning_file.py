@@ -15,15 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from config.robot import Robot
-from daemon.files import MOST_MODEL_BYTES, open_regular
+from daemon.files import MOST_MODEL_BYTES, ModelError, open_regular, save_npz
 from daemon.learning.forward import pretrained_model
 from daemon.learning.forward.pretrained_model import PretrainedModel
 from daemon.learning.lwpr.model import Lwpr
 from daemon.learning.lwpr.settings import LwprSettings
+from daemon.learning.samples.motion import MotionTable
 from daemon.learning.samples.motion_samples import SamplingSettings
-from daemon.learning.samples.motion_table import MotionTable
 from daemon.learning.samples.robot_fit import misfit_of, whose
-from daemon.npz_file import ModelError, save_npz
 
 Arrays = dict[str, NDArray[Any]]
 

@@ -1,23 +1,124 @@
 """Local inverse controllers as `reward_weighted` uses them: settings, making, and keeping."""
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from config.controllers import RewardWeighted
-from daemon.controllers.imagined_prior import ImaginedPrior, LocalInverses
+from daemon.control.tip_following import damped_solution
 from daemon.learning.forward.forward_model import slopes_by_step
 from daemon.learning.forward.pretrained_model import PretrainedModel
 from daemon.learning.inverse.engines import make_local_controllers
 from daemon.learning.inverse.local_controller_settings import LocalControllerSettings
 from daemon.learning.inverse.local_controllers import LocalControllers
 from daemon.learning.inverse.prior import Prior
+from daemon.learning.inverse.regressors import Regressors
+from daemon.learning.inverse.reward import attractor_step
 from daemon.learning.inverse.window import Window
-from daemon.learning.samples.motion_sample import MotionSample
+from daemon.learning.samples.motion import MotionSample
 from daemon.learning.samples.receptive_fields import ReceptiveFields
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
+
+# What a field's controller is before any sample has come: the inverse of the forward model there.
+#
+# Regression over pre-training's samples is a poor start. Within a field the Jacobian changes, and
+# so the same Δp has come from different Δu: regression takes that for noise and asks for too
+# little, most of all along the directions in which the tip hardly moves. The forward model knows
+# better. So motions are imagined in each field, and what the axes would do for them by its
+# inverse: of all steps that make the motion the one nearest to the attractor's, which is what
+# reward-weighted regression comes to with sharp rewards and very many samples.
+
+
+class LocalInverses(NamedTuple):
+    """What is known of f fields."""
+
+    jacobians: Vector
+    """(f, 3, m) mm per mm or rad, at the fields' centres."""
+    inverses: Vector
+    """(f, m, 3)"""
+
+    @classmethod
+    def of(cls, jacobians: Vector, unit: Vector, damping_mm: float) -> "LocalInverses":
+        """By damped least squares. unit: (m,) how far each axis goes for the price of 1."""
+        inverses = np.zeros(jacobians.transpose(0, 2, 1).shape)
+        for jacobian, inverse in zip(jacobians, inverses, strict=True):
+            for column, direction in zip(inverse.T, np.eye(3), strict=True):
+                column[:] = unit * damped_solution(jacobian * unit, direction, damping_mm)
+        return cls(jacobians, inverses)
+
+    def steps(self, tip_steps: Vector, attracted: Vector) -> Vector:
+        """(f, n, m) steps of the axes for (f, n, 3) of the tip, near (f, n, m) the attractor's."""
+        missing = tip_steps - attracted @ self.jacobians.transpose(0, 2, 1)
+        result: Vector = attracted + missing @ self.inverses.transpose(0, 2, 1)
+        return result
+
+
+class ImaginedPrior(Prior):
+    """A `Prior` made of motions that a forward model makes up."""
+
+    def __init__(
+        self,
+        fields: ReceptiveFields,
+        settings: LocalControllerSettings,
+        local: LocalInverses,
+        posture: Vector,
+    ) -> None:
+        self._parts = fields, settings, local
+        products = _mean_products(fields, settings, local, posture)
+        mass = np.full(fields.count, settings.prior_mass)
+        super().__init__(products, mass, np.array(posture, dtype=np.float64))
+
+    def towards(self, posture: Vector) -> Prior:
+        """The same motions, made near another posture."""
+        if np.array_equal(posture, self.posture):
+            return self
+        return ImaginedPrior(*self._parts, posture)
+
+
+def _mean_products(
+    fields: ReceptiveFields,
+    settings: LocalControllerSettings,
+    local: LocalInverses,
+    posture: Vector,
+) -> Vector:
+    """(f, F) mean of φ over the motions imagined in each field.
+
+    All of Δp, p and u are varied at once, up or down by a standard deviation, in a pattern that
+    leaves them uncorrelated. p and u are spread as the field's kernel is.
+    """
+    regressors = Regressors(fields, settings)
+    axes, places = settings.axes, len(fields.scale)
+    pattern = _hadamard(1 << (3 + places).bit_length())[:, 1 : 4 + places]
+    tip_steps = np.broadcast_to(
+        settings.tip_step_mm / np.sqrt(3.0) * pattern[:, :3], (fields.count, len(pattern), 3)
+    )
+    wide = np.broadcast_to(pattern[:, 3:].T, (fields.count, places, len(pattern)))
+    spread = np.linalg.solve(fields.roots, wide)
+    at = fields.centres[:, None, :] + spread.transpose(0, 2, 1)
+    us = at[..., 3:] * fields.scale[3:]
+    attracted = attractor_step(settings, us, posture) * settings.axis_steps
+    targets = local.steps(tip_steps, attracted) / settings.axis_steps
+    rows = np.concatenate(
+        [np.ones((*at.shape[:2], 1)), tip_steps / settings.tip_step_mm, at - regressors.middle],
+        axis=2,
+    )
+    products = regressors.products(
+        rows.reshape(-1, regressors.count), targets.reshape(-1, axes)
+    ).reshape(fields.count, len(pattern), -1)
+    mean: Vector = products.mean(axis=1)
+    return mean
+
+
+def _hadamard(order: int) -> Vector:
+    """(n, n) of ±1 whose columns are orthogonal (Sylvester). order: n, a power of two."""
+    pattern = np.ones((1, 1))
+    while len(pattern) < order:
+        pattern = np.block([[pattern, pattern], [pattern, -pattern]])
+    return pattern
+
 
 _TYPICAL_STEP_SHARE = 0.01
 """Of an axis' travel, in a sample."""

@@ -12,14 +12,116 @@ from pathlib import Path
 import numpy as np
 
 from config.control import Workspace
-from config.exploration import WaypointExploration
+from config.exploration import RandomMotion, WaypointExploration
 from config.robot import Robot
 from daemon.control.controller import Observation, Proposal
-from daemon.controllers.tip_guess import TipGuess
-from daemon.controllers.waypoint_walk import WaypointWalk
-from daemon.npz_file import ModelError
+from daemon.control.tip_following import step_time
+from daemon.files import ModelError
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
+
+# A rough idea of where the tip is for which axes, from what was seen: it keeps waypoints inside.
+#
+# A quadratic in all axes, by least squares. It is no model to control with.
+
+
+_RIDGE = 1e-3
+"""Of the mean square of a feature that is 1."""
+
+
+class TipGuess:
+    """Takes frames; guesses once it has seen enough of them."""
+
+    def __init__(self, axes: AxisRanges) -> None:
+        self._middle = 0.5 * (axes.lowest + axes.highest)
+        self._half = 0.5 * axes.travel
+        self._upper = np.triu_indices(axes.count)
+        features = 1 + axes.count + len(self._upper[0])
+        self._squares = np.zeros((features, features))
+        self._products = np.zeros((features, 3))
+        self._seen = 0
+        self._solution: Vector | None = None
+
+    def add(self, u: Vector, tip_mm: Vector) -> None:
+        """Take (m,) axes and (3,) mm that belong together."""
+        features = self._features(u[None, :])[0]
+        self._squares += np.outer(features, features)
+        self._products += np.outer(features, tip_mm)
+        self._seen += 1
+        self._solution = None
+
+    def at(self, u: Vector) -> Vector:
+        """(n, 3) mm for (n, m) axes; NaN while nothing was seen."""
+        if not self._seen:
+            return np.full((len(u), 3), np.nan)
+        if self._solution is None:
+            ridge = _RIDGE * self._seen * np.eye(len(self._squares))
+            ridge[0, 0] = 0.0
+            self._solution = np.asarray(np.linalg.solve(self._squares + ridge, self._products))
+        return np.asarray(self._features(u) @ self._solution)
+
+    def _features(self, u: Vector) -> Vector:
+        x = (u - self._middle) / self._half
+        first, second = self._upper
+        return np.hstack([np.ones((len(x), 1)), x, x[:, first] * x[:, second]])
+
+
+# Random motions as learning needs them: straight towards a place, with a dither on top.
+#
+# The dither is a swing of every axis with a period of its own, so that steps point in ever new
+# directions. It is slow, because the body follows its axes late.
+
+
+_GOLDEN = 0.5 * (5.0**0.5 - 1.0)
+_SMOOTH_S = 0.2
+"""Time constant of the velocity. An axis that turned round at once would only be braked."""
+_SWING_AT_MOST = 0.75
+"""Of the speed: a line must come forward whatever the dither does."""
+_ARRIVED_S = 0.15
+"""What is no further away than this is reached: the next line begins in a curve."""
+
+
+class WaypointWalk:
+    """Makes the steps. Whoever uses it says where to."""
+
+    def __init__(
+        self, options: RandomMotion, axes: AxisRanges, random: np.random.Generator
+    ) -> None:
+        self._axes = axes
+        shares = (_GOLDEN * np.arange(axes.count)) % 1.0
+        self._rates = 2.0 * np.pi / (options.dither_period_s * (1.0 + shares))
+        self._phases = random.uniform(0.0, 2.0 * np.pi, axes.count)
+        highest = options.speed_share * axes.max_velocity
+        swing = options.dither_share * axes.travel * self._rates
+        self._swing = np.minimum(swing, _SWING_AT_MOST * highest)
+        self._line_speed = highest
+        self._elapsed_s = 0.0
+        self._velocity = np.zeros(axes.count)
+
+    def reset(self) -> None:
+        """The axes stand still."""
+        self._velocity = np.zeros(self._axes.count)
+
+    def line_time_s(self, start: Vector, end: Vector) -> float:
+        """How long it takes from one place of the axes to another."""
+        return float(np.max(np.abs(end - start) / self._line_speed))
+
+    def arrived(self, goal: Vector, observation: Observation) -> bool:
+        """Whether the axes are told to be at the goal, or nearly."""
+        return self.line_time_s(observation.targets, goal) <= _ARRIVED_S
+
+    def step(self, goal: Vector, observation: Observation, *, dither: bool = True) -> Vector:
+        """(m,) the next step towards (m,) `goal`, within the travel."""
+        dt_s, axes = step_time(observation), self._axes
+        self._elapsed_s += dt_s
+        time_s = max(self.line_time_s(observation.targets, goal), _ARRIVED_S)
+        wanted = (goal - observation.targets) / time_s
+        if dither:
+            wanted += self._swing * np.cos(self._rates * self._elapsed_s + self._phases)
+        self._velocity += min(dt_s / _SMOOTH_S, 1.0) * (wanted - self._velocity)
+        step = np.clip(self._velocity * dt_s, *axes.room(observation.targets))
+        return axes.slowed(step, dt_s)
+
 
 _DRAWN_AT_MOST = 60
 _ALONG = np.linspace(0.25, 1.0, 4)[:, None]

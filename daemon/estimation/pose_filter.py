@@ -6,16 +6,137 @@ there is nothing to compare with, and after a gap too long to bridge.
 """
 
 from collections import deque
-from math import hypot, sqrt
+from collections.abc import Sequence
+from math import atan2, cos, hypot, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
 from config.control import PoseFilterSettings
-from daemon.estimation.constant_velocity import Triple
-from daemon.estimation.orientation_filter import OrientationFilter, turn_between
-from daemon.estimation.position_filter import PositionFilter
-from drivers.pose import Pose, Quaternion, Vector, conjugate, multiply
+from daemon.estimation.constant_velocity import ConstantVelocity, Triple
+from drivers.pose import Pose, Quaternion, Vector, conjugate, multiply, product
+
+# Position and velocity of the tip: constant velocity, disturbed by white acceleration.
+
+
+class PositionFilter:
+    """Position in mm and velocity in mm/s. The coordinates are alike."""
+
+    def __init__(self, noise_mm: float, acceleration_mm_s2: float, speed_mm_s: float) -> None:
+        """speed_mm_s: standard deviation of the velocity when the filter begins."""
+        self._speed_variance = speed_mm_s**2
+        self._filter = ConstantVelocity(noise_mm**2, acceleration_mm_s2**2)
+
+    def begin(self, position_mm: Sequence[float]) -> None:
+        """At this measured position, with a velocity that is not known."""
+        self._filter.begin(position_mm, self._speed_variance)
+
+    def innovation(self, position_mm: Sequence[float], ahead_s: float) -> Triple:
+        """By how much a measurement differs from what is extrapolated."""
+        (x, y, z), (a, b, c) = position_mm, self._filter.ahead(ahead_s)
+        return x - a, y - b, z - c
+
+    def surprise(self, innovation: Triple, ahead_s: float) -> float:
+        """Squared Mahalanobis distance of a measurement, this long after the state."""
+        return self._filter.surprise(innovation, ahead_s)
+
+    def update(self, innovation: Triple, ahead_s: float) -> None:
+        """Move the state ahead and correct it."""
+        self._filter.advance(ahead_s)
+        self._filter.correct(innovation)
+
+    def position(self, ahead_s: float) -> Triple:
+        """Extrapolated."""
+        return self._filter.ahead(ahead_s)
+
+    def velocity(self) -> Triple:
+        return self._filter.rates
+
+    def standard_deviation(self, ahead_s: float) -> float:
+        """Of one extrapolated coordinate, mm."""
+        return sqrt(self._filter.variance(ahead_s))
+
+
+# Orientation and angular velocity of the tip: an error-state filter on unit quaternions.
+#
+# The orientation itself is a quaternion beside the filter. What is filtered is the small rotation
+# between it and the truth, in the tip's own frame; after every correction this is turned into the
+# quaternion and is zero again. So there is neither a norm to keep nor a direction that cannot be
+# told.
+
+
+_NO_ERROR: Triple = (0.0, 0.0, 0.0)
+
+
+class OrientationFilter:
+    """State: the error as a rotation vector, then the angular velocity, in the tip's frame."""
+
+    def __init__(self, noise_rad: float, acceleration_rad_s2: float, rate_rad_s: float) -> None:
+        """rate_rad_s: standard deviation of the angular velocity when the filter begins."""
+        self._rate_variance = rate_rad_s**2
+        self._filter = ConstantVelocity(noise_rad**2, acceleration_rad_s2**2)
+        self._quaternion: Quaternion = (1.0, 0.0, 0.0, 0.0)
+        self._began = False
+
+    def begin(self, quaternion: Sequence[float]) -> None:
+        """At this measured orientation, with a rate that is not known."""
+        self._filter.begin(_NO_ERROR, self._rate_variance)
+        w, x, y, z = _unit(quaternion)
+        v = self._quaternion
+        same = not self._began or v[0] * w + v[1] * x + v[2] * y + v[3] * z >= 0.0
+        self._quaternion = (w, x, y, z) if same else (-w, -x, -y, -z)
+        self._began = True
+
+    def surprise(self, innovation: Triple, ahead_s: float) -> float:
+        """Squared Mahalanobis distance of a measurement, this long after the state."""
+        return self._filter.surprise(innovation, ahead_s)
+
+    def update(self, predicted: Quaternion, innovation: Triple, ahead_s: float) -> None:
+        """Move the state ahead, to where it was predicted, and correct it."""
+        error = self._filter
+        error.advance(ahead_s)
+        error.values = _NO_ERROR  # the prediction has taken the turn into the quaternion
+        error.correct(innovation)
+        self._quaternion = _unit(product(predicted, from_rotation_vector(error.values)))
+        error.values = _NO_ERROR
+
+    def quaternion(self, ahead_s: float) -> Quaternion:
+        """Extrapolated."""
+        x, y, z = self._filter.rates
+        turn = from_rotation_vector((ahead_s * x, ahead_s * y, ahead_s * z))
+        return product(self._quaternion, turn)
+
+
+def turn_between(one: Quaternion, other: Sequence[float]) -> Triple:
+    """The rotation vector that leads from one orientation to the other: the innovation, if one was
+    predicted and the other measured."""
+    w, x, y, z = one
+    return rotation_vector(product((w, -x, -y, -z), other))
+
+
+def _unit(quaternion: Sequence[float]) -> Quaternion:
+    norm = hypot(*quaternion)
+    w, x, y, z = quaternion
+    return w / norm, x / norm, y / norm, z / norm
+
+
+def rotation_vector(quaternion: Sequence[float]) -> Triple:
+    """Axis times angle of the shorter way, |angle| ≤ π. The norm of `quaternion` is free."""
+    q0, q1, q2, q3 = quaternion
+    if q0 < 0.0:
+        q0, q1, q2, q3 = -q0, -q1, -q2, -q3
+    sine = sqrt(q1 * q1 + q2 * q2 + q3 * q3)
+    scale = 2.0 * atan2(sine, q0) / sine if sine > 1e-12 else 2.0
+    return scale * q1, scale * q2, scale * q3
+
+
+def from_rotation_vector(vector: Sequence[float]) -> Quaternion:
+    """Of unit length."""
+    x, y, z = vector
+    angle = sqrt(x * x + y * y + z * z)
+    scale = sin(0.5 * angle) / angle if angle > 1e-12 else 0.5
+    return cos(0.5 * angle), scale * x, scale * y, scale * z
+
 
 FRAMES_FOR_QUALITY = 40
 _NS_PER_S = 1e9

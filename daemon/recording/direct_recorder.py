@@ -12,9 +12,8 @@ from daemon.recording.channels import (
     telemetry_payload,
     tracker_payload,
 )
-from daemon.recording.disk_space import free_mb
 from daemon.recording.flight_recorder import RecorderStatus, RecordingError
-from daemon.recording.run_files import RUN_FILE
+from daemon.recording.run_folder import RUN_FILE, free_mb
 from daemon.recording.run_writer import RunWriter
 
 

@@ -16,7 +16,6 @@ from typing import Final
 import msgspec
 
 from daemon.host.clock import MonotonicClock
-from daemon.recording.disk_space import free_mb
 from daemon.recording.record_stream import (
     BEGIN,
     CHANNEL,
@@ -29,6 +28,7 @@ from daemon.recording.record_stream import (
     declared_channel,
     dropped_count,
 )
+from daemon.recording.run_folder import free_mb
 from daemon.recording.run_writer import RunWriter
 from drivers.clock import Clock
 

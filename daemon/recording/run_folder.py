@@ -1,7 +1,9 @@
 """A run's folder: made under a name that tells robot and date, with all that explains the run."""
 
 import hashlib
+import os
 import platform
+import shutil
 import subprocess
 from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
@@ -15,7 +17,65 @@ import yaml
 
 from config.paths import values_with_absolute_paths
 from config.robot import Robot
-from daemon.recording.run_files import PROVENANCE_FILE, ROBOT_FILE, write_whole
+
+# The files of a run's folder: their names, and how they are written.
+
+
+RUN_FILE: Final = "run.mcap"
+RUN_FILES: Final = "run*.mcap"
+"""Pattern of all recordings of a run."""
+ROBOT_FILE: Final = "robot.yaml"
+PROVENANCE_FILE: Final = "provenance.json"
+RESULT_FILE: Final = "result.json"
+REPORT_FILE: Final = "report.html"
+_UNFINISHED: Final = ".part"
+
+
+def segment_file(number: int) -> str:
+    """Name of a run's first recording, or of the one that went on when the last one was lost."""
+    return RUN_FILE if number == 1 else f"run-{number}.mcap"
+
+
+def unfinished(path: Path) -> Path:
+    """Where a recording stands until it is finished."""
+    return path.with_name(path.name + _UNFINISHED)
+
+
+def finished(part: Path) -> Path:
+    """Where an unfinished recording shall stand: the reverse of `unfinished`."""
+    return part.with_name(part.name.removesuffix(_UNFINISHED))
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file that is either there with all of `data`, or not there. Raises OSError."""
+    beside = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with beside.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        beside.replace(path)
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+# How much room there is for recordings.
+
+
+_BYTES_PER_MB: Final = 1_000_000
+
+
+def free_mb(folder: Path) -> float | None:
+    """Room on the disk under a folder, which need not exist yet. None: cannot be told."""
+    for place in (folder, *folder.absolute().parents):
+        try:
+            return shutil.disk_usage(place).free / _BYTES_PER_MB
+        except FileNotFoundError:
+            continue
+        except OSError:
+            return None
+    return None
+
 
 _CHECKOUT: Final = Path(__file__).parents[2]
 _GIT_WITHIN_S: Final = 5.0

@@ -6,9 +6,8 @@ from typing import Final
 
 from daemon.messages import Tip
 from daemon.recording.channels import TIP_POSE, TOPICS, channel_format, tip_pose
-from daemon.recording.mcap_file import McapChannel, McapFile
-from daemon.recording.patient_file import PatientFile, sync_folder
-from daemon.recording.run_files import unfinished
+from daemon.recording.mcap_file import McapChannel, McapFile, PatientFile, sync_folder
+from daemon.recording.run_folder import unfinished
 
 LIBRARY: Final = "tentacled"
 HEADER: Final = "run"

@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.npz_file import in_a_line
+from daemon.files import in_a_line
 from safety.risk.mixture import FloatArray
 from safety.risk.risk_model import RiskModel, RiskModelError, risk_model
 

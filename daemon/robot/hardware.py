@@ -14,7 +14,7 @@ from drivers.aurora.frame import TrackerFrame
 from drivers.aurora.tracker import AuroraTracker
 from drivers.bounded import end_tasks
 from drivers.byte_stream import StreamOpener
-from drivers.can.traffic_tap import TrafficTap
+from drivers.can.link import TrafficTap
 from drivers.canopen.object_dictionary import ObjectDictionary
 from drivers.cia402.drive_bus import DriveBus, LinkOpener
 from drivers.clock import Clock

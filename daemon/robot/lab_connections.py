@@ -1,17 +1,90 @@
 """Devices in the same process, for virtual time: the same bytes, passed as calls."""
 
-from collections.abc import Callable
+import json
+import socket
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Final
 
 from config.robot import Robot
 from config.tracker import Tracker
 from daemon.host.periodic_timer import LoopTimer, PeriodicTimer, Tick
+from daemon.robot.runtime_directory import CONTROL_SOCKET, lab_directories
 from drivers.byte_stream import StreamOpener
 from drivers.can.link import CanLink, FrameReceiver
 from drivers.cia402.drive_bus import LinkOpener
 from drivers.clock import Clock
-from sim_backends.devices.aurora.in_process import aurora_stream_opener
+from sim_backends.devices.aurora.wires import aurora_stream_opener
 from sim_backends.devices.can.in_process import InProcessLink
 from sim_backends.lab.lab import Lab
+
+# Talks to a running lab over its control socket.
+
+
+_ANSWERS_WITHIN_S: Final = 10.0
+_LONGEST_ANSWER_BYTES: Final = 1 << 20
+
+
+class LabUnreachableError(RuntimeError):
+    """There is no lab to talk to; the text says what to do."""
+
+
+class LabRefusedError(RuntimeError):
+    """The lab does not do what it was asked; the text is its reason."""
+
+
+def ask(directory: Path, request: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Ask the lab in `directory`. Raises LabUnreachableError, LabRefusedError."""
+    path = directory / CONTROL_SOCKET
+    with socket.socket(socket.AF_UNIX) as connection:
+        connection.settimeout(_ANSWERS_WITHIN_S)
+        try:
+            connection.connect(str(path))
+            connection.sendall(json.dumps(request).encode() + b"\n")
+            line = _read_line(connection)
+        except TimeoutError:
+            raise LabUnreachableError(f"the lab at {directory} does not answer") from None
+        except OSError as error:
+            raise LabUnreachableError(
+                f"no lab is running in {directory} ({error.strerror}): "
+                "start one with `tentacled emulate`, or name its folder with --runtime-dir"
+            ) from None
+    answer: Mapping[str, Any] = json.loads(line)
+    if not answer.get("ok"):
+        raise LabRefusedError(str(answer.get("error")))
+    return answer
+
+
+def the_running_lab() -> Path:
+    """The folder of the one lab that runs where labs run by default.
+
+    Raises LabUnreachableError where there is none, or more than one.
+    """
+    running = [directory for directory in lab_directories() if _runs(directory)]
+    if len(running) == 1:
+        return running[0]
+    if not running:
+        raise LabUnreachableError("no lab is running: start one with `tentacled emulate`")
+    names = ", ".join(str(directory) for directory in running)
+    raise LabUnreachableError(f"several labs are running: name one with --runtime-dir: {names}")
+
+
+def _runs(directory: Path) -> bool:
+    try:
+        ask(directory, {"do": "state"})
+    except (LabUnreachableError, LabRefusedError):
+        return False
+    return True
+
+
+def _read_line(connection: socket.socket) -> bytes:
+    line = b""
+    while not line.endswith(b"\n"):
+        piece = connection.recv(65536)
+        if not piece or len(line) > _LONGEST_ANSWER_BYTES:
+            raise ConnectionResetError(0, "it hung up")
+        line += piece
+    return line
 
 
 class LabConnections:

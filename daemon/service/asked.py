@@ -7,12 +7,12 @@ or takes long is done off the loop, and within a bounded time.
 import asyncio
 import os
 import threading
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 from typing import Any, Final, Protocol, TypeVar
 
 from config.controllers import Broyden, ControllerOptions, load_controller_options
-from config.options import OptionsError
+from config.model import OptionsError
 from config.robot import Robot
 from config.trajectory import Waypoints, load_trajectory_options
 from daemon.control.controller import Controller, ControllerError
@@ -22,7 +22,20 @@ from daemon.messages import Load
 from daemon.reference.trajectories import Trajectory, make_trajectory
 from daemon.reference.waypoints import WaypointError
 from daemon.robot.axes import AxisRanges
-from daemon.service.refused import RefusedError
+from safety.failsafe import ActiveReason
+
+# A command that is not carried out, and why.
+
+
+class RefusedError(Exception):
+    """A command that is not carried out."""
+
+    def __init__(self, name: str, text: str, reasons: Sequence[ActiveReason] = ()) -> None:
+        super().__init__(text)
+        self.name = name
+        self.text = text
+        self.reasons = reasons
+
 
 T = TypeVar("T")
 

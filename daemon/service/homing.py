@@ -8,7 +8,7 @@ import asyncio
 from collections.abc import Coroutine, Sequence
 from typing import Final
 
-from daemon.service.refused import RefusedError
+from daemon.service.asked import RefusedError
 from daemon.service.robot_service import RobotService
 from drivers.cia402.axis_channel import AxisChannel
 from drivers.cia402.homing import HomingError

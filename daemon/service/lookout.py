@@ -5,11 +5,11 @@ from typing import Final, NamedTuple
 
 from daemon.loop.control_step import ControlLoop
 from daemon.loop.timekeeping import Timekeeping
-from daemon.recording.disk_space import free_mb
+from daemon.recording.run_folder import free_mb
 from daemon.service.lease import Lease
 from daemon.service.surroundings import Surroundings
-from daemon.supervision.following_error import FollowingError
 from daemon.supervision.supervisor import Supervisor
+from daemon.supervision.watchdogs import FollowingError
 from drivers.aurora.tracker import AuroraTracker
 from drivers.axis_scale import tension_range_n
 from safety.states import OperatingState

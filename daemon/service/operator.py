@@ -36,9 +36,8 @@ from daemon.messages import (
 from daemon.recording.flight_recorder import RecordingError
 from daemon.reference.reference import TrajectoryReference
 from daemon.reference.trajectories import Trajectory
-from daemon.service.asked import Asked, OffTheLoop, at_once
+from daemon.service.asked import Asked, OffTheLoop, RefusedError, at_once
 from daemon.service.homing import RobotHoming
-from daemon.service.refused import RefusedError
 from daemon.service.robot_service import AT_REST_WITHIN_S, RobotService
 from daemon.service.run_recording import RunRecording
 from daemon.service.setpoints import Setpoints

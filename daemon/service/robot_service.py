@@ -13,8 +13,7 @@ from config.loader import RobotFile
 from config.robot import Robot
 from daemon.host.periodic_timer import Tick
 from daemon.loop.control_step import ControlLoop
-from daemon.loop.time_spent import TimeSpent
-from daemon.loop.timekeeping import Timekeeping
+from daemon.loop.timekeeping import Timekeeping, TimeSpent
 from daemon.messages import (
     LeaseStatus,
     Loop,

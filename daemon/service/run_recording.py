@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Final
 
 from daemon.messages import Event, Message, Tip
-from daemon.recording.error_table import ErrorTable
 from daemon.recording.flight_recorder import RecordingError
-from daemon.recording.result import Result, write_result
-from daemon.recording.run_files import segment_file
+from daemon.recording.result import ErrorTable, Result, write_result
+from daemon.recording.run_folder import segment_file
 from daemon.service.lookout import NO_TROUBLE, RecordingTrouble
 from daemon.service.robot_service import RobotService
 from safety.causes import Severity, cause

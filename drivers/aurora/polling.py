@@ -2,10 +2,11 @@
 
 import asyncio
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 from config.tracker import Tracker
-from drivers.aurora.alerts import fetch_alerts
 from drivers.aurora.codec.errors import CodecError
+from drivers.aurora.codec.parameters import FRAME_FREQUENCY, TRACK_FREQUENCY, decode_parameters
 from drivers.aurora.codec.replies import (
     BINARY_FRAMING_BYTES,
     TEXT_FRAMING_BYTES,
@@ -25,12 +26,102 @@ from drivers.aurora.codec.tracking_data import (
 from drivers.aurora.frame import FrameAssembler, TrackerFrame
 from drivers.aurora.frame_clock import FrameClock
 from drivers.aurora.health import Health
-from drivers.aurora.link import DamagedReplyError, Link, NoReplyError
-from drivers.aurora.poll_timing import PollTiming
-from drivers.aurora.rates import Rates
-from drivers.aurora.status_watch import StatusWatch
-from drivers.aurora.watch import Watch
+from drivers.aurora.link import DamagedReplyError, DeviceRefusedError, Link, NoReplyError
+from drivers.aurora.watch import StatusWatch, Watch, fetch_alerts
 from drivers.clock import Clock
+
+# The device's rhythm: how often it measures, and how fast its frame counter runs.
+
+
+_NORMAL_FRAMES_PER_S = 40.0
+_FAST_FRAMES_PER_S = 1000.0 / 15.0
+_TICKS_PER_S = 320.0
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Frames per second, and steps of the frame counter per second."""
+
+    frames_per_s: float
+    ticks_per_s: float
+
+
+async def tracking_rates(link: Link, fast: bool) -> Rates:
+    """What the device says while it tracks; older ones do not say it, but keep to the book."""
+    usual = Rates(_FAST_FRAMES_PER_S if fast else _NORMAL_FRAMES_PER_S, _TICKS_PER_S)
+    try:
+        return await link.query("GET", "Param.Tracking.*", _rates)
+    except (DeviceRefusedError, DamagedReplyError):
+        return usual
+
+
+def _rates(text: str) -> Rates:
+    parameters = decode_parameters(text)
+    try:
+        rates = Rates(float(parameters[TRACK_FREQUENCY]), float(parameters[FRAME_FREQUENCY]))
+    except (KeyError, ValueError):
+        raise CodecError("GET: no track and frame frequency") from None
+    if not (1.0 <= rates.frames_per_s <= 1000.0 and rates.ticks_per_s >= rates.frames_per_s):
+        raise CodecError(f"GET: implausible {rates}")
+    return rates
+
+
+# When to ask for the next frame: just after it is there, so that its reply is young.
+#
+# Nobody says when a frame is ready; asking shows it. A reply that repeats the last frame was
+# asked for too early, a new one late enough. So requests keep the device's rhythm and creep
+# earlier a little every frame; a repeated frame shows the edge, and the rhythm steps back behind
+# it.
+
+
+_SLOWEST_CREEP_NS = 5_000
+"""Per frame. Twice what 100 ppm between the clocks makes of 25 ms: the edge cannot run away."""
+_GUARD_NS = 500_000
+"""Smallest step back, so that in any jitter at most one frame in a hundred is asked for twice."""
+
+
+class PollTiming:
+    """Decides when requests go out. Where the rhythm is not known, they go back to back.
+
+    That is the case at first, and stays so where the line is too slow for repeated frames, or
+    where the device holds a reply until it has a new frame: there is nothing to gain then.
+    """
+
+    def __init__(self, period_ns: int) -> None:
+        self._period_ns = period_ns
+        self._planned_ns: int | None = None
+        self._creep_ns = 0
+        self._repeat_sent_ns: int | None = None
+
+    def next_request_ns(self, now_ns: int) -> int:
+        """When the next request is to go out; not before now."""
+        if self._planned_ns is None or self._repeat_sent_ns is not None:
+            return now_ns
+        return max(self._planned_ns, now_ns)
+
+    def repeated(self, sent_ns: int) -> None:
+        """The request sent then brought the last frame once more."""
+        if self._planned_ns is not None and self._repeat_sent_ns is None:
+            self._planned_ns += max(2 * self._creep_ns, _GUARD_NS)
+            self._creep_ns = max(self._creep_ns // 2, _SLOWEST_CREEP_NS)
+        self._repeat_sent_ns = sent_ns
+
+    def fresh(self, sent_ns: int, frames: int) -> None:
+        """The request sent then brought a new frame, `frames` after the last one."""
+        repeat_sent_ns, self._repeat_sent_ns = self._repeat_sent_ns, None
+        if repeat_sent_ns is None:
+            if self._planned_ns is not None:
+                self._planned_ns += frames * self._period_ns - self._creep_ns
+            return
+        planned_ns = self._planned_ns
+        if planned_ns is not None and planned_ns > repeat_sent_ns:
+            self._planned_ns = planned_ns + frames * self._period_ns
+            return
+        # The frame became ready between these two requests: start from the later one.
+        too_late_ns = sent_ns - (repeat_sent_ns if planned_ns is None else planned_ns)
+        self._creep_ns = min(max(too_late_ns // 8, _SLOWEST_CREEP_NS), self._period_ns // 8)
+        self._planned_ns = sent_ns + self._period_ns
+
 
 _OPTIONS = f"{TRANSFORMS | OUT_OF_VOLUME_TOO:04X}"
 _TIMEOUT_S = 0.2

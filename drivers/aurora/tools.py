@@ -7,12 +7,14 @@ from dataclasses import dataclass
 from functools import partial
 
 from config.tracker import ToolSelector
-from drivers.aurora.codec.port_handles import HandleList, PortHandle, decode_port_handles
 from drivers.aurora.codec.status_bits import PortStatus
 from drivers.aurora.codec.tool_information import (
     NO_SERIAL,
     Fields,
+    HandleList,
+    PortHandle,
     ToolInformation,
+    decode_port_handles,
     decode_tool_information,
 )
 from drivers.aurora.conditions import (

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 from config.tracker import Tracker
-from drivers.aurora.alerts import fetch_alerts
 from drivers.aurora.bring_up import (
     DeviceInformation,
     NobodyThereError,
@@ -52,11 +51,9 @@ from drivers.aurora.link import (
     NoReplyError,
     TrafficListener,
 )
-from drivers.aurora.polling import Polling
-from drivers.aurora.rates import Rates, tracking_rates
-from drivers.aurora.status_watch import StatusWatch
+from drivers.aurora.polling import Polling, Rates, tracking_rates
 from drivers.aurora.tools import Tools, set_up_tools
-from drivers.aurora.watch import Watch
+from drivers.aurora.watch import StatusWatch, Watch, fetch_alerts
 from drivers.byte_stream import StreamError, StreamOpener
 from drivers.clock import Clock
 from drivers.conditions import ActiveCondition, Condition, ConditionChange

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from drivers.can.bits import worst_case_bits
+from drivers.can.frame import worst_case_bits
 
 WARN_LOAD: Final = 0.60
 REFUSE_LOAD: Final = 0.80

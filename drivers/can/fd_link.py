@@ -13,8 +13,14 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from drivers.can.conditions import DOWN, QUEUE_FULL
-from drivers.can.error_frame import conditions_of_error_frame
-from drivers.can.frame import CAN_FRAME, ERROR_FLAG, EXTENDED_FLAG, FRAME_BYTES, REMOTE_FLAG
+from drivers.can.frame import (
+    CAN_FRAME,
+    ERROR_FLAG,
+    EXTENDED_FLAG,
+    FRAME_BYTES,
+    REMOTE_FLAG,
+    conditions_of_error_frame,
+)
 from drivers.can.link import FrameReceiver
 from drivers.clock import Clock
 

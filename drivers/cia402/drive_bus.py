@@ -8,11 +8,10 @@ from typing import Final
 from config.axis import Axis
 from config.bus import Bus
 from drivers.bounded import end_tasks
-from drivers.can.bits import worst_case_bits
 from drivers.can.bus_lock import BusTakenError
 from drivers.can.conditions import CANNOT_OPEN, GONE, TAKEN
-from drivers.can.link import CanLink, FrameReceiver, LinkError
-from drivers.can.traffic_tap import TrafficTap
+from drivers.can.frame import worst_case_bits
+from drivers.can.link import CanLink, FrameReceiver, LinkError, TrafficTap
 from drivers.canopen.codec import cob_ids
 from drivers.canopen.codec.nmt import NmtCommand, NmtState, encode_heartbeat, encode_nmt_command
 from drivers.canopen.object_dictionary import ObjectDictionary

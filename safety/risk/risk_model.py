@@ -11,15 +11,33 @@ The arrays of a file have these names:
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import sqrt
 from typing import Any, Final
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from safety.risk.mixture import FloatArray
 from safety.risk.mixture_network import MixtureNetwork, NetworkError
-from safety.risk.nearest_kernels import nearest_distance
 from safety.risk.shape_basis import ShapeBasis, ShapeBasisError
+
+# The nearest of many vectors, compiled.
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def nearest_distance(known, place):  # type: ignore[no-untyped-def]
+    """From (m,) place to the nearest of (n, m) known vectors; not finite where the place is not."""
+    nearest = np.inf
+    for i in range(known.shape[0]):
+        square = 0.0
+        for j in range(known.shape[1]):
+            way = known[i, j] - place[j]
+            square += way * way
+        if not square >= nearest:
+            nearest = square
+    return sqrt(nearest)
+
 
 _POINTS, _SHAPES, _BASIS, _TRAINING = "points/", "shapes/", "basis/", "training/"
 _BASIS_ARRAYS: Final = ("base_mm", "modes", "radius_mm", "left_out_mm", "arc_mm")

@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from config.axis import Axis, LinearAxis, LinearStepper, TendonMotor
-from config.emulated_plants import TendonArmPlant
-from config.emulation import Emulation
+from config.emulation import Emulation, TendonArmPlant
 from config.paths import eds_path
 from config.robot import Robot
 from drivers.axis_scale import axis_scale

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from drivers.clock import WallClock
 from drivers.exclusive_name import ExclusiveName, NameTakenError
-from sim_backends.devices.aurora.on_pty import PtyAurora
+from sim_backends.devices.aurora.wires import PtyAurora
 from sim_backends.devices.can.slcan_adapter import SlcanAdapter
 from sim_backends.devices.can.socket_server import SocketServer
 from sim_backends.lab.control_server import ControlServer, Request

@@ -11,15 +11,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from config.emulated_plants import SoftArmPlant
+from config.emulation import SoftArmPlant
 from sim_backends.plants.chambers import Chambers, ChamberSolver
 from sim_backends.plants.creep import Creep
 from sim_backends.plants.gas import ATMOSPHERE_MPA, GasLines
 from sim_backends.plants.hysteresis import StopOperators
-from sim_backends.plants.load import GRAVITY_N_G, listed, tip_force
-from sim_backends.plants.plant import BodyState, FloatArray, PlantError, TipLoad
+from sim_backends.plants.plant import (
+    GRAVITY_N_G,
+    BodyState,
+    FloatArray,
+    PlantError,
+    TipLoad,
+    body_state,
+    listed,
+    tip_force,
+)
 from sim_backends.plants.rod import Rod, Section, helix
-from sim_backends.plants.shape import body_state
 from sim_backends.plants.shooting import ConstantPull, Equilibrium, Path, Problem, Solver
 
 CHAMBERS = 6

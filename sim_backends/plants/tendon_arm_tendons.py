@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from config.emulated_plants import TendonArmPlant
+from config.emulation import TendonArmPlant
 from sim_backends.plants import tendon_arm_kernels
 from sim_backends.plants.plant import FloatArray
 from sim_backends.plants.rod import Rod, Route, Section, helix

@@ -24,7 +24,7 @@ from daemon.learning.inverse.batch import BatchControllers
 from daemon.learning.inverse.local_controllers import Command, LocalControllers
 from daemon.learning.inverse.oracle import OracleControllers
 from daemon.learning.inverse.prior import Prior
-from daemon.learning.samples.motion_sample import MotionSample
+from daemon.learning.samples.motion import MotionSample
 from daemon.learning.samples.receptive_fields import ReceptiveFields
 from drivers.pose import Vector
 from tests.benchmarks.timing import Figures, percentiles, pieces

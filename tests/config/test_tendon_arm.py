@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from config.axis import TendonMotor
-from config.emulated_plants import TendonArmPlant
+from config.emulation import TendonArmPlant
 from config.loader import load_robot
 from config.problems import ConfigError
 from drivers.axis_scale import axis_scale

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from config.controllers import Broyden, ConstantCurvature, load_controller_options
-from config.options import OptionsError
+from config.model import OptionsError
 from config.trajectory import Lissajous, Rectangle, load_trajectory_options
 
 RECTANGLE: dict[str, Any] = {

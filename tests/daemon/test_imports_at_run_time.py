@@ -15,7 +15,7 @@ from daemon.commands import {command}
 {more}
 print(",".join(name for name in {never!r} if name in sys.modules))
 """
-WARM = "from daemon.controllers.warm_up import warm_up; warm_up()"
+WARM = "from daemon.controllers.make_controller import warm_up; warm_up()"
 
 
 @pytest.mark.parametrize(("command", "more"), [("run", WARM), ("emulate", "")])

@@ -20,7 +20,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from daemon.host.worker_processes import worker_processes
+from daemon.host.processes import worker_processes
 from daemon.messages import (
     Acquire,
     Answer,

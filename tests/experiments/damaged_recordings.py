@@ -24,7 +24,7 @@ from daemon.recording.channels import (
     tracker_payload,
 )
 from daemon.recording.recovery import recover
-from daemon.recording.run_files import unfinished
+from daemon.recording.run_folder import unfinished
 from daemon.recording.run_reader import RunMessage, RunReader
 from daemon.recording.run_writer import RunWriter
 from tests.daemon.recording.synthetic_run import BOOT_NS, HEADER, WALL_NS, messages

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from daemon.host.worker_processes import worker_processes
+from daemon.host.processes import worker_processes
 from safety.states import OperatingState
 from tests.daemon.service.grazing import Grazed, graze
 

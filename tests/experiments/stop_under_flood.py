@@ -18,7 +18,7 @@ from typing import Any, Final
 
 import yaml
 
-from daemon.recording.run_files import RUN_FILE
+from daemon.recording.run_folder import RUN_FILE
 from daemon.remote.client.client import RobotClient
 from daemon.remote.client.client_errors import ClientError
 from tests import SOFT_ARM

@@ -25,7 +25,7 @@ import numpy as np
 
 from config.loader import load_robot
 from daemon.estimation.pose_filter import PoseFilter
-from daemon.host.worker_processes import worker_processes
+from daemon.host.processes import worker_processes
 from daemon.risk.model_file import read_model
 from daemon.robot.axes import AxisRanges
 from daemon.workbench.body_model.clouds.configurations import Candidates

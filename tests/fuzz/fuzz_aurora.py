@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from config.emulated_tracker import EmulatedTool, EmulatedTracker
+from config.emulation import EmulatedTool, EmulatedTracker
 from drivers.aurora.codec.commands import (
     MAX_COMMAND_BYTES,
     CommandReader,
@@ -20,7 +20,6 @@ from drivers.aurora.codec.commands import (
 from drivers.aurora.codec.crc import crc16
 from drivers.aurora.codec.errors import CodecError
 from drivers.aurora.codec.parameters import decode_parameters, device_names, timeouts_s
-from drivers.aurora.codec.port_handles import decode_port_handles
 from drivers.aurora.codec.replies import (
     BINARY_HEADER,
     MAX_REPLY_BYTES,
@@ -33,7 +32,11 @@ from drivers.aurora.codec.replies import (
     encode_text_reply,
 )
 from drivers.aurora.codec.reply_reader import ReplyReader
-from drivers.aurora.codec.tool_information import Fields, decode_tool_information
+from drivers.aurora.codec.tool_information import (
+    Fields,
+    decode_port_handles,
+    decode_tool_information,
+)
 from drivers.aurora.codec.tracking_data import TrackingData, decode_bx, decode_tx
 from drivers.aurora.codec.versions import ApiRevision, VersionText
 from drivers.aurora.codec.volumes import decode_volumes

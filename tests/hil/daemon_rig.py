@@ -22,7 +22,7 @@ from daemon.remote.client.client_errors import (
     RefusedError,
     TimedOutError,
 )
-from daemon.robot.lab_client import ask
+from daemon.robot.lab_connections import ask
 from drivers.can.frame import FRAME_BYTES, CanFrame, pack_frame, unpack_frame
 from drivers.canopen.codec import cob_ids
 from drivers.canopen.codec.sdo import UploadRequest

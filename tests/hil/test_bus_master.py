@@ -12,7 +12,7 @@ import pytest
 
 from daemon.commands.terminal.command_line import EXIT_INTERRUPTED
 from daemon.recording.result import read_result
-from daemon.recording.run_files import RESULT_FILE, RUN_FILE, unfinished
+from daemon.recording.run_folder import RESULT_FILE, RUN_FILE, unfinished
 from daemon.recording.run_reader import RunReader
 from drivers.canopen.codec import cob_ids
 from tests import SOFT_ARM

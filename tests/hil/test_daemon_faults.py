@@ -17,12 +17,12 @@ from typing import Final
 import pytest
 import yaml
 
-from daemon.recording.disk_space import free_mb
+from daemon.recording.run_folder import free_mb
 from daemon.recording.run_reader import RunReader
 from daemon.remote.client.client import RobotClient
 from daemon.remote.client.client_errors import RefusedError
 from daemon.risk.mesh_file import write_mesh
-from daemon.robot.lab_client import ask
+from daemon.robot.lab_connections import ask
 from daemon.workbench.body_model.evaluation.shapes import box, turned
 from safety.causes import CAUSES, Severity, cause
 from safety.states import OperatingState

@@ -16,7 +16,7 @@ import pytest
 from daemon.messages import LoopStatus, Status
 from daemon.recording.channels import RAW_CAN, read_can_payload
 from daemon.recording.result import Result
-from daemon.recording.run_files import (
+from daemon.recording.run_folder import (
     PROVENANCE_FILE,
     RESULT_FILE,
     ROBOT_FILE,

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import yaml
 
-from daemon.recording.run_files import RUN_FILE
+from daemon.recording.run_folder import RUN_FILE
 from daemon.recording.run_reader import RunReader
 from daemon.remote.client.client_errors import RefusedError
 from safety.states import OperatingState

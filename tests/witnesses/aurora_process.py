@@ -12,11 +12,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from config.emulated_tracker import EmulatedTracker
+from config.emulation import EmulatedTracker
 from daemon.host.clock import MonotonicClock, run_in_real_time
 from drivers.pose import Pose
 from sim_backends.devices.aurora.device import EmulatedAurora
-from sim_backends.devices.aurora.on_pty import PtyAurora
+from sim_backends.devices.aurora.wires import PtyAurora
 from sim_backends.faults import inject
 
 

@@ -12,7 +12,7 @@ import json
 import sys
 from pathlib import Path
 
-from config.emulated_drives import EmulatedDrives
+from config.emulation import EmulatedDrives
 from daemon.host.clock import MonotonicClock, run_in_real_time
 from sim_backends.devices.can.bus import CanBus
 from sim_backends.devices.can.faults import BusFaults
@@ -20,7 +20,7 @@ from sim_backends.devices.can.slcan_adapter import SlcanAdapter
 from sim_backends.devices.can.socket_server import SocketServer
 from sim_backends.devices.device import Pump
 from sim_backends.devices.drive.drive import EmulatedDrive
-from sim_backends.devices.drive.node.nmt_slave import INITIALISING
+from sim_backends.devices.drive.node.communication import INITIALISING
 from sim_backends.faults import FaultyDevice, understand
 
 

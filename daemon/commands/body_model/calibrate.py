@@ -35,14 +35,16 @@ def run(arguments: argparse.Namespace) -> int:
     if checked is None:
         return EXIT_FAILED
     # Matplotlib and the plant's compiled code are slow to come: `--help` does without.
-    from daemon.host.worker_processes import worker_processes
+    from daemon.host.processes import worker_processes
     from daemon.learning.samples.robot_fit import misfit_of
     from daemon.risk.model_file import read_model
     from daemon.workbench.body_model.clouds.collection import CollectionError
     from daemon.workbench.body_model.clouds.collection_bar import CollectionBar
     from daemon.workbench.body_model.clouds.emulated_body import UnreachableError
-    from daemon.workbench.body_model.evaluation.contact_calibration import contact_calibration
-    from daemon.workbench.body_model.evaluation.contact_figure import write_reliability
+    from daemon.workbench.body_model.evaluation.contact_calibration import (
+        contact_calibration,
+        write_reliability,
+    )
     from daemon.workbench.body_model.evaluation.rollouts import roll_out
     from safety.risk.risk_model import RiskModelError
     from sim_backends.lab.lab import LabError

@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _imported(arguments: argparse.Namespace) -> int:
-    from daemon.host.worker_processes import worker_processes
+    from daemon.host.processes import worker_processes
     from daemon.workbench.body_model.clouds.cloud_dataset import CloudDatasetError
     from daemon.workbench.body_model.clouds.cloud_import import import_clouds
     from daemon.workbench.body_model.clouds.collection_bar import CollectionBar
@@ -135,7 +135,7 @@ def _import_settings(arguments: argparse.Namespace, robot: "Robot") -> "ImportSe
 
 def _emulated(arguments: argparse.Namespace) -> int:
     # The plant's compiled code is slow to come: `--help` does without.
-    from daemon.host.worker_processes import worker_processes
+    from daemon.host.processes import worker_processes
     from daemon.workbench.body_model.clouds.cloud_dataset import CloudDatasetError
     from daemon.workbench.body_model.clouds.collection import CollectionError, CollectionSettings
     from daemon.workbench.body_model.clouds.collection_bar import CollectionBar

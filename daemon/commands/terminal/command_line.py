@@ -9,7 +9,7 @@ from importlib import import_module
 from importlib.metadata import version
 from typing import Final, Protocol, cast
 
-from daemon.host.collector_pause import imported_for_good
+from daemon.host.real_time import imported_for_good
 
 EXIT_OK: Final = 0
 EXIT_FAILED: Final = 1

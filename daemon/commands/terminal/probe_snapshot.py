@@ -1,15 +1,65 @@
 """The state of all devices at one moment, as plain values for JSON and for the live table."""
 
-from collections.abc import Mapping
-from typing import Any
+import asyncio
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any, Final
 
-from daemon.commands.terminal.probe_observer import Observer
-from daemon.robot.hardware import Hardware
+from daemon.loop.frame_statistics import FrameStatistics
+from daemon.robot.capture import CanCapture
+from daemon.robot.checked_robot import CheckedRobot
+from daemon.robot.connections import RealConnections
+from daemon.robot.hardware import Hardware, Listeners
+from daemon.robot.runtime_directory import with_lab_ports
 from drivers.aurora.frame import ToolSample, TrackerFrame
 from drivers.aurora.tools import Tool
+from drivers.aurora.tracker import TrackerState
+from drivers.bounded import end_tasks
 from drivers.cia402.axis_channel import AxisChannel
 from drivers.cia402.drive_bus import DriveBus
+from drivers.clock import Clock, WallClock
 from drivers.conditions import ActiveCondition, ConditionChange
+
+# Watches the devices: keeps the last frame, counts rates.
+
+
+class Observer:
+    """Hears of every frame."""
+
+    def __init__(self, clock: Clock) -> None:
+        self.frame: TrackerFrame | None = None
+        self.frames = 0
+        self._clock = clock
+        self._bits: dict[str, tuple[int, int]] = {}
+        self._statistics = FrameStatistics()
+
+    def on_frame(self, frame: TrackerFrame) -> None:
+        self.frame = frame
+        self.frames += 1
+        self._statistics.add(frame.t_ns, frame.received_ns)
+
+    def frame_rate_hz(self) -> float:
+        """Frames per second over the last two seconds."""
+        return self._statistics.rate_hz(self._clock.now_ns())
+
+    def age_s(self) -> float | None:
+        """Age of the newest frame."""
+        return None if self.frame is None else (self._clock.now_ns() - self.frame.t_ns) * 1e-9
+
+    def latency_s(self) -> float | None:
+        """From measurement to the driver, the median of the last frames."""
+        return self._statistics.latency_s()
+
+    def bus_load(self, bus: str, bitrate_bit_s: int, bits: int) -> float:
+        """Share of `bus` that was used since this was last asked, from its bits so far."""
+        now_ns = self._clock.now_ns()
+        then_ns, before = self._bits.get(bus, (now_ns, bits))
+        self._bits[bus] = (now_ns, bits)
+        if now_ns == then_ns:
+            return 0.0
+        return (bits - before) / ((now_ns - then_ns) * 1e-9 * bitrate_bit_s)
+
 
 Json = Mapping[str, Any]
 
@@ -136,3 +186,59 @@ def _bus(bus: DriveBus, observer: Observer) -> Json:
 
 def _rounded(values: Any, digits: int = 3) -> list[float]:
     return [round(float(value), digits) for value in values]
+
+
+# One probing: the hardware with an observer, from connecting to letting go.
+
+
+_ENDS_WITHIN_S: Final = 8.0
+"""Longer than hardware takes at the most."""
+
+
+class ProbeSession:
+    """The devices of a robot while they are probed."""
+
+    def __init__(
+        self,
+        checked: CheckedRobot,
+        lab: Path,
+        clock: WallClock,
+        on_event: Callable[[Json], None],
+        capture: CanCapture | None,
+    ) -> None:
+        """on_event: hears at once of every condition that comes or goes. Raises EdsError."""
+        robot = with_lab_ports(checked.file.robot, lab)
+        self._robot = robot.robot
+        self._clock = clock
+        self._started_ns = clock.now_ns()
+        self._on_event = on_event
+        self._observer = Observer(clock)
+        taps = {} if capture is None else {next(iter(robot.buses)): capture}
+        listeners = Listeners(self._observer.on_frame, self._changed, can_taps=dict(taps))
+        self._hardware = Hardware(checked.file, robot, RealConnections(clock), clock, listeners)
+
+    @asynccontextmanager
+    async def running(self) -> AsyncIterator[None]:
+        """Connected while the context lasts."""
+        task = asyncio.create_task(self._hardware.run())
+        try:
+            yield
+        finally:
+            await end_tasks([task], _ENDS_WITHIN_S)
+
+    def snapshot(self) -> Json:
+        """Everything as it is now."""
+        return snapshot(self._robot, self._hardware, self._observer, self._since(None))
+
+    @property
+    def healthy(self) -> bool:
+        """Whether everything is there and well."""
+        tracking = self._hardware.tracker.status.state is TrackerState.TRACKING
+        operational = all(bus.operational for bus in self._hardware.buses)
+        return tracking and operational and not conditions_of(self._hardware)
+
+    def _changed(self, change: ConditionChange) -> None:
+        self._on_event(event(change, self._since(change.t_ns)))
+
+    def _since(self, t_ns: int | None) -> float:
+        return ((self._clock.now_ns() if t_ns is None else t_ns) - self._started_ns) * 1e-9

@@ -3,6 +3,7 @@
 import argparse
 import sys
 from collections.abc import Callable, Iterator
+from importlib.resources import files
 from pathlib import Path
 from typing import Final
 
@@ -22,11 +23,40 @@ from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USA
 from daemon.workbench.studies.error_tables import aims_text, trouble_text
 from daemon.workbench.studies.findings import Findings, findings
 from daemon.workbench.studies.grid import Grid
-from daemon.workbench.studies.outcome import Outcome
-from daemon.workbench.studies.run import PlanError, Run, plan
+from daemon.workbench.studies.run import Outcome, PlanError, Run, plan
 from daemon.workbench.studies.study_file import StudyFile, load_study
 from daemon.workbench.studies.table import Table
 from daemon.workbench.studies.write_up import write_up
+
+# The words on the command line that say which study, how much of it, and where to.
+
+
+def add_grid_arguments(parser: argparse.ArgumentParser) -> None:
+    """What is to be run, and where it goes."""
+    parser.add_argument(
+        "--out",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help="for runs, tables and pictures; runs that are there and finished are not done again",
+    )
+    parser.add_argument("--seeds", type=int, metavar="N", help="instead of the study's")
+    parser.add_argument(
+        "--plants", type=int, metavar="N", help="instead of the study's; 0: the robot file's own"
+    )
+    parser.add_argument(
+        "--jobs", type=int, default=2, metavar="N", help="processes at the same time (default 2)"
+    )
+    parser.add_argument(
+        "--keep-recordings", action="store_true", help="16 MB for each run of 400 s"
+    )
+
+
+def shipped_study(name: str) -> Path:
+    """The file of a shipped study, or the path that is meant itself."""
+    shipped = Path(str(files("config") / "studies" / f"{name}.yaml"))
+    return shipped if shipped.is_file() else Path(name)
+
 
 _PAGE_WIDTH: Final = 160
 """Where there is no terminal that has one."""

@@ -13,7 +13,7 @@ from daemon.remote.client.address import LocalAddress
 from daemon.remote.client.client import RobotClient
 from daemon.remote.client.client_errors import RefusedError
 from daemon.remote.reason_groups import reason_lines
-from daemon.robot.lab_client import LabRefusedError, LabUnreachableError, ask
+from daemon.robot.lab_connections import LabRefusedError, LabUnreachableError, ask
 from safety.states import OperatingState
 
 _DAEMON_WITHIN_S: Final = 20.0

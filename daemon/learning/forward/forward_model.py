@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from daemon.learning.lwpr.model import Lwpr
 from daemon.learning.lwpr.settings import LwprSettings
-from daemon.learning.samples.motion_table import MotionTable
+from daemon.learning.samples.motion import MotionTable
 from daemon.learning.samples.receptive_fields import ReceptiveFields
 from drivers.pose import Vector
 

@@ -14,17 +14,16 @@ from typing import Any, Self
 import numpy as np
 
 from config.robot import Robot
-from daemon.files import MOST_MODEL_BYTES, open_regular
+from daemon.files import MOST_MODEL_BYTES, ModelError, open_regular, prefixed, save_npz, stripped
 from daemon.learning.forward.forward_model import receptive_fields
 from daemon.learning.forward.pretraining import Pretraining
 from daemon.learning.lwpr.model import Lwpr
 from daemon.learning.lwpr.settings import LwprSettings
 from daemon.learning.samples.dataset import Dataset
+from daemon.learning.samples.motion import MotionTable
 from daemon.learning.samples.motion_samples import SamplingSettings
-from daemon.learning.samples.motion_table import MotionTable
 from daemon.learning.samples.receptive_fields import ReceptiveFields
 from daemon.learning.samples.robot_fit import misfit_of
-from daemon.npz_file import ModelError, prefixed, save_npz, stripped
 
 KIND = "tentacled forward model/1"
 _METADATA = "metadata"

@@ -29,12 +29,11 @@ from daemon.learning.inverse.local_controller_kernels import IndexArray, Sums, l
 from daemon.learning.inverse.local_controller_settings import LocalControllerSettings
 from daemon.learning.inverse.local_controllers import Command
 from daemon.learning.inverse.prior import Prior, prior_for
-from daemon.learning.inverse.regression_window import RegressionWindow
 from daemon.learning.inverse.regressors import PLACE, Regressors
 from daemon.learning.inverse.reward import LEAST_MEAN_COST
 from daemon.learning.inverse.solved_fields import SolvedFields
-from daemon.learning.inverse.window import Window
-from daemon.learning.samples.motion_sample import MotionSample
+from daemon.learning.inverse.window import RegressionWindow, Window
+from daemon.learning.samples.motion import MotionSample
 from daemon.learning.samples.receptive_fields import ReceptiveFields
 from drivers.pose import Vector
 

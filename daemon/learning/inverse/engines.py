@@ -10,7 +10,7 @@ from daemon.learning.inverse.local_controller_settings import LocalControllerSet
 from daemon.learning.inverse.local_controllers import LocalControllers
 from daemon.learning.inverse.oracle import OracleControllers
 from daemon.learning.inverse.prior import Prior
-from daemon.learning.samples.motion_sample import MotionSample
+from daemon.learning.samples.motion import MotionSample
 from daemon.learning.samples.receptive_fields import ReceptiveFields
 from drivers.pose import Vector
 

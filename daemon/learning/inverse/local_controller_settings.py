@@ -6,7 +6,7 @@ from typing import Literal, Self
 
 import numpy as np
 
-from daemon.learning.samples.motion_sample import MotionSample
+from daemon.learning.samples.motion import MotionSample
 from drivers.pose import Vector
 
 ScaleRule = Literal["inverse_mean", "ess", "printed"]

@@ -22,7 +22,7 @@ from collections.abc import Iterable
 from typing import NamedTuple, Protocol
 
 from daemon.learning.inverse.window import Window
-from daemon.learning.samples.motion_sample import MotionSample
+from daemon.learning.samples.motion import MotionSample
 from daemon.learning.samples.receptive_fields import ReceptiveFields
 from drivers.pose import Vector
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from daemon.learning.inverse.local_controller_settings import LocalControllerSettings
-from daemon.learning.samples.motion_sample import MotionSample
+from daemon.learning.samples.motion import MotionSample
 from daemon.learning.samples.receptive_fields import ReceptiveFields
 from drivers.pose import Vector
 

@@ -1,10 +1,14 @@
 """The samples that are learnt from now: a fixed number of them, the oldest leaves first."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from daemon.learning.samples.motion_sample import MotionSample
+from daemon.learning.inverse.local_controller_kernels import products_of
+from daemon.learning.inverse.local_controller_settings import LocalControllerSettings
+from daemon.learning.inverse.regressors import Regressors
+from daemon.learning.inverse.reward import costs
+from daemon.learning.samples.motion import MotionSample
 from drivers.pose import Vector
 
 
@@ -81,3 +85,98 @@ class Window:
     def _at(self, slot: int) -> MotionSample:
         rows: tuple[Vector, ...] = (self.tip_mm, self.u, self.delta_u, self.delta_tip_mm)
         return MotionSample(*(row[slot].copy() for row in rows))
+
+
+# The window as the engines see it: rows, targets and costs beside the samples they come from.
+
+
+class RegressionWindow:
+    """Slot k holds rows[k] (P,), targets[k] (m,), cost[k] and products[k] (F,) of sample k."""
+
+    def __init__(
+        self,
+        capacity: int,
+        regressors: Regressors,
+        settings: LocalControllerSettings,
+        posture: Vector,
+    ) -> None:
+        """posture: (m,) u₀, which costs are counted against."""
+        self.samples = Window(capacity, regressors.axes)
+        self._regressors = regressors
+        self._settings = settings
+        self.posture = checked_posture(posture, regressors.axes)
+        self.rows = np.zeros((capacity, regressors.count))
+        self.targets = np.zeros((capacity, regressors.axes))
+        self.cost = np.zeros(capacity)
+        self.products = np.zeros((capacity, regressors.products_count))
+        self.new_row = np.zeros(regressors.count)
+        self.new_target = np.zeros(regressors.axes)
+        self.new_products = np.zeros(regressors.products_count)
+
+    @property
+    def count(self) -> int:
+        return self.samples.count
+
+    def prepare(self, sample: MotionSample) -> float:
+        """Fill the three of the next sample, and give its cost. Raises ValueError.
+
+        The window stays as it is until `store`.
+        """
+        self.samples.check_shapes(sample)
+        self._regressors.sample(sample, self.new_row, self.new_target)
+        products_of(self.new_row, self.new_target, self.new_products)
+        return float(costs(self._settings, sample.u, sample.delta_u, self.posture))
+
+    def store(self, sample: MotionSample, cost: float) -> None:
+        """Take in the sample that was prepared."""
+        slot = self.samples.slot
+        self.rows[slot] = self.new_row
+        self.targets[slot] = self.new_target
+        self.products[slot] = self.new_products
+        self.cost[slot] = cost
+        self.samples.store(sample)
+
+    def put(self, sample: MotionSample) -> int:
+        """Both; give the slot."""
+        slot = self.samples.slot
+        self.store(sample, self.prepare(sample))
+        return slot
+
+    def refill(self, samples: Iterable[MotionSample]) -> None:
+        """Forget all and take `samples`, oldest first. Raises ValueError; nothing changes then."""
+        kept = list(samples)[-self.samples.capacity :]
+        for sample in kept:
+            self.samples.check(sample)
+        rows, targets = self._regressors.samples(kept)
+        self.samples.clear()
+        for sample in kept:
+            self.samples.store(sample)
+        here = slice(len(kept))
+        self.rows[here] = rows
+        self.targets[here] = targets
+        self.products[here] = self._regressors.products(rows, targets)
+        self._count_costs()
+
+    def set_posture(self, posture: Vector) -> bool:
+        """Count the costs of all samples against another posture. Raises ValueError.
+
+        False: it is the one they are counted against already.
+        """
+        checked = checked_posture(posture, self._regressors.axes)
+        if np.array_equal(checked, self.posture):
+            return False
+        self.posture = checked
+        self._count_costs()
+        return True
+
+    def _count_costs(self) -> None:
+        window = self.samples
+        self.cost[:] = costs(self._settings, window.u, window.delta_u, self.posture)
+
+
+def checked_posture(posture: Vector, axes: int) -> Vector:
+    """A copy of (m,) u₀. Raises ValueError."""
+    checked = np.array(posture, dtype=np.float64)
+    if checked.shape != (axes,) or not np.isfinite(checked).all():
+        raise ValueError(f"a posture is {axes} finite numbers, not {posture}")
+    return checked

@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from config.robot import Robot
-from daemon.files import MOST_MODEL_BYTES, open_regular
+from daemon.files import MOST_MODEL_BYTES, open_regular, save_npz
+from daemon.learning.samples.motion import MotionTable
 from daemon.learning.samples.motion_samples import MotionSampler, SamplingSettings
-from daemon.learning.samples.motion_table import MotionTable
 from daemon.learning.samples.robot_fit import misfit_of, whose
-from daemon.npz_file import save_npz
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
 

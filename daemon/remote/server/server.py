@@ -35,8 +35,7 @@ from daemon.remote.keys import TELEMETRY_KEYS, Keys
 from daemon.remote.server.command_desk import STOP, CommandDesk, CommandHandler, ErrorReports
 from daemon.remote.server.gateway_process import GatewayProcess, StopChannel
 from daemon.remote.server.inbox import Inbox, Quota
-from daemon.remote.server.question import Question
-from daemon.remote.server.replies import ReplyThread
+from daemon.remote.server.question import Question, ReplyThread
 from daemon.remote.server.stop_desk import LocalStopSocket, StopDesk
 from daemon.remote.wire import encode, encoding_of, json_schema
 

@@ -4,15 +4,15 @@ import asyncio
 import tempfile
 from pathlib import Path
 
-from daemon.controllers.warm_up import warm_up
+from daemon.controllers.make_controller import warm_up
 from daemon.host.clock import MonotonicClock, run_in_real_time
-from daemon.host.own_processes import OwnProcesses, ProcessError
+from daemon.host.processes import OwnProcesses, ProcessError
 from daemon.host.real_time import RealTime
 from daemon.recording.flight_recorder import FlightRecorder
 from daemon.recording.result import Result, read_result
 from daemon.recording.run_folder import robot_yaml
 from daemon.robot.connections import RealConnections
-from daemon.robot.lab_client import LabRefusedError, LabUnreachableError, ask
+from daemon.robot.lab_connections import LabRefusedError, LabUnreachableError, ask
 from daemon.robot.runtime_directory import with_lab_ports
 from daemon.service.surroundings import Surroundings
 from daemon.workbench.experiments.carry_out import carry_out

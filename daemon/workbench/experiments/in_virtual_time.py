@@ -6,10 +6,10 @@ from random import Random
 
 import msgspec
 
-from daemon.host.collector_pause import collector_rarely
+from daemon.host.real_time import collector_rarely
 from daemon.recording.direct_recorder import DirectRecorder
 from daemon.recording.result import Result, read_result, write_result
-from daemon.recording.run_files import RUN_FILE
+from daemon.recording.run_folder import RUN_FILE
 from daemon.recording.run_reader import control_hash
 from daemon.robot.lab_connections import LabConnections
 from daemon.service.surroundings import Surroundings

@@ -15,7 +15,7 @@ from config.exploration import WaypointExploration
 from config.loader import RobotFile
 from daemon.learning.samples.dataset import Dataset, DatasetError, joined
 from daemon.recording.recovery import recover_unfinished
-from daemon.recording.run_files import RUN_FILE, write_whole
+from daemon.recording.run_folder import RUN_FILE, write_whole
 from daemon.workbench.experiments.trial import Tell
 from daemon.workbench.pretraining.explore import config_sha256, dataset_of_run, explore
 

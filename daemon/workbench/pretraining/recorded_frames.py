@@ -9,7 +9,7 @@ import numpy as np
 from daemon.learning.samples.dataset import DatasetError, Frames
 from daemon.messages import Axes, Status, Tip
 from daemon.recording.channels import TOPICS
-from daemon.recording.run_files import RUN_FILE
+from daemon.recording.run_folder import RUN_FILE
 from daemon.recording.run_reader import RunReader, UnreadableRunError
 from safety.states import OperatingState
 

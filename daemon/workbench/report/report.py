@@ -8,8 +8,7 @@ from typing import Final
 from matplotlib.figure import Figure
 
 from daemon.messages import Event
-from daemon.recording.run_files import REPORT_FILE
-from daemon.recording.run_folder import utc_text
+from daemon.recording.run_folder import REPORT_FILE, utc_text
 from daemon.workbench.report.report_body import body_figure
 from daemon.workbench.report.report_data import RunData, read_run
 from daemon.workbench.report.report_looks import PAGE_STYLE

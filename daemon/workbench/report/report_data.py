@@ -8,13 +8,17 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from daemon.host.collector_pause import collector_paused
+from daemon.host.real_time import collector_paused
 from daemon.messages import Axes, AxisStatus, Event, Loop, Message, Risk, Status, Tip
 from daemon.recording.channels import MESSAGES
-from daemon.recording.error_table import CycleError, ErrorTable
-from daemon.recording.result import Result, read_result
-from daemon.recording.run_files import PROVENANCE_FILE, ROBOT_FILE, RUN_FILE, unfinished
-from daemon.recording.run_folder import Provenance
+from daemon.recording.result import CycleError, ErrorTable, Result, read_result
+from daemon.recording.run_folder import (
+    PROVENANCE_FILE,
+    ROBOT_FILE,
+    RUN_FILE,
+    Provenance,
+    unfinished,
+)
 from daemon.recording.run_reader import RunMessage, RunReader, UnreadableRunError
 from daemon.recording.run_writer import ENDING, HEADER
 from daemon.workbench.report.report_table import Array, Column, MessageTable, fitted, number

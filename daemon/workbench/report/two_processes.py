@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import msgspec
 
-from daemon.host.own_processes import end_with_parent
+from daemon.host.processes import end_with_parent
 
 _ANSWER = msgspec.msgpack.Decoder(list[str])
 

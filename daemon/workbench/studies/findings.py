@@ -6,7 +6,7 @@ import msgspec
 
 from daemon.reference.trajectories import make_trajectory
 from daemon.workbench.experiments.experiment_file import ExperimentFile
-from daemon.workbench.studies.outcome import Outcome
+from daemon.workbench.studies.run import Outcome
 from daemon.workbench.studies.study_file import StudyFile
 from daemon.workbench.studies.summary import Summary, cycle_mean_mm, summary
 from daemon.workbench.studies.table import number

@@ -5,10 +5,9 @@ from concurrent.futures import Executor, Future, as_completed
 from pathlib import Path
 from typing import Protocol, TypeVar
 
-from daemon.host.worker_processes import worker_processes
-from daemon.workbench.pretraining.pretrained import needs_model
-from daemon.workbench.studies.outcome import Outcome, read_outcome
-from daemon.workbench.studies.run import Run
+from daemon.host.processes import worker_processes
+from daemon.workbench.pretraining.model_cache import needs_model
+from daemon.workbench.studies.run import Outcome, Run, read_outcome
 from daemon.workbench.studies.worker import carry_out_run, make_model
 
 T = TypeVar("T")

@@ -6,12 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Final, Literal
 
-from config.emulated_plants import SoftArmPlant
+import msgspec
+
+from config.emulation import SoftArmPlant
 from config.study import Variant
+from daemon.recording.result import Result
+from daemon.recording.run_folder import formatted_json, write_whole
 from daemon.workbench.experiments.experiment_file import ExperimentFile
 from daemon.workbench.studies.study_file import StudyFile, merged
-from sim_backends.plants.variation import variation
+from sim_backends.plants.plant import variation
 
 
 class PlanError(ValueError):
@@ -88,3 +93,51 @@ def _prepared(file: ExperimentFile, variant: Variant, plant: int) -> ExperimentF
     other = emulation.model_copy(update={"plant": variation(emulation.plant, plant)})
     robot = file.robot.model_copy(update={"emulation": other})
     return replace(file, experiment=experiment, robot=robot)
+
+
+# What became of one run of a study: a file in its folder, by which it is known to be done.
+
+
+OUTCOME_FILE: Final = "outcome.json"
+
+Verdict = Literal["finished", "held", "unstable", "failed"]
+
+
+class Outcome(msgspec.Struct, frozen=True, kw_only=True):
+    """One run. Fields are only added, and have a default."""
+
+    experiment: str
+    variant: str
+    plant: int
+    seed: int
+    fingerprint: str
+    """Of the run's own: another one, and it has to be done again."""
+    failure: str = ""
+    """Why it was given up; empty: it came to its end."""
+    result: Result | None = None
+    """None: it failed before anything was recorded."""
+    commit: str | None = None
+    """Of the program; with a `+` where files differed from it."""
+
+    def verdict(self, unstable_above_mm: float) -> Verdict:
+        """In one word: the worst that can be said."""
+        if self.failure or self.result is None:
+            return "failed"
+        if any(cycle.max_mm >= unstable_above_mm for cycle in self.result.cycles):
+            return "unstable"
+        return "held" if self.result.holds else "finished"
+
+
+def write_outcome(folder: Path, outcome: Outcome) -> None:
+    """Raises OSError."""
+    write_whole(folder / OUTCOME_FILE, formatted_json(outcome))
+
+
+def read_outcome(run: Run, root: Path) -> Outcome | None:
+    """None: this run has not been done yet, or under other conditions."""
+    try:
+        data = (run.folder(root) / OUTCOME_FILE).read_bytes()
+        outcome = msgspec.json.decode(data, type=Outcome)
+    except (OSError, msgspec.MsgspecError):
+        return None
+    return outcome if outcome.fingerprint == run.fingerprint else None

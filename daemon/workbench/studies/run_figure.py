@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from config.study import Published
-from daemon.workbench.experiments.step_series import Array, StepSeries
+from daemon.workbench.experiments.step_statistics import Array, StepSeries
 from daemon.workbench.report.report_paths import plane_of
 from daemon.workbench.report.report_style import (
     ACCENT,

@@ -8,7 +8,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from config.controllers import ControllerOptions, load_controller_options
-from config.options import OptionsError
+from config.model import OptionsError
 from config.problems import ConfigError, Problem
 from config.schema_errors import schema_problems
 from config.study import Study, StudyRow

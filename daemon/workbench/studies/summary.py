@@ -11,9 +11,8 @@ from typing import TypeVar
 import msgspec
 import numpy as np
 
-from daemon.recording.error_table import CycleError
-from daemon.recording.result import Result
-from daemon.workbench.studies.outcome import Outcome, Verdict
+from daemon.recording.result import CycleError, Result
+from daemon.workbench.studies.run import Outcome, Verdict
 
 T = TypeVar("T")
 

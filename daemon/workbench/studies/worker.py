@@ -6,13 +6,11 @@ from pathlib import Path
 import msgspec
 
 from daemon.recording.result import read_result
-from daemon.recording.run_files import PROVENANCE_FILE, RUN_FILE
-from daemon.recording.run_folder import Provenance
+from daemon.recording.run_folder import PROVENANCE_FILE, RUN_FILE, Provenance
 from daemon.workbench.experiments.in_virtual_time import carry_out_in_virtual_time
 from daemon.workbench.experiments.trial import TrialError
-from daemon.workbench.pretraining.pretrained import with_model
-from daemon.workbench.studies.outcome import Outcome, write_outcome
-from daemon.workbench.studies.run import Run
+from daemon.workbench.pretraining.model_cache import with_model
+from daemon.workbench.studies.run import Outcome, Run, write_outcome
 
 
 def carry_out_run(run: Run, root: Path, keep_recording: bool) -> Outcome:

@@ -7,11 +7,10 @@ from typing import Final
 from matplotlib.figure import Figure
 
 from config.study import StudyFigure, Variant
-from daemon.recording.run_files import write_whole
-from daemon.recording.run_folder import formatted_json
+from daemon.recording.run_folder import formatted_json, write_whole
 from daemon.reference.trajectories import make_trajectory
 from daemon.workbench.experiments.carry_out import STEPS_FILE
-from daemon.workbench.experiments.step_series import StepSeries
+from daemon.workbench.experiments.step_statistics import StepSeries
 from daemon.workbench.report.report_style import styled
 from daemon.workbench.studies.comparison_figure import comparison_figure
 from daemon.workbench.studies.error_tables import (
@@ -22,8 +21,7 @@ from daemon.workbench.studies.error_tables import (
     trouble_text,
 )
 from daemon.workbench.studies.findings import Findings
-from daemon.workbench.studies.outcome import Outcome
-from daemon.workbench.studies.run import run_folder
+from daemon.workbench.studies.run import Outcome, run_folder
 from daemon.workbench.studies.run_figure import Shown, run_figure
 from daemon.workbench.studies.study_file import StudyFile
 from daemon.workbench.studies.summary import cycle_mean_mm

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from config.emulated_tracker import EmulatedTracker
+from config.emulation import EmulatedTracker
 from drivers.aurora.codec.commands import MAX_COMMAND_BYTES, LineSettings, decode_command
 from drivers.aurora.codec.errors import CodecError
 from drivers.aurora.codec.parameters import FRAME_FREQUENCY, TRACK_FREQUENCY
@@ -19,7 +19,6 @@ from drivers.aurora.codec.status_bits import SystemStatus
 from drivers.aurora.codec.tool_information import NO_SERIAL
 from drivers.aurora.codec.tracking_data import TrackingData
 from sim_backends.devices.aurora import identity
-from sim_backends.devices.aurora.agenda import Agenda
 from sim_backends.devices.aurora.command_interface import (
     BAD_CRC,
     INVALID_COMMAND,
@@ -29,11 +28,10 @@ from sim_backends.devices.aurora.command_interface import (
 )
 from sim_backends.devices.aurora.commands import carry_out
 from sim_backends.devices.aurora.faults import FAULTS, Pending
-from sim_backends.devices.aurora.frames import TICKS_PER_S, FrameGrid
 from sim_backends.devices.aurora.parameters import COMPONENTS, Parameters
-from sim_backends.devices.aurora.port import Port
+from sim_backends.devices.aurora.port import Agenda, Port
 from sim_backends.devices.aurora.rack import Handle, Rack, Socket
-from sim_backends.devices.aurora.tracking import BodyPoses, Tracking
+from sim_backends.devices.aurora.tracking import TICKS_PER_S, BodyPoses, FrameGrid, Tracking
 from sim_backends.devices.device import DeviceClock
 from sim_backends.faults import FaultError, FaultKind, Value
 

@@ -10,7 +10,7 @@ from drivers.aurora.codec.tool_information import (
 )
 from drivers.aurora.codec.versions import ApiRevision
 from drivers.aurora.codec.volumes import Volume
-from sim_backends.devices.aurora.distortion import CENTRE_MM, HALF_WIDTH_MM
+from sim_backends.devices.aurora.measurement import CENTRE_MM, HALF_WIDTH_MM
 from sim_backends.devices.aurora.rack import Handle
 
 API_REVISION = ApiRevision("D", 2, 5)

@@ -1,17 +1,82 @@
 """The serial side of the emulated tracker: commands come in and replies go out in wire time."""
 
+import heapq
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from itertools import cycle
+from itertools import count, cycle
 
 import numpy as np
 
 from drivers.aurora.codec.commands import CommandReader, LineSettings
 from drivers.aurora.codec.replies import BINARY_START
-from sim_backends.devices.aurora.agenda import Agenda
 from sim_backends.devices.aurora.faults import Pending
-from sim_backends.devices.aurora.wire import heard, wire_ns
+
+# What a serial line does to bytes: it takes its time, and turns a wrong rate into noise.
+
+
+_NOISE_BYTES = 64
+
+
+def wire_ns(count: int, baud_rate: int) -> int:
+    """Time that `count` bytes take: 10 bits each."""
+    return count * 10_000_000_000 // baud_rate
+
+
+def heard(data: bytes, sent_at: int, heard_at: int, random: np.random.Generator) -> bytes:
+    """What a receiver at one baud rate makes of bytes sent at another.
+
+    Noise has its high bits set here: start bits and gaps are sampled at the wrong moments.
+    """
+    if sent_at == heard_at:
+        return data
+    count = min(max(len(data) * heard_at // max(sent_at, 1), 1), _NOISE_BYTES)
+    return bytes(random.integers(0x80, 0x100, count, dtype=np.uint8))
+
+
+# What an emulated device has still to do, and when.
+
+
+class Agenda:
+    """Actions by host time. While one runs, `now_ns` is the time it was due."""
+
+    def __init__(self, now_ns: int = 0) -> None:
+        self.now_ns = now_ns
+        self._due: list[tuple[int, int, Callable[[], None], int]] = []
+        self._order = count()
+
+    def at(self, t_ns: int, action: Callable[[], None], unseen_ns: int = 0) -> None:
+        """Do it then; what is due at the same time is done in the order it was put down.
+
+        unseen_ns: for how long nobody outside can see whether it was done. So long it may wait for
+        other things; it will not know.
+        """
+        if t_ns < self.now_ns:
+            t_ns = self.now_ns
+        heapq.heappush(self._due, (t_ns, next(self._order), action, t_ns + unseen_ns))
+
+    def after(self, wait_ns: int, action: Callable[[], None]) -> None:
+        """Do it in so long."""
+        self.at(self.now_ns + wait_ns, action)
+
+    def clear(self) -> None:
+        """Do none of it."""
+        self._due.clear()
+
+    def run(self, t_ns: int) -> int | None:
+        """Do all that is due up to then; returns when it has to be called again."""
+        due = self._due
+        while due and due[0][0] <= t_ns:
+            self.now_ns, _, action, _ = heapq.heappop(due)
+            action()
+        if t_ns > self.now_ns:
+            self.now_ns = t_ns
+        next_ns = None
+        for _, _, _, seen_ns in due:
+            if next_ns is None or seen_ns < next_ns:
+                next_ns = seen_ns
+        return next_ns
+
 
 Output = Callable[[bytes, int], None]
 """Called with bytes that have arrived at the host's end, and the rate they were sent at."""

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass, field
 
-from config.emulated_tracker import EmulatedTool
-from drivers.aurora.codec.port_handles import HandleList, PortHandle
+from config.emulation import EmulatedTool
 from drivers.aurora.codec.status_bits import PortStatus
+from drivers.aurora.codec.tool_information import HandleList, PortHandle
 
 _OCCUPIED = PortStatus.OCCUPIED.value
 _INITIALISED = PortStatus.INITIALISED.value

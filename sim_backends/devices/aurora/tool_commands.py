@@ -3,9 +3,13 @@
 import re
 
 from drivers.aurora.codec.fields import hex_number
-from drivers.aurora.codec.port_handles import HandleList, encode_port_handles
 from drivers.aurora.codec.replies import OKAY
-from drivers.aurora.codec.tool_information import Fields, encode_tool_information
+from drivers.aurora.codec.tool_information import (
+    Fields,
+    HandleList,
+    encode_port_handles,
+    encode_tool_information,
+)
 from sim_backends.devices.aurora import identity
 from sim_backends.devices.aurora.command_interface import (
     BECAME_UNOCCUPIED,

@@ -10,11 +10,15 @@ from heapq import heapify, heappop, heappush
 import numpy as np
 
 from drivers.can.frame import EXTENDED_FLAG, REMOTE_FLAG, STANDARD_ID_MASK
-from sim_backends.devices.can.adapter import Adapter
 from sim_backends.devices.can.events import NEVER_NS, EventQueue
 from sim_backends.devices.can.frame_length import frame_bits, wire_bits
-from sim_backends.devices.can.port import ControllerState, FrameHandler, Port
-from sim_backends.devices.can.statistics import BusStatistics
+from sim_backends.devices.can.port import (
+    Adapter,
+    BusStatistics,
+    ControllerState,
+    FrameHandler,
+    Port,
+)
 
 # Error flag of the one who noticed, the echo of the others, delimiter, interframe space.
 _ERROR_FRAME_BITS = 6 + 6 + 8 + 3

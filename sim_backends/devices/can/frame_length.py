@@ -9,8 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from drivers.can.bits import UNSTUFFED_BITS
-from drivers.can.frame import EXTENDED_FLAG, REMOTE_FLAG
+from drivers.can.frame import EXTENDED_FLAG, REMOTE_FLAG, UNSTUFFED_BITS
 
 _CRC_BITS: Final = 15
 _CRC_POLYNOMIAL: Final = 0x4599

@@ -6,14 +6,16 @@ import os
 from collections.abc import Iterator, Sequence
 
 from drivers.can.conditions import DOWN, QUEUE_FULL
-from drivers.can.error_frame import conditions_of_error_frame
-from drivers.can.frame import EXTENDED_FLAG, REMOTE_FLAG
+from drivers.can.frame import EXTENDED_FLAG, REMOTE_FLAG, conditions_of_error_frame
 from drivers.can.link import FrameReceiver, LinkError
 from drivers.clock import Clock
 from sim_backends.devices.can.bus import CanBus
-from sim_backends.devices.can.error_frames import error_frame
 from sim_backends.devices.can.port import ControllerState, Port
-from sim_backends.devices.can.socket_server import DEFAULT_QUEUE_FRAMES, DEFAULT_RESTART_S
+from sim_backends.devices.can.socket_server import (
+    DEFAULT_QUEUE_FRAMES,
+    DEFAULT_RESTART_S,
+    error_frame,
+)
 from sim_backends.devices.device import Pump
 
 _NOT_DATA = EXTENDED_FLAG | REMOTE_FLAG

@@ -1,12 +1,30 @@
 """A node's CAN controller: its transmit queue, its error counters, and what it listens to."""
 
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from enum import IntEnum
 from heapq import heappush
 from typing import Final, Protocol
 
 from sim_backends.devices.can.events import EventQueue
+
+# How much the bus carries.
+
+
+@dataclass(frozen=True)
+class BusStatistics:
+    """What the bus has seen since it began."""
+
+    t_ns: int
+    frames: int
+    error_frames: int
+    busy_ns: int
+
+    def load_since(self, earlier: "BusStatistics") -> float:
+        """Share of the time since `earlier` in which the bus was busy, 0 to 1."""
+        return (self.busy_ns - earlier.busy_ns) / max(1, self.t_ns - earlier.t_ns)
+
 
 Frame = tuple[int, bytes]
 """`(can_id, data)`: what a node sends."""
@@ -216,3 +234,22 @@ class _LateFrame:
 
     def fire(self, t_ns: int) -> None:
         self._port.late_frame_due(self._can_id, self._data, t_ns)
+
+
+# What every way into the bus from outside has in common.
+
+
+class Adapter(Protocol):
+    """An adapter: what can be set up and down, and pulled out."""
+
+    def ports(self) -> Iterable[Port]:
+        """The controllers behind it."""
+        ...
+
+    def set_up(self, up: bool) -> None:
+        """The interface has been set up or down."""
+        ...
+
+    def set_plugged(self, plugged: bool) -> None:
+        """The adapter has been plugged in or pulled out."""
+        ...

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from config.emulated_drives import EmulatedDrives
+from config.emulation import EmulatedDrives
 from drivers.canopen.codec.data_types import DataType
 from drivers.canopen.codec.emcy import HEARTBEAT_LOST
 from sim_backends.devices.can.bus import CanBus
@@ -14,9 +14,8 @@ from sim_backends.devices.device import DeviceClock
 from sim_backends.devices.drive.axis.axis import AXIS_OFFSET, Axis, AxisOptions
 from sim_backends.devices.drive.axis.mechanics import AxisMechanics
 from sim_backends.devices.drive.faults import DRIVE_FAULTS, DriveFaults
-from sim_backends.devices.drive.node.communication import Communication
+from sim_backends.devices.drive.node.communication import Communication, NmtSlave
 from sim_backends.devices.drive.node.eds import read_eds
-from sim_backends.devices.drive.node.nmt_slave import NmtSlave
 from sim_backends.devices.drive.node.object_dictionary import ObjectDictionary
 from sim_backends.devices.drive.node.storage import Storage
 from sim_backends.devices.drive.node.timers import Timers

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from config.control import PoseFilterSettings
-from config.emulated_plants import SoftArmPlant
+from config.emulation import SoftArmPlant
 from config.exploration import WaypointExploration
 from config.loader import load_robot
 from config.robot import Robot
@@ -19,13 +19,12 @@ from daemon.estimation.pose_filter import PoseFilter
 from daemon.learning.forward.pretrained_model import PretrainedModel
 from daemon.learning.forward.pretraining import PretrainingSettings, pretrain
 from daemon.learning.samples.dataset import Dataset, Frames
-from daemon.reference.blend import Blend
+from daemon.reference.reference import Blend
 from daemon.reference.trajectories import make_trajectory
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Pose, Vector
-from sim_backends.plants.plant import BodyState, TipLoad
+from sim_backends.plants.plant import BodyState, TipLoad, variation
 from sim_backends.plants.soft_arm import SoftArm
-from sim_backends.plants.variation import variation
 
 DT_S = 0.025
 NOISE_MM = 0.2

@@ -16,7 +16,7 @@ from daemon.control.controller import ControllerError
 from daemon.controllers.learning_controller import LearningController
 from daemon.controllers.make_controller import make_controller
 from daemon.controllers.reward_weighted import RewardWeightedController
-from daemon.npz_file import ModelError
+from daemon.files import ModelError
 from daemon.reference.trajectories import make_trajectory
 from drivers.pose import Vector
 from tests.daemon.control.closed_loop import (

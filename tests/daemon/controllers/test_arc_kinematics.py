@@ -10,10 +10,15 @@ from hypothesis import strategies as st
 from config.controllers import ConstantCurvature, GasChambers, VolumetricChambers
 from config.robot import Robot
 from daemon.control.controller import ControllerError
-from daemon.controllers.arc import arc, arc_carries_by_bending, arc_end_by_shape
-from daemon.controllers.arc_kinematics import ArcKinematics
-from daemon.controllers.chamber_models import EnclosedGas, Volumetric
-from daemon.controllers.constant_curvature import ConstantCurvatureController
+from daemon.controllers.constant_curvature import (
+    ArcKinematics,
+    ConstantCurvatureController,
+    EnclosedGas,
+    Volumetric,
+    arc,
+    arc_carries_by_bending,
+    arc_end_by_shape,
+)
 from drivers.pose import Vector
 from sim_backends.plants.plant import TipLoad
 from tests.daemon.control.closed_loop import ROBOT, soft_arm

@@ -5,7 +5,7 @@ import pytest
 
 from config.exploration import MotorBabbling
 from daemon.control.controller import Observation
-from daemon.controllers.babbling import Babbling
+from daemon.controllers.learning_controller import Babbling
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
 from tests.daemon.control.closed_loop import DT_S, ROBOT

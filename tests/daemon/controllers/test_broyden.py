@@ -14,7 +14,7 @@ from daemon.control.controller import ControllerError, Observation
 from daemon.controllers.broyden import BroydenController
 from daemon.controllers.constant_curvature import ConstantCurvatureController
 from daemon.controllers.jacobian_estimate import JacobianEstimate
-from daemon.npz_file import ModelError
+from daemon.files import ModelError
 from drivers.pose import Vector
 from tests.daemon.control.closed_loop import DT_S, ROBOT
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from daemon.controllers.tip_guess import TipGuess
+from daemon.controllers.waypoint_exploration import TipGuess
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
 from tests.daemon.control.closed_loop import ROBOT

@@ -8,7 +8,7 @@ from config.exploration import WaypointExploration
 from config.robot import Robot
 from daemon.control.controller import Observation
 from daemon.controllers.waypoint_exploration import WaypointExplorationController
-from daemon.npz_file import ModelError
+from daemon.files import ModelError
 from drivers.pose import Vector
 from tests.daemon.control.closed_loop import DT_S, ROBOT, ClosedLoop
 

@@ -8,8 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from config.control import PoseFilterSettings
-from daemon.estimation.orientation_filter import from_rotation_vector, rotation_vector
-from daemon.estimation.pose_filter import FRAMES_FOR_QUALITY, PoseFilter, TipEstimate
+from daemon.estimation.pose_filter import (
+    FRAMES_FOR_QUALITY,
+    PoseFilter,
+    TipEstimate,
+    from_rotation_vector,
+    rotation_vector,
+)
 from drivers.pose import Pose, Vector, conjugate, multiply
 
 SETTINGS = PoseFilterSettings()

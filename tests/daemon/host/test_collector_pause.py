@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager
 
 import pytest
 
-from daemon.host.collector_pause import collector_paused, collector_rarely, imported_for_good
+from daemon.host.real_time import collector_paused, collector_rarely, imported_for_good
 
 PAUSES = [collector_paused, collector_rarely, imported_for_good]
 Pause = Callable[[], AbstractContextManager[None]]

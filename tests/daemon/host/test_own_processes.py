@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from daemon.host.own_processes import OwnProcesses, ProcessError
-from daemon.robot.lab_client import ask
+from daemon.host.processes import OwnProcesses, ProcessError
+from daemon.robot.lab_connections import ask
 from tests import SOFT_ARM
 
 

@@ -4,9 +4,9 @@ from functools import cache
 
 import numpy as np
 
-from daemon.controllers.arc import arc
+from daemon.controllers.constant_curvature import arc
 from daemon.learning.inverse.local_controller_settings import LocalControllerSettings, typical_steps
-from daemon.learning.samples.motion_sample import MotionSample
+from daemon.learning.samples.motion import MotionSample
 from daemon.learning.samples.receptive_fields import ReceptiveFields
 from drivers.pose import Vector
 

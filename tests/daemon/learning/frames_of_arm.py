@@ -13,7 +13,7 @@ import numpy as np
 from config.controllers import ConstantCurvature
 from config.loader import load_robot
 from config.robot import Robot
-from daemon.controllers.arc_kinematics import ArcKinematics
+from daemon.controllers.constant_curvature import ArcKinematics
 from daemon.learning.samples.dataset import Dataset, Frames
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector

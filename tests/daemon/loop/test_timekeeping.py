@@ -5,8 +5,7 @@ import gc
 import pytest
 
 from daemon.host.periodic_timer import Tick
-from daemon.loop.time_spent import TimeSpent
-from daemon.loop.timekeeping import Timekeeping
+from daemon.loop.timekeeping import Timekeeping, TimeSpent
 
 MS = 1_000_000
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon.messages import Tip
-from daemon.recording.error_table import ErrorTable, table_text
+from daemon.recording.result import ErrorTable, table_text
 
 
 def tip(error_mm: float | None, cycle: int = 0, state: str = "running") -> Tip:

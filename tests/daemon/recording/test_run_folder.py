@@ -8,8 +8,7 @@ import pytest
 
 from config.loader import load_robot
 from daemon.recording.result import Result, read_result, write_result
-from daemon.recording.run_files import write_whole
-from daemon.recording.run_folder import describe_run, new_run, robot_yaml, utc_text
+from daemon.recording.run_folder import describe_run, new_run, robot_yaml, utc_text, write_whole
 from tests import SOFT_ARM
 from tests.daemon.recording.synthetic_run import WALL_NS
 
@@ -114,7 +113,7 @@ def test_a_file_is_whole_or_the_old_one(tmp_path: Path, monkeypatch: pytest.Monk
     def fail(fd: int) -> None:
         raise OSError("the disk is gone")
 
-    monkeypatch.setattr("daemon.recording.run_files.os.fsync", fail)
+    monkeypatch.setattr("daemon.recording.run_folder.os.fsync", fail)
     with pytest.raises(OSError, match="gone"):
         write_whole(path, b"new")
     assert path.read_bytes() == b"old"

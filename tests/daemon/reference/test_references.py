@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daemon.reference.blend import Blend
-from daemon.reference.setpoint_reference import SetpointReference
+from daemon.reference.reference import Blend, SetpointReference
 from drivers.pose import Vector
 
 FROM = np.array([0.0, 0.0, 168.0])

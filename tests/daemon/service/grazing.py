@@ -15,7 +15,7 @@ import yaml
 from numpy.typing import NDArray
 
 from config.control import RiskSettings
-from config.emulated_plants import TendonArmPlant
+from config.emulation import TendonArmPlant
 from config.loader import load_robot
 from config.robot import Robot
 from daemon.loop.control_step import SLIDING

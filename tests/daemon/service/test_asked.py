@@ -14,8 +14,7 @@ from config.loader import load_robot
 from daemon.host.clock import run_in_real_time
 from daemon.messages import Load
 from daemon.reference.trajectories import Trajectory
-from daemon.service.asked import Asked, in_a_thread
-from daemon.service.refused import RefusedError
+from daemon.service.asked import Asked, RefusedError, in_a_thread
 from tests import SOFT_ARM
 
 ROBOT = load_robot(SOFT_ARM).robot

@@ -12,7 +12,7 @@ from daemon.messages import Arm, Resume, Stop
 from daemon.recording.direct_recorder import DirectRecorder
 from daemon.recording.flight_recorder import RecorderStatus, RecordingError
 from daemon.recording.recovery import recover_unfinished
-from daemon.recording.run_files import RUN_FILE
+from daemon.recording.run_folder import RUN_FILE
 from daemon.recording.run_reader import RunReader
 from safety.states import OperatingState
 from tests.daemon.service import rig as rigs

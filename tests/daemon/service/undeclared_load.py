@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from config.emulated_plants import SoftArmPlant
+from config.emulation import SoftArmPlant
 from config.loader import load_robot
 from config.robot import Robot
 from daemon.messages import Acquire, Arm, Event, Load, Refusal, Risk, Start
@@ -22,7 +22,7 @@ from daemon.risk.mesh_file import write_mesh
 from daemon.workbench.body_model.evaluation.shapes import ball
 from safety.risk.environment import Mesh
 from safety.states import OperatingState
-from sim_backends.plants.variation import variation
+from sim_backends.plants.plant import variation
 from tests import SOFT_ARM
 from tests.daemon.service.grazing import StoppedClock
 from tests.daemon.service.rig import Rig, on_a_rig

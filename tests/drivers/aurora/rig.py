@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from config.emulated_tracker import EmulatedTool, EmulatedTracker
+from config.emulation import EmulatedTool, EmulatedTracker
 from config.tracker import ToolSelector, Tracker
 from drivers.aurora.codec.commands import encode_command
 from drivers.aurora.frame import TrackerFrame
@@ -16,7 +16,7 @@ from drivers.aurora.tracker import AuroraTracker, TrackerState
 from drivers.conditions import ConditionChange
 from drivers.pose import Pose
 from sim_backends.devices.aurora.device import EmulatedAurora
-from sim_backends.devices.aurora.in_process import aurora_stream_opener
+from sim_backends.devices.aurora.wires import aurora_stream_opener
 from sim_backends.faults import inject
 from sim_backends.virtual_time import virtual_clock
 

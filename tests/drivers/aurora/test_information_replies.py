@@ -14,18 +14,20 @@ from drivers.aurora.codec.parameters import (
     encode_parameters,
     timeouts_s,
 )
-from drivers.aurora.codec.port_handles import PortHandle, decode_port_handles, encode_port_handles
 from drivers.aurora.codec.replies import TextReply, encode_text_reply
 from drivers.aurora.codec.reply_reader import ReplyReader
 from drivers.aurora.codec.status_bits import PortStatus
 from drivers.aurora.codec.tool_information import (
     Fields,
     Identity,
+    PortHandle,
     PortLocation,
     SensorLocation,
     Sensors,
     ToolInformation,
+    decode_port_handles,
     decode_tool_information,
+    encode_port_handles,
     encode_tool_information,
 )
 from drivers.aurora.codec.versions import ApiRevision, VersionText, encode_version_text

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from drivers.aurora.poll_timing import PollTiming
+from drivers.aurora.polling import PollTiming
 
 MS = 1_000_000
 S = 1_000_000_000

@@ -2,7 +2,7 @@
 
 import asyncio
 
-from drivers.aurora.time_limit import TimeLimit
+from drivers.aurora.link import TimeLimit
 from sim_backends.virtual_time import run_in_virtual_time
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drivers.can.bits import worst_case_bits
+from drivers.can.frame import worst_case_bits
 
 
 @pytest.mark.parametrize(

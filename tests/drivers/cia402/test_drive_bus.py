@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from config.emulated_drives import EmulatedDrives
+from config.emulation import EmulatedDrives
 from drivers.canopen.codec.nmt import NmtState
 from drivers.cia402 import conditions, objects
 from drivers.cia402.configuration import Need, node_settings

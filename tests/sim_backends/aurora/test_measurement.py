@@ -4,11 +4,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from config.emulated_tracker import EmulatedTool, EmulatedTracker
+from config.emulation import EmulatedTool, EmulatedTracker
 from drivers.aurora.codec.status_bits import PortStatus
 from drivers.pose import PlainPose, Pose, conjugate, multiply, rotate
-from sim_backends.devices.aurora.distortion import CENTRE_MM, HALF_WIDTH_MM, SmoothField
-from sim_backends.devices.aurora.measurement import Measured, Sensing
+from sim_backends.devices.aurora.measurement import (
+    CENTRE_MM,
+    HALF_WIDTH_MM,
+    Measured,
+    Sensing,
+    SmoothField,
+)
 from tests.sim_backends.aurora.bench import BASE, EXACT, TIP, UPRIGHT
 
 CENTRE = Pose(CENTRE_MM, UPRIGHT)

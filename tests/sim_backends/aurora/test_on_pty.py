@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from config.emulated_tracker import EmulatedTracker
+from config.emulation import EmulatedTracker
 from config.tracker import ToolSelector, Tracker
 from daemon.host.clock import MonotonicClock, run_in_real_time
 from drivers.aurora.codec.commands import encode_command
@@ -18,7 +18,7 @@ from drivers.aurora.tracker import AuroraTracker
 from drivers.byte_stream import ByteStream
 from drivers.serial_port import serial_port_opener
 from sim_backends.devices.aurora.device import EmulatedAurora
-from sim_backends.devices.aurora.on_pty import PtyAurora
+from sim_backends.devices.aurora.wires import PtyAurora
 from sim_backends.faults import inject
 from tests.sim_backends.aurora.bench import BASE, EXACT, TIP, still
 

@@ -2,10 +2,9 @@
 
 import pytest
 
-from sim_backends.devices.can.adapter import Adapter
 from sim_backends.devices.can.bus import CanBus
 from sim_backends.devices.can.faults import BUS_FAULTS, BusFaults
-from sim_backends.devices.can.port import ControllerState, Port
+from sim_backends.devices.can.port import Adapter, ControllerState, Port
 from sim_backends.faults import FaultError, understand
 from tests.sim_backends.can.rig import MS, Node
 

@@ -3,8 +3,7 @@
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from drivers.can.bits import worst_case_bits
-from drivers.can.frame import EXTENDED_FLAG, REMOTE_FLAG, STANDARD_ID_MASK
+from drivers.can.frame import EXTENDED_FLAG, REMOTE_FLAG, STANDARD_ID_MASK, worst_case_bits
 from sim_backends.devices.can.frame_length import frame_bits
 
 

@@ -2,8 +2,7 @@
 
 import pytest
 
-from sim_backends.devices.drive.axis.mechanics import AxisMechanics
-from sim_backends.devices.drive.axis.units import to_int32
+from sim_backends.devices.drive.axis.mechanics import AxisMechanics, to_int32
 from tests.sim_backends.drive.rig import Rig
 
 

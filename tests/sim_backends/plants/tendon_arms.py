@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from config.emulated_plants import TendonArmPlant
+from config.emulation import TendonArmPlant
 from sim_backends.plants.plant import BodyState, FloatArray, TipLoad
 from sim_backends.plants.tendon_arm import TendonArm
 

@@ -5,13 +5,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from config.emulated_plants import SoftArmPlant
+from config.emulation import SoftArmPlant
 from sim_backends.plants.chambers import ChamberSolver
-from sim_backends.plants.plant import FloatArray, PlantError, TipLoad
+from sim_backends.plants.plant import FloatArray, PlantError, TipLoad, variation
 from sim_backends.plants.rod_kernels import Settled, settle_chambers
 from sim_backends.plants.shooting import Solver
 from sim_backends.plants.soft_arm import TOLERANCE, SoftArm
-from sim_backends.plants.variation import variation
 
 PAPER = SoftArmPlant(kind="soft_arm")
 STEPS = 120

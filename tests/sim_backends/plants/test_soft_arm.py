@@ -3,15 +3,21 @@
 import numpy as np
 import pytest
 
-from config.emulated_plants import SoftArmPlant
+from config.emulation import SoftArmPlant
 from drivers.pose import rotate
 from sim_backends.plants import rod_kernels
 from sim_backends.plants.gas import ATMOSPHERE_MPA
-from sim_backends.plants.load import GRAVITY_N_G
-from sim_backends.plants.plant import BodyState, FloatArray, Plant, PlantError, TipLoad
+from sim_backends.plants.plant import (
+    GRAVITY_N_G,
+    BodyState,
+    FloatArray,
+    Plant,
+    PlantError,
+    TipLoad,
+    variation,
+)
 from sim_backends.plants.shooting import warm_up
 from sim_backends.plants.soft_arm import SoftArm
-from sim_backends.plants.variation import variation
 from tests.sim_backends.plants.rods import equilibrium
 
 PAPER = SoftArmPlant(kind="soft_arm")

@@ -5,10 +5,8 @@ import pytest
 
 from drivers.pose import rotate
 from sim_backends.plants import rod_kernels, tendon_arm_kernels
-from sim_backends.plants.load import GRAVITY_N_G
-from sim_backends.plants.plant import FloatArray, Plant, PlantError, TipLoad
-from sim_backends.plants.tendon_arm import TendonArm
-from sim_backends.plants.tendon_arm_variation import variation
+from sim_backends.plants.plant import GRAVITY_N_G, FloatArray, Plant, PlantError, TipLoad
+from sim_backends.plants.tendon_arm import TendonArm, variation
 from tests.sim_backends.plants.tendon_arms import (
     FREE,
     PERIOD_S,

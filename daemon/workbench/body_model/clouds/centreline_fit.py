@@ -22,7 +22,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from config.emulated_plants import Plant
+from config.emulation import Plant
 from daemon.workbench.body_model.clouds.centreline_fit_kernels import likely, misses, placed, slopes
 from safety.risk.mixture import FloatArray
 from sim_backends.devices.body_surface import BodySurface

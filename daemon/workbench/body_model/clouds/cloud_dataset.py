@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from config.robot import Robot
+from daemon.files import in_a_line, save_npz
 from daemon.learning.samples.robot_fit import misfit_of
-from daemon.npz_file import in_a_line, save_npz
 from safety.risk.mixture import FloatArray
 
 SingleArray = NDArray[np.float32]

@@ -13,7 +13,7 @@ from typing import Final, Protocol
 import numpy as np
 
 from config.axis import TendonMotor
-from config.emulated_plants import TendonArmPlant
+from config.emulation import TendonArmPlant
 from config.robot import Robot
 from daemon.robot.axes import AxisRanges
 from sim_backends.lab.lab import plant_of

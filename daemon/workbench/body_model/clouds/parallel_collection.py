@@ -18,8 +18,8 @@ import numpy as np
 
 from config.loader import RobotFile
 from config.robot import Robot
+from daemon.files import save_npz
 from daemon.learning.samples.robot_fit import whose
-from daemon.npz_file import save_npz
 from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset
 from daemon.workbench.body_model.clouds.collection import (
     FITTED,

@@ -17,16 +17,14 @@ from sim_backends.devices.drive.axis.cyclic import (
 from sim_backends.devices.drive.axis.following_error import FollowingErrorWatch
 from sim_backends.devices.drive.axis.homing import METHODS, Homing
 from sim_backends.devices.drive.axis.limits import Limits
-from sim_backends.devices.drive.axis.mechanics import AxisMechanics
+from sim_backends.devices.drive.axis.mechanics import AxisMechanics, Units
 from sim_backends.devices.drive.axis.mode import FOLLOWING_ERROR as FOLLOWING_ERROR_BIT
 from sim_backends.devices.drive.axis.mode import TARGET_REACHED, AxisParts, Mode
 from sim_backends.devices.drive.axis.power import State
 from sim_backends.devices.drive.axis.power_control import PowerControl
-from sim_backends.devices.drive.axis.profile_position import ProfilePosition
-from sim_backends.devices.drive.axis.profile_velocity import ProfileVelocity
+from sim_backends.devices.drive.axis.profile import ProfilePosition, ProfileVelocity
 from sim_backends.devices.drive.axis.readings import Readings
 from sim_backends.devices.drive.axis.shaft import Shaft
-from sim_backends.devices.drive.axis.units import Units
 from sim_backends.devices.drive.node.object_dictionary import ObjectDictionary, SdoAbortError
 from sim_backends.devices.drive.node.timers import Timers
 

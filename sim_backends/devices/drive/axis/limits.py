@@ -1,8 +1,7 @@
 """How far, how fast and how hard an axis may move: CiA 402's limits, in increments and seconds."""
 
 from drivers.canopen.codec.data_types import DataType
-from sim_backends.devices.drive.axis.mechanics import AxisMechanics
-from sim_backends.devices.drive.axis.units import Units
+from sim_backends.devices.drive.axis.mechanics import AxisMechanics, Units
 from sim_backends.devices.drive.node.object_dictionary import Entry, ObjectDictionary
 
 _OVERTRAVEL = 20.0  # increments that the motor goes on after a limit switch has closed

@@ -1,7 +1,11 @@
 """What an emulated axis is made of: motor, encoder, end stops and switches."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import inf
+
+from drivers.canopen.codec.data_types import DataType
+from sim_backends.devices.drive.node.object_dictionary import Entry, ObjectDictionary
 
 
 @dataclass(frozen=True)
@@ -31,3 +35,85 @@ class AxisMechanics:
     def high_switch(self) -> float:
         """Where the positive limit switch closes."""
         return inf if self.high_switch_counts is None else self.high_switch_counts
+
+
+# The factor group (CiA 402-2, 8): from increments of the encoder to what the master reads.
+
+
+_POSITION_REVERSED = 1 << 7
+_VELOCITY_REVERSED = 1 << 6
+
+
+def to_int32(value: float) -> int:
+    """Rounded, and wrapped round as the drive's counters are."""
+    return (round(value) + 0x80000000 & 0xFFFFFFFF) - 0x80000000
+
+
+class Units:
+    """Conversions of one axis; positions count from `zero`, in increments.
+
+    As delivered, one user unit is one increment of this motor's encoder. on_change(t_ns): the
+    factors have been written.
+    """
+
+    def __init__(
+        self,
+        objects: ObjectDictionary,
+        base: int,
+        counts_per_turn: int,
+        on_change: Callable[[int], None],
+    ) -> None:
+        def own(index: int, subindex: int, default: int) -> Entry:
+            return objects.own(base + index, subindex, DataType.UNSIGNED32, default)
+
+        self._encoder = (own(0x608F, 1, counts_per_turn), own(0x608F, 2, 1))
+        self._gear = (own(0x6091, 1, 1), own(0x6091, 2, 1))
+        self._feed = (own(0x6092, 1, counts_per_turn), own(0x6092, 2, 1))
+        self._velocity = (own(0x6096, 1, 1), own(0x6096, 2, 1))
+        self._polarity = objects.own(base + 0x607E, 0, DataType.UNSIGNED8)
+        self._encoder[0].deliver(counts_per_turn)
+        self._feed[0].deliver(counts_per_turn)
+        for entry in (*self._gear, *self._feed, *self._velocity, self._polarity):
+            entry.on_write = on_change
+        self.zero = 0.0
+        self.configure()
+
+    def configure(self) -> None:
+        """Take over the factors as they are now."""
+        per_motor_turn = _ratio(self._feed) / _ratio(self._gear)
+        self.per_increment = per_motor_turn / _ratio(self._encoder)
+        if self._polarity.number & _POSITION_REVERSED:
+            self.per_increment = -self.per_increment
+        self._velocity_per_increment = abs(self.per_increment) * _ratio(self._velocity)
+        if self._polarity.number & _VELOCITY_REVERSED:
+            self._velocity_per_increment = -self._velocity_per_increment
+
+    @property
+    def reversed(self) -> bool:
+        """Whether the master counts in the other direction than the encoder."""
+        return self.per_increment < 0.0
+
+    def position(self, increments: float) -> int:
+        """A position as the master reads it."""
+        units = round((increments - self.zero) * self.per_increment)
+        return units if -0x80000000 <= units <= 0x7FFFFFFF else to_int32(units)
+
+    def increments(self, position: float) -> float:
+        """A position that the master gives."""
+        return self.zero + position / self.per_increment
+
+    def length(self, position: float) -> float:
+        """A distance that the master gives, without its sign, in increments."""
+        return abs(position / self.per_increment)
+
+    def velocity(self, increments_s: float) -> int:
+        """A velocity as the master reads it."""
+        return to_int32(increments_s * self._velocity_per_increment)
+
+    def increments_s(self, velocity: float) -> float:
+        """A velocity that the master gives."""
+        return velocity / self._velocity_per_increment
+
+
+def _ratio(pair: tuple[Entry, Entry]) -> float:
+    return max(1, pair[0].number) / max(1, pair[1].number)

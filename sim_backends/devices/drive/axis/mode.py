@@ -6,9 +6,8 @@ from typing import Final
 
 from drivers.canopen.codec.data_types import DataType
 from sim_backends.devices.drive.axis.limits import Limits
-from sim_backends.devices.drive.axis.mechanics import AxisMechanics
+from sim_backends.devices.drive.axis.mechanics import AxisMechanics, Units
 from sim_backends.devices.drive.axis.shaft import Shaft
-from sim_backends.devices.drive.axis.units import Units
 from sim_backends.devices.drive.node.object_dictionary import Entry, ObjectDictionary
 from sim_backends.devices.drive.node.timers import Timers
 

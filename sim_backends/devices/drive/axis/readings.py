@@ -4,8 +4,8 @@ from collections.abc import Callable
 from typing import Protocol
 
 from drivers.canopen.codec.data_types import DataType
+from sim_backends.devices.drive.axis.mechanics import to_int32
 from sim_backends.devices.drive.axis.mode import AxisParts
-from sim_backends.devices.drive.axis.units import to_int32
 
 _LOW_SWITCH = 1 << 0
 _HIGH_SWITCH = 1 << 1

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from daemon.learning.forward.body_lag import body_lag_s
+from daemon.learning.forward.pretraining import body_lag_s
 from tests.daemon.learning.frames_of_arm import RANGES, arm_frames, without
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from daemon.learning.inverse.bank import BankControllers, BankPrecision
 from daemon.learning.inverse.batch import BatchControllers
 from daemon.learning.inverse.prior import Prior
-from daemon.learning.samples.motion_sample import MotionSample
+from daemon.learning.samples.motion import MotionSample
 from daemon.learning.samples.receptive_fields import ReceptiveFields
 from tests.daemon.learning.exploring_arm import exploration, fields_over, settings_for
 

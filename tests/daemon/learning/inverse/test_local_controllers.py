@@ -12,7 +12,7 @@ from daemon.learning.inverse.engines import EngineName, make_local_controllers, 
 from daemon.learning.inverse.local_controller_settings import LocalControllerSettings
 from daemon.learning.inverse.local_controllers import Command, LocalControllers
 from daemon.learning.inverse.prior import Prior
-from daemon.learning.samples.motion_sample import MotionSample
+from daemon.learning.samples.motion import MotionSample
 from daemon.learning.samples.receptive_fields import ReceptiveFields
 from drivers.pose import Vector
 from tests.daemon.learning.exploring_arm import (

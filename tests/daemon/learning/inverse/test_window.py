@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daemon.learning.inverse.window import Window
-from daemon.learning.samples.motion_sample import MotionSample
+from daemon.learning.samples.motion import MotionSample
 
 AXES = 4
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from config.control import PoseFilterSettings
 from daemon.estimation.pose_filter import PoseFilter
-from daemon.learning.samples.motion_sample import MotionSample
+from daemon.learning.samples.motion import MotionSample
 from daemon.learning.samples.motion_samples import MotionSampler, SamplingSettings
 from drivers.pose import Pose, Vector
 

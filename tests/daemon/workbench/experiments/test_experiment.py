@@ -14,7 +14,7 @@ from daemon.recording.run_reader import RunReader
 from daemon.workbench.experiments import in_virtual_time
 from daemon.workbench.experiments.experiment_file import load_experiment
 from daemon.workbench.experiments.in_virtual_time import carry_out_in_virtual_time
-from daemon.workbench.experiments.step_series import StepSeries
+from daemon.workbench.experiments.step_statistics import StepSeries
 from daemon.workbench.experiments.trial import TrialError
 from safety.risk_source import RiskReading
 from tests.daemon.recording.schemas import recording_contradictions

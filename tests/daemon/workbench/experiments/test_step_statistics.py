@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daemon.workbench.experiments.step_series import Array, StepSeries
 from daemon.workbench.experiments.step_statistics import (
+    Array,
+    StepSeries,
     converged_s,
     drifts,
     errors_by_cycle,

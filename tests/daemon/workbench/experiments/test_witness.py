@@ -8,8 +8,8 @@ import pytest
 from config.loader import load_robot
 from daemon.messages import Axes, Tip
 from daemon.robot.axes import AxisRanges
-from daemon.workbench.experiments.step_series import Array, StepSeries
-from daemon.workbench.experiments.witness import Witness
+from daemon.workbench.experiments.carry_out import Witness
+from daemon.workbench.experiments.step_statistics import Array, StepSeries
 from tests import SOFT_ARM
 
 

@@ -8,7 +8,7 @@ from config.loader import RobotFile
 from daemon.learning.forward.pretraining import PretrainingError
 from daemon.workbench.experiments.experiment_file import load_experiment
 from daemon.workbench.experiments.trial import TrialError
-from daemon.workbench.pretraining import model_cache, pretrained
+from daemon.workbench.pretraining import model_cache
 
 EXPERIMENT = """
 experiment: learner
@@ -43,7 +43,7 @@ def controller_of(tmp_path: Path, text: str, seed: int = 7) -> object:
     path = tmp_path / "experiment.yaml"
     path.write_text(text)
     given = load_experiment(path)
-    return pretrained.with_model(given, seed, lambda _: None).experiment.controller
+    return model_cache.with_model(given, seed, lambda _: None).experiment.controller
 
 
 def test_the_model_is_of_this_body_with_nothing_at_its_tip(made: Made, tmp_path: Path) -> None:

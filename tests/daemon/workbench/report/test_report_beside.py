@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from daemon.recording.run_files import unfinished
+from daemon.recording.run_folder import unfinished
 from daemon.recording.run_reader import RunMessage, RunReader, UnreadableRunError, control_hash
-from daemon.workbench.report import report_beside, report_process
+from daemon.workbench.report import report_process
 from daemon.workbench.report.report import write_report
-from daemon.workbench.report.report_beside import REPORT, ReportBeside
 from daemon.workbench.report.report_data import GrowingRun
+from daemon.workbench.report.report_process import REPORT, ReportBeside
 from daemon.workbench.report.two_processes import in_two_processes, one_after_the_other
 from tests.daemon.recording.synthetic_run import make_run
 
@@ -76,7 +76,7 @@ def test_a_process_that_does_not_answer_costs_no_report(
     beside.begin()
     process = process_of(beside)
     process.send_signal(signal.SIGSTOP)
-    monkeypatch.setattr(report_beside, "_ANSWERS_WITHIN_S", 0.1)
+    monkeypatch.setattr(report_process, "_ANSWERS_WITHIN_S", 0.1)
     assert beside.write().read_text() == page
     assert process.returncode == -signal.SIGKILL
 
@@ -84,7 +84,7 @@ def test_a_process_that_does_not_answer_costs_no_report(
 def test_a_process_that_cannot_be_started_costs_no_report(
     beside: ReportBeside, page: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(report_beside, "_COMMAND", ("/nowhere/python",))
+    monkeypatch.setattr(report_process, "_COMMAND", ("/nowhere/python",))
     beside.begin()
     assert beside.write().read_text() == page
 
@@ -109,7 +109,7 @@ def test_the_process_does_not_outlive_a_starter_that_is_killed(whole: Path) -> N
     program = (
         "import sys, time\n"
         "from pathlib import Path\n"
-        "from daemon.workbench.report.report_beside import ReportBeside\n"
+        "from daemon.workbench.report.report_process import ReportBeside\n"
         "beside = ReportBeside(Path(sys.argv[1]))\n"
         "beside.begin()\n"
         "beside.control_hash()\n"  # it answers, so it is there

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from daemon.workbench.report.report_course import COLUMNS_PER_IN, course
+from daemon.workbench.report.report_series import COLUMNS_PER_IN, course
 
 WIDTH_IN = 5.0
 COLUMNS = round(WIDTH_IN * COLUMNS_PER_IN)

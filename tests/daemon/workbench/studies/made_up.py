@@ -5,12 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from daemon.recording.error_table import CycleError
-from daemon.recording.result import ComputingTime, Result, TrackerLimits
+from daemon.recording.result import ComputingTime, CycleError, Result, TrackerLimits
 from daemon.workbench.experiments.carry_out import STEPS_FILE
-from daemon.workbench.experiments.step_series import StepSeries
-from daemon.workbench.studies.outcome import Outcome
-from daemon.workbench.studies.run import run_folder
+from daemon.workbench.experiments.step_statistics import StepSeries
+from daemon.workbench.studies.run import Outcome, run_folder
 
 EXPERIMENT = """
 experiment: {name}

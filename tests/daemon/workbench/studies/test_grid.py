@@ -8,8 +8,7 @@ import pytest
 
 from daemon.commands.terminal.command_line import main
 from daemon.workbench.studies.grid import Grid
-from daemon.workbench.studies.outcome import Outcome, read_outcome
-from daemon.workbench.studies.run import Run, plan
+from daemon.workbench.studies.run import Outcome, Run, plan, read_outcome
 from daemon.workbench.studies.study_file import load_study
 from tests.daemon.workbench.studies.made_up import write_study
 

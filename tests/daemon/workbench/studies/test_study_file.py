@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from config.controllers import Broyden, ConstantCurvature, load_controller_options
-from config.options import OptionsError
+from config.model import OptionsError
 from config.problems import ConfigError
 from daemon.workbench.studies.study_file import load_study, merged
 from tests.daemon.workbench.studies.made_up import STUDY, write_study

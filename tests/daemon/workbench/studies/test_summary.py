@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daemon.recording.result import Result
-from daemon.workbench.studies.outcome import Outcome
+from daemon.workbench.studies.run import Outcome
 from daemon.workbench.studies.summary import cycle_mean_mm, spread, summary
 from tests.daemon.workbench.studies.made_up import outcome
 

@@ -1,14 +1,30 @@
-"""Many motion samples as arrays, each with the stretch of the exploration that it is from."""
+"""What one motion did: the thing that all learnt models of the robot are made from."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.learning.samples.motion_sample import MotionSample
 from drivers.pose import Vector
+
+
+class MotionSample(NamedTuple):
+    """From (p, u) the axes moved by Δu, and the tip by Δp (Ho 2018, §2.2). All observed."""
+
+    tip_mm: Vector
+    """(3,) p: where the tip was when the motion began."""
+    u: Vector
+    """(m,) u: where the axes were, mm or rad."""
+    delta_u: Vector
+    """(m,) Δu."""
+    delta_tip_mm: Vector
+    """(3,) Δp."""
+
+
+# Many motion samples as arrays, each with the stretch of the exploration that it is from.
+
 
 Mask = NDArray[np.bool_]
 
