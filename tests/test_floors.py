@@ -1,13 +1,24 @@
-"""Imports only go down: daemon, sim_backends, drivers, safety, config."""
+"""Imports only go down: daemon, sim_backends, drivers, safety, config; and so inside daemon."""
 
 import ast
+import sys
 from collections.abc import Iterator
+from graphlib import TopologicalSorter
 from pathlib import Path
+from subprocess import run
 
 import pytest
 
 ROOT = Path(__file__).parents[1]
 FLOORS = {"config": 1, "safety": 2, "drivers": 3, "sim_backends": 4, "daemon": 5, "tests": 6}
+INSIDE_DAEMON = (
+    *("messages", "files", "host", "robot", "estimation", "learning", "reference", "control"),
+    *("controllers", "risk", "supervision", "loop", "recording", "service", "remote"),
+    *("workbench", "commands"),
+)
+"""Lowest first."""
+NOT_AT_RUN_TIME = {"torch", "matplotlib", "daemon.workbench"}
+"""What no module of the running daemon may import, nor have imported for it."""
 MAY_BE_IMPORTED_BY_DRIVERS = {"safety.permit", "safety.limits"}
 KNOWS_WHAT_TIME_IS = {"daemon/host/clock.py", "sim_backends/virtual_time.py"}
 SOURCES = sorted(
@@ -38,6 +49,59 @@ def test_imports_only_go_down(path: Path) -> None:
             assert FLOORS[there] < FLOORS[here], f"{here} must not import {module}"
             if (here, there) == ("drivers", "safety"):
                 assert module in MAY_BE_IMPORTED_BY_DRIVERS, f"drivers must not import {module}"
+
+
+@pytest.mark.parametrize(
+    "path", [path for path in SOURCES if path.is_relative_to(ROOT / "daemon")], ids=named
+)
+def test_imports_only_go_down_inside_daemon(path: Path) -> None:
+    here = path.relative_to(ROOT / "daemon").with_suffix("").parts[0]
+    if here == "__init__":
+        return
+    for module, name in imports_of(path):
+        if module == "daemon":
+            module = f"daemon.{name}"
+        if module.startswith("daemon."):
+            there = module.split(".")[1]
+            assert here == there or INSIDE_DAEMON.index(there) < INSIDE_DAEMON.index(here), (
+                f"daemon/{here} must not import {module}"
+            )
+
+
+def test_no_imports_go_in_a_circle() -> None:
+    """Neither of modules nor of packages, and those for types alone count too."""
+    modules = {named(path).removesuffix(".py").replace("/", "."): path for path in SOURCES}
+    imports = {
+        module: {
+            wanted
+            for of, name in imports_of(path)
+            for wanted in (f"{of}.{name}", of)
+            if wanted in modules and wanted != module
+        }
+        for module, path in modules.items()
+    }
+    packages: dict[str, set[str]] = {}
+    for module, wanted in imports.items():
+        home = module.rpartition(".")[0]
+        packages.setdefault(home, set()).update(one.rpartition(".")[0] for one in wanted)
+        packages[home].discard(home)
+    for graph in (imports, packages):
+        TopologicalSorter(graph).prepare()  # raises CycleError, which names the circle
+
+
+def test_the_running_daemon_imports_nothing_of_the_workbench() -> None:
+    code = (
+        "import sys, daemon.commands.run\n"
+        f"print([name for name in sys.modules if name.startswith({tuple(NOT_AT_RUN_TIME)!r})])"
+    )
+    found = run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True)
+    assert found.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=named)
+def test_every_package_says_what_it_is_for(path: Path) -> None:
+    if path.name == "__init__.py":
+        assert ast.get_docstring(ast.parse(path.read_text())), "a package has a docstring"
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=named)
