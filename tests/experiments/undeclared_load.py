@@ -89,7 +89,8 @@ def hour_of_motion(arm: str, seed: int, hours: float = 1.0, load_g: float = 0.0)
             axes = [lately[min(lag, len(lately) - 1)] for lag in _LAGS]
             place, before = tip.place(axes, estimate.position_mm), test.consistent
             if place is not None:
-                alarm = before and not test.add(place.probability, t_ns)
+                fits = test.add(place.probability, t_ns)
+                alarm = before and not fits
                 alarms += alarm
                 first = t_ns * 1e-9 if alarm and first is None else first
                 highest = max(highest, test.statistic)
