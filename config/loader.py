@@ -6,7 +6,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from config.checks import Parts, findings
-from config.paths import eds_path, named_paths
+from config.paths import eds_path, is_file, named_paths
 from config.problems import ConfigError, Problem
 from config.robot import Robot
 from config.schema_errors import schema_problems
@@ -66,5 +66,5 @@ def _missing_files(
     return [
         document.problem(location, f"there is no file {file}")
         for location, file in named
-        if not file.is_file()
+        if not is_file(file)
     ]

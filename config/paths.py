@@ -79,3 +79,11 @@ def _shipped_or_beside(reference: str, folder: str, robot_path: Path) -> Path:
     if reference.startswith(BUILTIN):
         return Path(str(files("config") / folder / reference.removeprefix(BUILTIN)))
     return robot_path.parent / reference
+
+
+def is_file(path: Path) -> bool:
+    """Whether there is such a file. A name that is too long for one is none."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False

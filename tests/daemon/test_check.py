@@ -100,3 +100,17 @@ def test_a_file_of_no_kind_is_told_which_kinds_there_are(
 def test_damaged_files_are_explained_or_can_be_built() -> None:
     """`python -m tests.experiments.check_mutations` tries ten thousand."""
     assert sum(try_many(FEW, seed=7).values()) == FEW
+
+
+@pytest.mark.parametrize("robot", ["x" * 300, "builtin:" + "x" * 300, '"\\0"'])
+def test_a_name_that_no_file_can_have_is_explained(
+    robot: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "long.yaml"
+    path.write_text(
+        f"experiment: long\nrobot: {robot}\ncontroller: {{kind: broyden}}\n"
+        "trajectory: {kind: hold, position_mm: [0.0, 0.0, 190.0], duration_s: 1.0}\n"
+    )
+    code, _, err = checked(path, capsys)
+    assert code == 1
+    assert "robot: there is no file" in err

@@ -97,7 +97,8 @@ class Tour:
                 self._show(status, last=True)
                 return
             if status.state != _HOLD:
-                await robot.resume()
+                with suppress(RefusedError):  # it may be held anew meanwhile: then once more
+                    await robot.resume()
 
     async def _hang_on(self) -> None:
         """As a hand would: the daemon is not told."""

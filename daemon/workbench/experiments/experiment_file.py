@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from config.emulation import Emulation
 from config.experiment import Experiment
 from config.loader import RobotFile
-from config.paths import BUILTIN
+from config.paths import BUILTIN, is_file
 from config.problems import ConfigError, Problem
 from config.robot import Robot
 from config.schema_errors import schema_problems
@@ -55,7 +55,7 @@ def load_experiment(path: Path) -> ExperimentFile:
 
 def _with_robot(path: Path, document: YamlDocument, experiment: Experiment) -> ExperimentFile:
     named = robot_path(experiment.robot, path)
-    if not named.is_file():
+    if not is_file(named):
         raise ConfigError([document.problem(("robot",), f"there is no file {named}")])
     file = check_robot(named).file
     if file.robot.emulation is None:

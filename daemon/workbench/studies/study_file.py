@@ -9,6 +9,7 @@ from pydantic import ValidationError
 
 from config.controllers import ControllerOptions, load_controller_options
 from config.model import OptionsError
+from config.paths import is_file
 from config.problems import ConfigError, Problem
 from config.schema_errors import schema_problems
 from config.study import Study, StudyRow
@@ -44,7 +45,7 @@ def load_study(path: Path) -> StudyFile:
         for row_number, row in enumerate(table.rows):
             where = ("tables", table_number, "rows", row_number, "experiment")
             file = path.parent / row.experiment
-            if not file.is_file():
+            if not is_file(file):
                 problems.append(document.problem(where, f"there is no file {file}"))
                 continue
             loaded = load_experiment(file)
