@@ -320,7 +320,7 @@ class Operator:
         self._check_possible(Request.CLEAR)
         if left := await self._cleared():
             raise RefusedError("still_wrong", "the cause has to go first", left)
-        await self._pass(lambda: self._only_for_a_moment, _READY_WITHIN_S)
+        await self._pass(lambda: self._only_for_a_moment or self._still_on, _READY_WITHIN_S)
         names = dict.fromkeys(reason.cause.name for reason in supervisor.blocking)
         return self._answer(command, text=f"not ready yet: {', '.join(names)}" if names else "")
 
@@ -343,6 +343,13 @@ class Operator:
             reason.cause.name for reason in self._service.supervisor.blocking if not reason.over
         }
         return bool(names) and names <= _PASSES
+
+    @property
+    def _still_on(self) -> bool:
+        """Whether drives have torque that nobody wants: one that was lost is switched off when it
+        is heard again."""
+        buses = self._service.hardware.buses
+        return self._service.supervisor.comes_to_rest or any(bus.energised for bus in buses)
 
     async def _pass(self, goes_on: Callable[[], bool], within_s: float) -> None:
         """Wait for something to be over, but no longer than that."""
