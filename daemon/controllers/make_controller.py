@@ -38,7 +38,7 @@ _MODULES: Final = (
 def import_all() -> None:
     """After this, no controller has to be waited for."""
     for name in _MODULES:
-        import_module(f"daemon.control.{name}")
+        import_module(f"daemon.controllers.{name}")
 
 
 def make_controller(options: ControllerOptions, robot: Robot, seed: int) -> Controller:
