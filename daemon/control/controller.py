@@ -66,8 +66,9 @@ class Controller(Protocol):
         """The next step. Raises ControllerError where it cannot go on."""
         ...
 
-    def learn(self, budget_s: float) -> None:
-        """Work that can wait, after each bus cycle; about as much as fits into `budget_s`.
+    def learn(self) -> None:
+        """Work that can wait, after each bus cycle: half a millisecond of it at the most, since a
+        frame that comes meanwhile waits for so long.
 
         How much that is must not be found with a clock: runs in virtual time repeat themselves.
         """

@@ -218,7 +218,7 @@ class BroydenController:
         tip_step = self._follower.tip_step(observation)
         return Proposal(self._follower.axis_step(jacobian, tip_step, observation))
 
-    def learn(self, budget_s: float) -> None:
+    def learn(self) -> None:
         """Nothing waits: a sample is worked in as it comes."""
 
     def save(self, path: Path) -> None:

@@ -295,7 +295,7 @@ class ConstantCurvatureController:
         tip_step = self._follower.tip_step(observation)
         return Proposal(self._follower.axis_step(jacobian, tip_step, observation))
 
-    def learn(self, budget_s: float) -> None:
+    def learn(self) -> None:
         """The model is fixed."""
 
     def save(self, path: Path) -> None:

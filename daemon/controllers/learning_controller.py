@@ -227,9 +227,8 @@ class LearningController(ABC):
             return Proposal(np.zeros(len(self._travel)))
         return Proposal(self._babbling.propose(observation), self._babbling.note)
 
-    def learn(self, budget_s: float) -> None:
+    def learn(self) -> None:
         """One sample, or a little of what else can wait: counted, whatever a clock would say."""
-        del budget_s
         if self._waiting:
             self._work_in(self._waiting.popleft())
         elif self._jacobian.known:

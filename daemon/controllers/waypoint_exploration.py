@@ -183,7 +183,7 @@ class WaypointExplorationController:
         self._trail.append(observation.targets.copy())
         return Proposal(self._walk.step(self._goal, observation), self.note)
 
-    def learn(self, budget_s: float) -> None:
+    def learn(self) -> None:
         """Others learn from what it does."""
 
     def save(self, path: Path) -> None:

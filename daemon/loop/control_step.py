@@ -42,8 +42,6 @@ FRAME_PERIOD_NS: Final = {"normal": 25_000_000, "fast": 15_151_515}
 _LONGEST_DT_S: Final = 0.1
 _ASKED_ABOVE: Final = 1e-3
 """mm or rad: what is less is a few counts."""
-_LEARNING_S: Final = 0.5e-3
-"""After each bus cycle. A frame that comes meanwhile waits for so long."""
 _LATELY_NS: Final = (0, 100_000_000, 200_000_000, 300_000_000)
 """Before a frame: a body follows its axes late, one of gas by 0.05 to 0.2 s."""
 _OF_THE_GATE: Final = ("risk_too_high", "risk_unavailable", "gate_refused")
@@ -156,7 +154,7 @@ class ControlLoop:
             room = self._room_now()
             self._room = room if self._slide else None
         elif self.controller is not None and self._begun:
-            self.controller.learn(_LEARNING_S)
+            self.controller.learn()
 
     def settle(self) -> None:
         """The axes stand where they are, newly energised: nothing before counts."""

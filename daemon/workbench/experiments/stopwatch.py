@@ -77,9 +77,9 @@ class TimedController:
             self._stopwatch.step(self._now_ns() - began_ns + self._observed_ns)
         return proposal
 
-    def learn(self, budget_s: float) -> None:
+    def learn(self) -> None:
         began_ns = self._now_ns()
-        self._controller.learn(budget_s)
+        self._controller.learn()
         self._stopwatch.learnt(self._now_ns() - began_ns)
 
     def save(self, path: Path) -> None:

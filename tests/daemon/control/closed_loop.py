@@ -33,7 +33,6 @@ EXPLORE_FRAMES = 40_000
 BORE_MM = 25.0
 LEARN_CALLS = 2
 """In a frame: once after every bus cycle, or a little less."""
-LEARN_BUDGET_S = 0.0005
 
 ROBOT: Robot = load_robot(Path(__file__).parents[3] / "config" / "robots" / "soft_arm.yaml").robot
 
@@ -153,7 +152,7 @@ class ClosedLoop:
         self.controller.observe(observation)
         step = self.controller.propose(observation).delta_u
         for _ in range(LEARN_CALLS):
-            self.controller.learn(LEARN_BUDGET_S)
+            self.controller.learn()
         assert np.isfinite(step).all()
         assert (np.abs(step) <= self.axes.max_velocity * DT_S * (1 + 1e-9)).all()
         self.targets = self.targets + self.permitted(step)

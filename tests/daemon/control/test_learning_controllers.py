@@ -236,10 +236,10 @@ def assert_alike(loop: ClosedLoop, other: LearningController) -> None:
         seen = loop.observation(*trajectory.at(k * DT_S))
         other.observe(seen)
         theirs = other.propose(seen).delta_u
-        other.learn(0.0005)
+        other.learn()
         loop.controller.observe(seen)
         ours = loop.controller.propose(seen).delta_u
-        loop.controller.learn(0.0005)
+        loop.controller.learn()
         np.testing.assert_array_equal(ours, theirs)
         loop.targets = loop.targets + ours
         loop.measure()

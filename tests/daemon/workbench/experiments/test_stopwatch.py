@@ -47,8 +47,8 @@ class Worker:
         self._work("propose", 2)
         return Proposal(np.ones(3), "busy")
 
-    def learn(self, budget_s: float) -> None:
-        self._work(f"learn {budget_s}", 5)
+    def learn(self) -> None:
+        self._work("learn", 5)
 
     def save(self, path: Path) -> None:
         self._work(f"save {path}", 0)
@@ -76,10 +76,10 @@ def test_everything_reaches_the_controller(
     timed.reset(OBSERVATION)
     timed.observe(OBSERVATION)
     assert timed.propose(OBSERVATION).note == "busy"
-    timed.learn(0.5)
+    timed.learn()
     timed.save(Path("a"))
     timed.load(Path("b"))
-    assert worker.heard == ["reset", "observe", "propose", "learn 0.5", "save a", "load b"]
+    assert worker.heard == ["reset", "observe", "propose", "learn", "save a", "load b"]
     assert (timed.name, timed.ready) == ("worker", False)
 
 
@@ -92,7 +92,7 @@ def test_a_step_is_observing_and_proposing_and_learning_is_apart(
         timed.observe(OBSERVATION)
         timed.observe(OBSERVATION)  # while it stood still
         timed.propose(OBSERVATION)
-        timed.learn(0.1)
+        timed.learn()
     told = stopwatch.computing_time()
     assert told is not None
     assert (told.steps, told.median_ms, told.max_ms, told.idle_mean_ms) == (4, 3.0, 3.0, 5.0)
