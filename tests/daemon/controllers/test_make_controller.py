@@ -42,7 +42,7 @@ def test_after_all_were_imported_making_one_imports_nothing() -> None:
 @pytest.mark.parametrize("kind", ["broyden", "constant_curvature"])
 def test_a_controller_that_learns_nothing_comes_without_what_learns(kind: str) -> None:
     came = newly_imported([kind], before=False)
-    assert f"daemon.control.{kind}" in came
+    assert f"daemon.controllers.{kind}" in came
     assert not [
         name for name in came if name.startswith(("daemon.learning.lwpr.model", "scipy.linalg"))
     ]
