@@ -36,6 +36,9 @@ def all_like_ctrl_c() -> Iterator[None]:
     signals but interrupted by them, and keeps what it has. Main thread only."""
 
     def interrupt() -> None:
+        # A shell's background jobs ignore Ctrl-C; to be ended they may still be told.
+        if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+            raise KeyboardInterrupt
         signal.raise_signal(signal.SIGINT)
 
     handlers = {signal.SIGTERM: interrupt}

@@ -82,6 +82,16 @@ def test_each_of_them_leads_down_in_order(
     assert kept.read_text() == "all was kept"
 
 
+def test_a_background_job_that_ignores_ctrl_c_can_still_be_told_to_end(tmp_path: Path) -> None:
+    kept = tmp_path / "kept"
+    ignoring = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
+    with _started(ignoring + IS_INTERRUPTED, kept) as process:
+        process.send_signal(signal.SIGTERM)
+        _, errors = process.communicate(timeout=PATIENCE_S)
+        assert process.returncode == 0, errors
+    assert kept.read_text() == "all was kept"
+
+
 @pytest.mark.parametrize("program", [WAITS, IS_INTERRUPTED], ids=["told", "interrupted"])
 def test_who_was_told_to_survive_hang_ups_does(tmp_path: Path, program: str) -> None:
     kept = tmp_path / "kept"
