@@ -20,6 +20,8 @@ print("held", flush=True)
 sys.stdin.read()
 """
 
+MAIN = "daemon.commands.terminal.command_line"
+
 
 @contextmanager
 def another_process(name: str) -> Iterator["subprocess.Popen[str]"]:
@@ -97,7 +99,10 @@ def test_our_own_commands_are_told_as_an_operator_types_them(
     line = processes / str(os.getpid()) / "cmdline"
     held = ExclusiveName(name)
     for words, told in (
-        ("/v/bin/python\0-m\0daemon.cli\0run\0robot.yaml\0", "tentacled run robot.yaml"),
+        (
+            "/v/bin/python\0-m\0daemon.commands.terminal.command_line\0run\0robot.yaml\0",
+            "tentacled run robot.yaml",
+        ),
         ("/v/bin/python3\0/v/bin/tentacled\0probe\0r.yaml\0", "tentacled probe r.yaml"),
         ("python\0-c\0pass\0", "python -c pass"),
         ("x" * 500, "x" * 120 + " ..."),

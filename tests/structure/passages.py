@@ -140,7 +140,8 @@ def main(root: Path) -> int:
 
 
 def _elapsed_s(daemon: Any) -> float:
-    reference = daemon.service.status.reference
+    status = daemon.service.status
+    reference = (status() if callable(status) else status).reference
     return 0.0 if reference is None else float(reference.elapsed_s)
 
 

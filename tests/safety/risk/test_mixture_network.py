@@ -136,8 +136,8 @@ def changed(name: str, array: object) -> Arrays:
         ("input_offset", None, "input_offset: is missing"),
         ("output_offset_mm", np.zeros(2), "means.0.weight: 15 outputs; must be 10"),
         ("output_scale_mm", np.array(-1.0), "output_scale_mm: must be one positive number"),
-        ("input_scale", np.array([1.0, np.inf, 1.0, 1.0]), "input_scale: must be positive"),
-        ("output_scale_mm", np.array(np.inf), "output_scale_mm: must be one positive number"),
+        ("input_scale", np.array([1.0, np.inf, 1.0, 1.0]), "input_scale: must be finite numbers"),
+        ("output_scale_mm", np.array(np.inf), "output_scale_mm: must be finite numbers"),
         ("log_diagonal_limits", np.array([4.0, -3.0]), "log_diagonal_limits: must be two"),
     ],
 )

@@ -8,7 +8,11 @@ from sim_backends.devices.drive.faults import DRIVE_FAULTS
 from sim_backends.faults import FaultError
 from tests.sim_backends.drive.rig import MS, NODE, Rig
 
-ARGUMENTS: dict[str, str] = {"emergency": "=0x8611", "sdo_abort": "=0x08000020"}
+ARGUMENTS: dict[str, str] = {
+    "emergency": "=0x8611",
+    "sdo_abort": "=0x08000020",
+    "setting": "=0x6085,0,1",
+}
 
 
 def enabled(**options: Any) -> Rig:

@@ -1,7 +1,7 @@
 """Experiments in virtual time: figures, recording, and the same bytes for the same seed."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -130,12 +130,13 @@ def test_a_run_that_is_given_up_leaves_what_it_has_seen(tmp_path: Path) -> None:
 
 
 class Wall:
-    """Every way touches something."""
+    """Whoever moves touches something."""
 
     name = "wall"
 
-    def assess(self, u_from: object, u_to: object, t_ns: int) -> RiskReading:
-        return RiskReading(0.9, None, 0.0, self.name, "there is a wall")
+    def assess(self, u_from: Sequence[float], u_to: Sequence[float], t_ns: int) -> RiskReading:
+        moves = list(u_from) != list(u_to)
+        return RiskReading(0.9 if moves else 0.0, None, 0.0, self.name, "there is a wall")
 
     def room(self, u: object, risk: float) -> None:
         return None
@@ -158,7 +159,7 @@ def test_another_plant_is_another_body(circle: tuple[Result, Path], tmp_path: Pa
 
 
 def test_what_cannot_be_reached_ends_the_experiment_with_the_reason(tmp_path: Path) -> None:
-    with pytest.raises(TrialError, match="beyond the workspace's x_mm"):
+    with pytest.raises(ConfigError, match="beyond the workspace's x_mm"):
         carry_out(tmp_path / "far", CIRCLE.replace("radius_mm: 8", "radius_mm: 95"))
 
 
