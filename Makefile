@@ -11,7 +11,7 @@ PIP := $(BIN)/pip --disable-pip-version-check --quiet
 
 help:
 	@echo "make run          emulated lab, daemon and a client: once round a rectangle, live"
-	@echo "make quick        lint, types and cheap tests of every package: a minute, after each change"
+	@echo "make quick        lint, types and cheap tests of every package, after each change"
 	@echo "make test         lint, types and tests"
 	@echo "make hil          the daemon as processes, through every fault: five minutes of real time"
 	@echo "make bench        measure latency and CPU time; prints one JSON, plots to runs/bench"
