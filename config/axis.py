@@ -1,6 +1,13 @@
-"""Axes: one controlled degree of actuation each, in the order of the actuation vector u."""
+"""Axes: one controlled degree of actuation each, in the order of the actuation vector u.
 
-from typing import Annotated, Literal
+Keys of the file have their unit in their name. The rest of the program asks an axis by its
+unit-free face instead (`AxisBase`): whoever adds a kind of axis adds one class here, and to `Axis`.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from math import pi
+from typing import Annotated, ClassVar, Final, Literal
 
 from pydantic import Field
 
@@ -87,8 +94,31 @@ class Homing(ConfigModel):
     """An axis that has not found its zero after this long is stopped."""
 
 
-class AxisBase(ConfigModel):
-    """What every axis has, whatever it moves."""
+Quantity = Literal[
+    "travel",
+    "max_velocity",
+    "max_acceleration",
+    "quick_stop_deceleration",
+    "following_error",
+    "homing_speed",
+]
+"""What every axis has in its own unit."""
+
+_PER_TIME: Final[dict[Quantity, str]] = {
+    "travel": "",
+    "max_velocity": "_s",
+    "max_acceleration": "_s2",
+    "quick_stop_deceleration": "_s2",
+    "following_error": "",
+    "homing_speed": "_s",
+}
+_TURN_RAD: Final = 2 * pi
+
+
+class AxisBase(ConfigModel, ABC):
+    """What every axis has, whatever it moves: positions are mm or rad, as `unit` says."""
+
+    unit: ClassVar[Literal["mm", "rad"]]
 
     name: Name
     drive: Drive
@@ -99,9 +129,82 @@ class AxisBase(ConfigModel):
     following_error_time_s: Positive = 0.05
     """0x6066: how long the following error may last."""
 
+    @property
+    @abstractmethod
+    def travel(self) -> tuple[float, float]:
+        """Software limits, lowest and highest."""
+
+    @property
+    @abstractmethod
+    def max_velocity(self) -> float:
+        """Units per second."""
+
+    @property
+    @abstractmethod
+    def max_acceleration(self) -> float:
+        """Units per second squared."""
+
+    @property
+    @abstractmethod
+    def quick_stop_deceleration(self) -> float:
+        """Units per second squared."""
+
+    @property
+    @abstractmethod
+    def following_error(self) -> float:
+        """How far the axis may be from where it was told to be."""
+
+    @property
+    @abstractmethod
+    def homing_speed(self) -> float:
+        """Units per second."""
+
+    @property
+    @abstractmethod
+    def units_per_turn(self) -> float:
+        """How far one turn of the output moves the axis."""
+
+    @property
+    def counts_per_unit(self) -> float:
+        """Counts of the drive per mm or rad; negative where counting up moves the axis down."""
+        sign = -1.0 if self.drive.inverted else 1.0
+        return sign * self.drive.counts_per_turn * self.gear_ratio / self.units_per_turn
+
+    @property
+    def multi_turn(self) -> bool:
+        """Whether the axis comes to the same angle more than once within its travel.
+
+        Positions of such an axis count on from turn to turn; only a model of the body may take
+        them modulo a turn.
+        """
+        return False
+
+    @property
+    def piston_area_mm2(self) -> float | None:
+        """Area of the cylinder's piston, where the axis drives a cylinder."""
+        return None
+
+    @property
+    def tension_range_n(self) -> tuple[float, float] | None:
+        """Slack and over-tension, where the axis pulls a tendon."""
+        return None
+
+    def key(self, quantity: Quantity) -> str:
+        """Name of a quantity in the robot file, such as `max_velocity_mm_s`."""
+        return f"{quantity}_{self.unit}{_PER_TIME[quantity]}"
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        """What cannot be, as far as this axis alone shows it: the key, and a sentence about it."""
+        lowest, highest = self.travel
+        if not lowest < highest:
+            text = f"the lowest must come first and be lower, not {[lowest, highest]}"
+            yield self.key("travel"), text
+
 
 class LinearAxis(AxisBase):
     """An axis that is measured in mm."""
+
+    unit = "mm"
 
     travel_mm: Range
     """Software limits (0x607D), lowest and highest."""
@@ -112,6 +215,76 @@ class LinearAxis(AxisBase):
     following_error_mm: Positive
     """0x6065."""
     homing_speed_mm_s: Positive = 2.0
+
+    @property
+    def travel(self) -> tuple[float, float]:
+        return self.travel_mm
+
+    @property
+    def max_velocity(self) -> float:
+        return self.max_velocity_mm_s
+
+    @property
+    def max_acceleration(self) -> float:
+        return self.max_acceleration_mm_s2
+
+    @property
+    def quick_stop_deceleration(self) -> float:
+        return self.quick_stop_deceleration_mm_s2
+
+    @property
+    def following_error(self) -> float:
+        return self.following_error_mm
+
+    @property
+    def homing_speed(self) -> float:
+        return self.homing_speed_mm_s
+
+
+class RotaryAxis(AxisBase):
+    """An axis that is measured in rad."""
+
+    unit = "rad"
+
+    travel_rad: Range
+    max_velocity_rad_s: Positive
+    max_acceleration_rad_s2: Positive
+    quick_stop_deceleration_rad_s2: Positive
+    following_error_rad: Positive
+    homing_speed_rad_s: Positive = 0.2
+
+    @property
+    def travel(self) -> tuple[float, float]:
+        return self.travel_rad
+
+    @property
+    def max_velocity(self) -> float:
+        return self.max_velocity_rad_s
+
+    @property
+    def max_acceleration(self) -> float:
+        return self.max_acceleration_rad_s2
+
+    @property
+    def quick_stop_deceleration(self) -> float:
+        return self.quick_stop_deceleration_rad_s2
+
+    @property
+    def following_error(self) -> float:
+        return self.following_error_rad
+
+    @property
+    def homing_speed(self) -> float:
+        return self.homing_speed_rad_s
+
+    @property
+    def units_per_turn(self) -> float:
+        return _TURN_RAD
+
+    @property
+    def multi_turn(self) -> bool:
+        lowest, highest = self.travel_rad
+        return highest - lowest > _TURN_RAD
 
 
 class LinearStepper(LinearAxis):
@@ -124,8 +297,12 @@ class LinearStepper(LinearAxis):
     """Bore of the cylinder: gives the axis a volume in mL. Leave out for a bare stage."""
 
     @property
-    def travel_mm_per_turn(self) -> float:
+    def units_per_turn(self) -> float:
         return self.lead_mm
+
+    @property
+    def piston_area_mm2(self) -> float | None:
+        return None if self.bore_mm is None else pi / 4.0 * (self.bore_mm * self.bore_mm)
 
 
 class TendonMotor(LinearAxis):
@@ -138,8 +315,17 @@ class TendonMotor(LinearAxis):
     max_tension_n: Positive
 
     @property
-    def travel_mm_per_turn(self) -> float:
-        return 2 * 3.141592653589793 * self.spool_radius_mm
+    def units_per_turn(self) -> float:
+        return _TURN_RAD * self.spool_radius_mm
+
+    @property
+    def tension_range_n(self) -> tuple[float, float] | None:
+        return self.min_tension_n, self.max_tension_n
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from super().problems()
+        if not self.min_tension_n < self.max_tension_n:
+            yield "min_tension_n", f"must be below max_tension_n ({self.max_tension_n:g} N)"
 
 
 class TubeTranslation(LinearAxis):
@@ -149,20 +335,14 @@ class TubeTranslation(LinearAxis):
     lead_mm: Positive
 
     @property
-    def travel_mm_per_turn(self) -> float:
+    def units_per_turn(self) -> float:
         return self.lead_mm
 
 
-class TubeRotation(AxisBase):
+class TubeRotation(RotaryAxis):
     """A motor that turns a tube about its axis."""
 
     kind: Literal["tube_rotation"]
-    travel_rad: Range
-    max_velocity_rad_s: Positive
-    max_acceleration_rad_s2: Positive
-    quick_stop_deceleration_rad_s2: Positive
-    following_error_rad: Positive
-    homing_speed_rad_s: Positive = 0.2
 
 
 Axis = Annotated[

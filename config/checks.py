@@ -4,12 +4,11 @@ from collections.abc import Iterator, Mapping
 from copy import deepcopy
 from dataclasses import dataclass
 from itertools import combinations
-from math import pi
 from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from config.axis import Axis, Drive, LinearAxis, LinearStepper, TendonMotor, TubeRotation
+from config.axis import Axis, Drive, Quantity
 from config.bus import Bus
 from config.control import Supervision
 from config.emulation import Emulation, SoftArmPlant, TendonArmPlant
@@ -25,13 +24,6 @@ Finding = tuple[Location, str]
 _AXIS: TypeAdapter[Axis] = TypeAdapter(Axis)
 _POSITION_COUNTS = 2**31 - 1
 _UNSIGNED_COUNTS = 2**32 - 1
-_TOLD_IN_COUNTS = (
-    "max_velocity_",
-    "max_acceleration_",
-    "quick_stop_deceleration_",
-    "following_error_mm",
-    "following_error_rad",
-)
 _NODE_WIDE = (
     "eds",
     "vendor_id",
@@ -187,41 +179,32 @@ def _drive_findings(at: Location, drive: Drive, parts: Parts) -> Iterator[Findin
 
 
 def _axis_findings(at: Location, axis: Axis) -> Iterator[Finding]:
-    key, travel = _travel(axis)
-    if not travel[0] < travel[1]:
-        yield (*at, key), f"the lowest must come first and be lower, not {list(travel)}"
-    if isinstance(axis, TendonMotor) and not axis.min_tension_n < axis.max_tension_n:
-        yield (*at, "min_tension_n"), f"must be below max_tension_n ({axis.max_tension_n:g} N)"
+    for key, text in axis.problems():
+        yield (*at, key), text
     yield from _count_findings(at, axis)
 
 
 def _count_findings(at: Location, axis: Axis) -> Iterator[Finding]:
     """Drives are told positions in 32 bits with a sign, and all else in 32 bits without."""
-    per_turn = axis.travel_mm_per_turn if isinstance(axis, LinearAxis) else 2 * pi
-    counts_per_unit = axis.drive.counts_per_turn * axis.gear_ratio / per_turn
-    key, travel = _travel(axis)
-    if not max(map(abs, travel)) * counts_per_unit < _POSITION_COUNTS:
-        furthest = max(travel, key=abs)
+    counts_per_unit = abs(axis.counts_per_unit)
+    furthest = max(axis.travel, key=abs)
+    if not abs(furthest) * counts_per_unit < _POSITION_COUNTS:
         yield (
-            (*at, key),
+            (*at, axis.key("travel")),
             f"{furthest:g} is {furthest * counts_per_unit:.3g} counts of the drive, "
             "which has 32 bits for them: check counts_per_turn, gear_ratio and the unit",
         )
-    for name in type(axis).model_fields:
-        if not name.startswith(_TOLD_IN_COUNTS):
-            continue
-        counts = getattr(axis, name) * counts_per_unit
-        if not name.startswith("following_error"):
-            counts /= axis.drive.velocity_unit_counts_s
+    in_drive_units = counts_per_unit / axis.drive.velocity_unit_counts_s
+    told: dict[Quantity, float] = {
+        "max_velocity": axis.max_velocity * in_drive_units,
+        "max_acceleration": axis.max_acceleration * in_drive_units,
+        "quick_stop_deceleration": axis.quick_stop_deceleration * in_drive_units,
+        "following_error": axis.following_error * counts_per_unit,
+    }
+    for quantity, counts in told.items():
         if not counts < _UNSIGNED_COUNTS:
-            yield (*at, name), f"is {counts:.3g} units of the drive, which has 32 bits for them"
-
-
-def _travel(axis: Axis) -> tuple[str, tuple[float, float]]:
-    if isinstance(axis, LinearAxis):
-        return "travel_mm", axis.travel_mm
-    assert isinstance(axis, TubeRotation)
-    return "travel_rad", axis.travel_rad
+            text = f"is {counts:.3g} units of the drive, which has 32 bits for them"
+            yield (*at, axis.key(quantity)), text
 
 
 def _cylinder_findings(parts: Parts) -> Iterator[Finding]:
@@ -233,15 +216,15 @@ def _cylinder_findings(parts: Parts) -> Iterator[Finding]:
         text = f"{len(parts.axes)} axes cannot fill the {chambers} chambers of emulation.plant"
         yield ("axes",), text
     for index, axis in enumerate(parts.axes):
-        if axis is not None and not isinstance(axis, LinearStepper):
+        if axis is not None and axis.kind != "linear_stepper":
             yield ("axes", index, "kind"), "a soft_arm is moved by linear_stepper axes"
-        elif axis is not None and axis.bore_mm is None:
+        elif axis is not None and axis.piston_area_mm2 is None:
             yield ("axes", index, "bore_mm"), "is missing: the axis pushes a soft_arm's gas"
     volume_ml = parts.emulation.plant.cylinder_volume_ml
     for index, axis in enumerate(parts.axes):
-        if not isinstance(axis, LinearStepper) or axis.bore_mm is None:
+        if axis is None or axis.piston_area_mm2 is None:
             continue
-        pushed_ml = pi / 4 * axis.bore_mm**2 * axis.travel_mm[1] / 1000
+        pushed_ml = axis.piston_area_mm2 * axis.travel[1] / 1000
         if pushed_ml >= volume_ml:
             yield (
                 ("axes", index, "bore_mm"),
@@ -262,13 +245,13 @@ def _tendon_findings(parts: Parts) -> Iterator[Finding]:
     for index, axis in enumerate(parts.axes):
         if axis is None:
             continue
-        if not isinstance(axis, TendonMotor):
+        if axis.tension_range_n is None:
             yield ("axes", index, "kind"), "a tendon_arm is moved by tendon_motor axes"
-        elif not axis.min_tension_n < plant.pretension_n < axis.max_tension_n:
+        elif not axis.tension_range_n[0] < plant.pretension_n < axis.tension_range_n[1]:
             yield (
                 ("axes", index, "min_tension_n"),
                 f"emulation.plant.pretension_n, {plant.pretension_n:g} N, must lie between "
-                f"min_tension_n and max_tension_n ({axis.max_tension_n:g} N)",
+                f"min_tension_n and max_tension_n ({axis.tension_range_n[1]:g} N)",
             )
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from math import pi
 
-from config.axis import Axis, LinearAxis, LinearStepper, TendonMotor, TubeRotation
+from config.axis import Axis
 from safety.limits import CountLimits
 
 _MM3_PER_ML = 1000.0
@@ -54,45 +54,24 @@ class AxisScale:
 def axis_scale(axis: Axis) -> AxisScale:
     """The conversions that an axis' configuration implies."""
     sign = -1.0 if axis.drive.inverted else 1.0
-    counts_per_turn = sign * axis.drive.counts_per_turn * axis.gear_ratio
     torque_nmm = sign * axis.drive.rated_torque_nmm * axis.gear_ratio / 1000.0
-    if isinstance(axis, TubeRotation):
-        return AxisScale("rad", counts_per_turn / (2 * pi), None, torque_nmm)
-    per_turn = axis.travel_mm_per_turn
-    bore = axis.bore_mm if isinstance(axis, LinearStepper) else None
-    ml_per_mm = None if bore is None else pi * bore**2 / 4 / _MM3_PER_ML
-    return AxisScale("mm", counts_per_turn / per_turn, ml_per_mm, torque_nmm * 2 * pi / per_turn)
+    area_mm2 = axis.piston_area_mm2
+    return AxisScale(
+        axis.unit,
+        axis.counts_per_unit,
+        None if area_mm2 is None else area_mm2 / _MM3_PER_ML,
+        torque_nmm * 2 * pi / axis.units_per_turn,
+    )
 
 
 def count_limits(axis: Axis) -> CountLimits:
     """The limits of an axis in counts."""
     scale = axis_scale(axis)
-    if isinstance(axis, LinearAxis):
-        travel, velocity, acceleration, lag = (
-            axis.travel_mm,
-            axis.max_velocity_mm_s,
-            axis.max_acceleration_mm_s2,
-            axis.following_error_mm,
-        )
-    else:
-        travel, velocity, acceleration, lag = (
-            axis.travel_rad,
-            axis.max_velocity_rad_s,
-            axis.max_acceleration_rad_s2,
-            axis.following_error_rad,
-        )
-    lowest, highest = sorted(map(scale.counts, travel))
+    lowest, highest = sorted(map(scale.counts, axis.travel))
     return CountLimits(
         lowest,
         highest,
-        scale.magnitude(velocity),
-        scale.magnitude(acceleration),
-        scale.magnitude(lag),
+        scale.magnitude(axis.max_velocity),
+        scale.magnitude(axis.max_acceleration),
+        scale.magnitude(axis.following_error),
     )
-
-
-def tension_range_n(axis: Axis) -> tuple[float, float] | None:
-    """Slack and over-tension of a tendon in N; None for other axes."""
-    if isinstance(axis, TendonMotor):
-        return axis.min_tension_n, axis.max_tension_n
-    return None

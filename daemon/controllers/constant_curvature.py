@@ -3,13 +3,12 @@
 The robot is not one. Gravity and loads bend it otherwise, and feedback has to make up for that.
 """
 
-from math import cos, pi, sin
+from math import cos, sin
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
-from config.axis import LinearStepper
 from config.controllers import ConstantCurvature, GasChambers, VolumetricChambers
 from config.robot import Robot
 from daemon.control.controller import ControllerError, Observation, Proposal
@@ -329,9 +328,10 @@ def _bore_mm2(robot: Robot) -> Vector:
         )
     areas = []
     for axis in robot.axes:
-        if not isinstance(axis, LinearStepper) or axis.bore_mm is None:
+        area_mm2 = axis.piston_area_mm2
+        if area_mm2 is None:
             raise ControllerError(
                 f"constant_curvature is for cylinders, and {axis.name} is none: it has no bore_mm"
             )
-        areas.append(pi / 4.0 * axis.bore_mm**2)
+        areas.append(area_mm2)
     return np.array(areas)

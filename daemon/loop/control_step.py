@@ -19,7 +19,6 @@ from daemon.robot.axes import AxisRanges
 from daemon.supervision.supervisor import Supervisor
 from daemon.supervision.tracking_error import TrackingError
 from drivers.aurora.frame import TrackerFrame
-from drivers.axis_scale import tension_range_n
 from drivers.cia402.axis_channel import AxisChannel
 from drivers.cia402.drive_bus import DriveBus
 from drivers.clock import Clock
@@ -119,7 +118,7 @@ class ControlLoop:
         self._look_round = False
         box = robot.workspace
         self._workspace = () if box is None else (box.x_mm, box.y_mm, box.z_mm)
-        self._tendons = [tension_range_n(axis) is not None for axis in robot.axes]
+        self._tendons = [axis.tension_range_n is not None for axis in robot.axes]
         self._risk = risk
         self._risk_name = name_of(risk)
         self._tip_comparing = risk if isinstance(risk, TipComparing) else None

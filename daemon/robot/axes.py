@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from config.axis import Axis, TubeRotation
 from config.robot import Robot
 from drivers.pose import Vector
 
@@ -20,7 +19,8 @@ class AxisRanges:
 
     @classmethod
     def of(cls, robot: Robot) -> "AxisRanges":
-        columns = zip(*map(_limits, robot.axes), strict=True)
+        limits = [(*axis.travel, axis.max_velocity) for axis in robot.axes]
+        columns = zip(*limits, strict=True)
         lowest, highest, max_velocity = (np.array(column, np.float64) for column in columns)
         return cls(tuple(axis.name for axis in robot.axes), lowest, highest, max_velocity)
 
@@ -41,9 +41,3 @@ class AxisRanges:
         """The step, as a whole shortened until no axis is faster than it may be."""
         fastest = float(np.max(np.abs(step) / self.max_velocity))
         return np.asarray((1.0 if fastest <= dt_s else dt_s / fastest) * step)
-
-
-def _limits(axis: Axis) -> tuple[float, float, float]:
-    if isinstance(axis, TubeRotation):
-        return (*axis.travel_rad, axis.max_velocity_rad_s)
-    return (*axis.travel_mm, axis.max_velocity_mm_s)

@@ -11,7 +11,6 @@ from daemon.service.surroundings import Surroundings
 from daemon.supervision.supervisor import Supervisor
 from daemon.supervision.watchdogs import FollowingError
 from drivers.aurora.tracker import AuroraTracker
-from drivers.axis_scale import tension_range_n
 from safety.states import OperatingState
 
 _FEW_MISSED_PER_S = 2
@@ -55,7 +54,7 @@ class Lookout:
         self._tendons = [
             (channel, limits)
             for channel in loop.channels
-            if (limits := tension_range_n(channel.axis)) is not None
+            if (limits := channel.axis.tension_range_n) is not None
         ]
         self._missing_cycles, self._missed_before = False, 0
         self._free_mb: float | None = None

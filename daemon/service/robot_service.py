@@ -28,7 +28,7 @@ from daemon.service.status import StatusReport
 from daemon.service.surroundings import Surroundings
 from daemon.supervision.supervisor import Supervisor
 from drivers.aurora.frame import TrackerFrame
-from drivers.axis_scale import axis_scale, count_limits, tension_range_n
+from drivers.axis_scale import axis_scale, count_limits
 from drivers.cia402.drive_bus import DriveBus
 from drivers.conditions import ConditionChange
 from safety.gate import Gate
@@ -269,7 +269,7 @@ class RobotService:
         return Gate(
             [count_limits(axis) for axis in axes],
             [axis_scale(axis).counts_per_unit for axis in axes],
-            [tension_range_n(axis) for axis in axes],
+            [axis.tension_range_n for axis in axes],
             self.surroundings.risk,
             risk.threshold,
             risk.latest_after_s,

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final, Protocol
 
-from config.axis import Axis, LinearAxis
+from config.axis import Axis
 from config.bus import Bus
-from drivers.axis_scale import AxisScale, axis_scale, count_limits
+from drivers.axis_scale import axis_scale, count_limits
 from drivers.cia402 import objects
 from drivers.cia402.modes import MODES
 
@@ -125,7 +125,7 @@ def _limits(axis: Axis, setting: _MakeSetting) -> Iterator[Setting]:
     yield setting(objects.SOFTWARE_POSITION_LIMIT, lowest, "lowest position", Need.SAFETY, 1)
     yield setting(objects.SOFTWARE_POSITION_LIMIT, highest, "highest position", Need.SAFETY, 2)
     yield setting(objects.MAX_TORQUE, axis.drive.max_torque_permille, "most torque", Need.SAFETY)
-    deceleration = _in_drive_units(axis, _quick_stop_deceleration(axis, scale))
+    deceleration = _in_drive_units(axis, scale.magnitude(axis.quick_stop_deceleration))
     yield setting(objects.QUICK_STOP_DECELERATION, deceleration, "quick stop ramp")
     velocity = _in_drive_units(axis, limits.max_velocity)
     acceleration = _in_drive_units(axis, limits.max_acceleration)
@@ -134,12 +134,6 @@ def _limits(axis: Axis, setting: _MakeSetting) -> Iterator[Setting]:
     yield setting(objects.PROFILE_VELOCITY, velocity, "profile velocity", profiled)
     yield setting(objects.PROFILE_ACCELERATION, acceleration, "profile acceleration", profiled)
     yield setting(objects.PROFILE_DECELERATION, acceleration, "profile deceleration", profiled)
-
-
-def _quick_stop_deceleration(axis: Axis, scale: AxisScale) -> int:
-    if isinstance(axis, LinearAxis):
-        return scale.magnitude(axis.quick_stop_deceleration_mm_s2)
-    return scale.magnitude(axis.quick_stop_deceleration_rad_s2)
 
 
 def _in_drive_units(axis: Axis, counts: int) -> int:

@@ -6,7 +6,7 @@ from contextlib import suppress
 from enum import Enum
 from typing import Final
 
-from config.axis import Axis, LinearAxis
+from config.axis import Axis
 from drivers.canopen.object_dictionary import ObjectDictionary
 from drivers.canopen.sdo_client import SdoClient, SdoError
 from drivers.cia402 import objects
@@ -174,5 +174,4 @@ class Homing:
 
 def _homing_speed(axis: Axis, channel: AxisChannel) -> int:
     """Counts/s."""
-    speed = axis.homing_speed_mm_s if isinstance(axis, LinearAxis) else axis.homing_speed_rad_s
-    return channel.scale.magnitude(speed)
+    return channel.scale.magnitude(axis.homing_speed)

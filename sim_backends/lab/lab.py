@@ -10,11 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from config.axis import Axis, LinearAxis, LinearStepper, TendonMotor
+from config.axis import Axis
 from config.emulation import Emulation, TendonArmPlant
 from config.paths import eds_path
 from config.robot import Robot
-from drivers.axis_scale import axis_scale
 from drivers.clock import Clock
 from drivers.pose import Pose
 from sim_backends.devices.aurora.device import EmulatedAurora
@@ -156,18 +155,18 @@ def plant_of(emulation: Emulation, robot: Robot) -> Plant:
     """The body of this robot, at rest. Raises LabError where its axes cannot move it."""
     if isinstance(emulation.plant, TendonArmPlant):
         return _tendon_arm(emulation.plant, robot)
-    bores = [axis.bore_mm if isinstance(axis, LinearStepper) else None for axis in robot.axes]
-    if None in bores:
+    pistons_mm2 = [axis.piston_area_mm2 for axis in robot.axes]
+    if None in pistons_mm2:
         raise LabError("a soft arm needs linear_stepper axes with a bore_mm: they push its gas")
     try:
-        return SoftArm(emulation.plant, [bore for bore in bores if bore is not None])
+        return SoftArm(emulation.plant, [area for area in pistons_mm2 if area is not None])
     except (ValueError, PlantError) as error:
         raise LabError(f"this soft arm cannot be at rest: {error}") from None
 
 
 def _tendon_arm(plant: TendonArmPlant, robot: Robot) -> Plant:
-    motors = [axis for axis in robot.axes if isinstance(axis, TendonMotor)]
-    if not len(motors) == len(robot.axes) == len(plant.tendons):
+    pulling = [axis.tension_range_n is not None for axis in robot.axes]
+    if not all(pulling) or len(pulling) != len(plant.tendons):
         raise LabError(
             f"a tendon arm needs a tendon_motor axis for each of its {len(plant.tendons)} tendons"
         )
@@ -210,9 +209,8 @@ def _mechanics(axes: list[Axis]) -> list[AxisMechanics]:
 
 def _axis_mechanics(axis: Axis) -> AxisMechanics:
     """Stops and switches a little beyond the travel; the lab's zero is the axis' own."""
-    travel = axis.travel_mm if isinstance(axis, LinearAxis) else axis.travel_rad
+    travel, per_unit = axis.travel, axis.counts_per_unit
     margin = _BEYOND_TRAVEL * (travel[1] - travel[0])
-    per_unit = axis_scale(axis).counts_per_unit
     low, high = sorted(((travel[0] - margin) * per_unit, (travel[1] + margin) * per_unit))
     return AxisMechanics(
         counts_per_turn=axis.drive.counts_per_turn,

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from config.axis import Axis, LinearAxis
+from config.axis import Axis
 from sim_backends.plants.plant import FloatArray
 
 Play = Callable[[float], FloatArray]
@@ -21,7 +21,7 @@ def sway(axes: Sequence[Axis]) -> Play:
 
     Chambers or tendons at 120° then make the body circle.
     """
-    low, high = np.array([_travel(axis) for axis in axes]).T
+    low, high = np.array([axis.travel for axis in axes]).T
     phases = 2 * np.pi / 3 * np.arange(len(axes))
 
     def positions(t_s: float) -> FloatArray:
@@ -34,7 +34,3 @@ def sway(axes: Sequence[Axis]) -> Play:
 
 
 PLAYS: dict[str, Callable[[Sequence[Axis]], Play]] = {"sway": sway}
-
-
-def _travel(axis: Axis) -> tuple[float, float]:
-    return axis.travel_mm if isinstance(axis, LinearAxis) else axis.travel_rad

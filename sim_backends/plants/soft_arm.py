@@ -57,11 +57,11 @@ class _Memory(NamedTuple):
 class SoftArm:
     """A `Plant` of six actuators: proximal chambers 1 to 3, then distal chambers 1 to 3."""
 
-    def __init__(self, config: SoftArmPlant, cylinder_bore_mm: Sequence[float]) -> None:
-        if len(cylinder_bore_mm) != CHAMBERS:
-            raise ValueError(f"the arm needs {CHAMBERS} cylinder bores, not {cylinder_bore_mm}")
+    def __init__(self, config: SoftArmPlant, piston_area_mm2: Sequence[float]) -> None:
+        if len(piston_area_mm2) != CHAMBERS:
+            raise ValueError(f"the arm needs {CHAMBERS} pistons, not {piston_area_mm2}")
         self._config = config
-        self._piston_mm2 = np.pi / 4.0 * np.asarray(cylinder_bore_mm, dtype=np.float64) ** 2
+        self._piston_mm2 = np.asarray(piston_area_mm2, dtype=np.float64)
         self._cylinder_mm3 = 1e3 * config.cylinder_volume_ml
         """With the piston at zero."""
         self._tube_mm3 = 1e3 * config.tube_volume_ml

@@ -13,7 +13,7 @@ from sim_backends.plants.shooting import ConstantPull, Problem, Solver, warm_up
 from sim_backends.plants.soft_arm import SoftArm
 from tests.benchmarks.timing import Figures, pieces
 
-BORE_MM = 25.0
+PISTON_MM2 = np.pi / 4.0 * 25.0**2
 STROKE_MM = 50.0
 PERIOD_S = 0.025
 STEP_MM = 0.25
@@ -41,7 +41,7 @@ def measure(tiny: bool = False) -> Figures:
 
 
 def _arm(positions: Iterable[FloatArray], loads: Iterable[TipLoad]) -> Figures:
-    arm = SoftArm(SoftArmPlant(kind="soft_arm"), [BORE_MM] * 6)
+    arm = SoftArm(SoftArmPlant(kind="soft_arm"), [PISTON_MM2] * 6)
     return _timed(
         partial(arm.step, position, load, PERIOD_S)
         for position, load in zip(positions, loads, strict=True)

@@ -22,7 +22,7 @@ from daemon.host.clock import MonotonicClock
 from daemon.risk.body_risk_source import make_risk_source
 from daemon.risk.mesh_file import write_mesh
 from daemon.workbench.body_model.evaluation.shapes import CHEST_PORT, chest
-from drivers.axis_scale import axis_scale, count_limits, tension_range_n
+from drivers.axis_scale import axis_scale, count_limits
 from safety.gate import Gate, Measured
 from safety.risk.body_point import BodyPointRisk
 from safety.risk.contact import ContactModel
@@ -157,7 +157,7 @@ def _gate(triangles: int, repeats: int) -> Figures:
         source = make_risk_source(file, MonotonicClock())
     axes, risk = file.robot.axes, file.robot.risk
     scales = [axis_scale(axis).counts_per_unit for axis in axes]
-    tensions = [tension_range_n(axis) for axis in axes]
+    tensions = [axis.tension_range_n for axis in axes]
     limits = [count_limits(axis) for axis in axes]
     gate = Gate(limits, scales, tensions, source, risk.threshold, risk.latest_after_s)
     at, t_ns, durations, refused = [0] * len(axes), 0, [], 0

@@ -1,15 +1,18 @@
 """Counts, mm, rad, mL and N of each kind of axis."""
 
+import ast
 from math import pi
-from typing import Any
+from pathlib import Path
+from typing import Any, Literal, cast, get_args
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
-from config.axis import Axis
-from drivers.axis_scale import axis_scale, count_limits, tension_range_n
+import config.axis
+from config.axis import Axis, LinearAxis, Quantity
+from drivers.axis_scale import axis_scale, count_limits
 
 DRIVE = {"bus": "can0", "node": 1, "counts_per_turn": 4000, "rated_torque_nmm": 400.0}
 LINEAR = {
@@ -61,8 +64,8 @@ def test_a_spool_turns_torque_into_tension() -> None:
     scale = axis_scale(TENDON)
     assert scale.counts(2 * pi * 5.0) == 40_000
     assert scale.force(500) == pytest.approx(0.5 * 400.0 * 10.0 / 5.0)
-    assert tension_range_n(TENDON) == (0.5, 20.0)
-    assert tension_range_n(CYLINDER) is None
+    assert TENDON.tension_range_n == (0.5, 20.0)
+    assert CYLINDER.tension_range_n is None
 
 
 def test_a_rotation_is_measured_in_rad_and_newton_millimetres() -> None:
@@ -99,3 +102,49 @@ def test_there_and_back_is_within_half_a_count(position: float, one: Axis) -> No
     scale = axis_scale(one)
     half_a_count = abs(scale.position(0.5))
     assert scale.position(scale.counts(position)) == pytest.approx(position, abs=half_a_count)
+
+
+class Carriage(LinearAxis):
+    """A kind of axis that nothing but its class knows: a rack and its pinion."""
+
+    kind: Literal["carriage"] = "carriage"
+    pinion_teeth: int
+    pitch_mm: float
+
+    @property
+    def units_per_turn(self) -> float:
+        return self.pinion_teeth * self.pitch_mm
+
+
+def test_an_axis_of_a_new_kind_needs_its_class_alone() -> None:
+    one = Carriage.model_validate(
+        {"drive": DRIVE, **LINEAR, "pinion_teeth": 20, "pitch_mm": 2.0, "gear_ratio": 5.0}
+    )
+    scale, limits = axis_scale(cast(Axis, one)), count_limits(cast(Axis, one))
+    assert (scale.unit, scale.counts(40.0), scale.ml_per_mm) == ("mm", 20_000, None)
+    assert (limits.lowest, limits.highest, limits.max_velocity) == (-5_000, 25_000, 5_000)
+    assert scale.force(1000) == pytest.approx(0.4 * 5.0 * 2 * pi / 0.04)
+    assert (one.tension_range_n, one.piston_area_mm2, one.multi_turn) == (None, None, False)
+    assert one.key("quick_stop_deceleration") == "quick_stop_deceleration_mm_s2"
+
+
+@pytest.mark.parametrize("one", [CYLINDER, TENDON, ROTATION], ids=lambda one: one.kind)
+def test_the_keys_of_the_unit_free_face_are_those_of_the_file(one: Axis) -> None:
+    for quantity in get_args(Quantity):
+        assert getattr(one, quantity) == getattr(one, one.key(quantity))
+
+
+def test_only_a_rotation_of_more_than_a_turn_comes_to_an_angle_twice() -> None:
+    twice = ROTATION.model_copy(update={"travel_rad": (-2 * pi, 2 * pi)})
+    assert (twice.multi_turn, ROTATION.multi_turn, CYLINDER.multi_turn) == (True, False, False)
+    assert count_limits(twice).highest == 4000
+
+
+def test_nobody_else_asks_an_axis_for_its_kind() -> None:
+    """A kind of axis is known to config/axis.py alone: all others use the unit-free face."""
+    kinds = {kind.__name__ for kind in get_args(get_args(Axis)[0])} | {"LinearAxis", "RotaryAxis"}
+    root = Path(config.axis.__file__).parents[1]
+    for floor in ("config", "safety", "drivers", "sim_backends", "daemon"):
+        for path in (root / floor).rglob("*.py"):
+            names = {n.id for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Name)}
+            assert path.name == "axis.py" or not names & kinds, path

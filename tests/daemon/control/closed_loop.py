@@ -30,7 +30,7 @@ DT_S = 0.025
 NOISE_MM = 0.2
 BLEND_MM_S = 10.0
 EXPLORE_FRAMES = 40_000
-BORE_MM = 25.0
+PISTON_MM2 = np.pi / 4.0 * 25.0**2
 LEARN_CALLS = 2
 """In a frame: once after every bus cycle, or a little less."""
 
@@ -64,7 +64,7 @@ def soft_arm(body: int = 0) -> SoftArm:
     assert ROBOT.emulation is not None
     plant = ROBOT.emulation.plant
     assert isinstance(plant, SoftArmPlant)
-    return SoftArm(variation(plant, body) if body else plant, [BORE_MM] * 6)
+    return SoftArm(variation(plant, body) if body else plant, [PISTON_MM2] * 6)
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ STEPS = 120
 
 def arms(plant: SoftArmPlant) -> tuple[SoftArm, SoftArm]:
     """Twice the same arm; the second one has the general solver."""
-    quick, general = SoftArm(plant, [25.0] * 6), SoftArm(plant, [25.0] * 6)
+    quick, general = SoftArm(plant, [490.87] * 6), SoftArm(plant, [490.87] * 6)
     assert isinstance(quick._solver, ChamberSolver)
     general._solver = Solver(general._rod, TOLERANCE)
     return quick, general

@@ -22,7 +22,7 @@ from tests.sim_backends.plants.rods import equilibrium
 
 PAPER = SoftArmPlant(kind="soft_arm")
 STATIC = PAPER.model_copy(update={"hysteresis": 0.0, "creep": 0.0})
-BORE_MM = 25.0
+PISTON_MM2 = np.pi / 4.0 * 25.0**2
 STROKE_MM = 50.0
 PERIOD_S = 0.025
 LONG_S = 1e6
@@ -30,7 +30,7 @@ FREE = TipLoad()
 
 
 def built(plant: SoftArmPlant = PAPER) -> SoftArm:
-    return SoftArm(plant, [BORE_MM] * 6)
+    return SoftArm(plant, [PISTON_MM2] * 6)
 
 
 def moved(
@@ -78,7 +78,7 @@ def test_left_alone_it_stands_straight_under_its_pre_pressure() -> None:
 
 def test_a_piston_feels_the_gauge_pressure_on_its_bore_pushing_it_back() -> None:
     at_rest = moved(built(), [0.0] * 6).actuator_forces
-    np.testing.assert_allclose(at_rest, 0.04 * np.pi / 4 * BORE_MM**2, rtol=1e-9)
+    np.testing.assert_allclose(at_rest, 0.04 * PISTON_MM2, rtol=1e-9)
     pushed = settled(PAPER, [20.0, 0, 0, 0, 0, 0]).actuator_forces
     assert pushed[0] > 2 * at_rest[0]
 
@@ -124,7 +124,7 @@ def test_the_enclosed_gas_is_kept_through_any_motion() -> None:
     walk = random_walk(3, 300)
     supply = 1e3 * (PAPER.cylinder_volume_ml + PAPER.tube_volume_ml)
     amount = (ATMOSPHERE_MPA + 0.04) * (supply + PAPER.chamber_area_mm2 * arm.chamber_length_mm)
-    piston = np.pi / 4 * BORE_MM**2
+    piston = PISTON_MM2
     for k, actuators in enumerate(walk):
         state = moved(arm, actuators, TipLoad(20.0 if k > 150 else 0.0))
         in_cylinder = (state.actuator_forces / piston + ATMOSPHERE_MPA) * (
@@ -329,13 +329,13 @@ def test_thirty_times_the_load_of_the_paper_leaves_it_hanging_somewhere() -> Non
         assert np.isfinite(state.centreline_mm).all()
 
 
-def test_it_needs_one_bore_per_chamber() -> None:
-    with pytest.raises(ValueError, match="6 cylinder bores"):
+def test_it_needs_one_piston_per_chamber() -> None:
+    with pytest.raises(ValueError, match="6 pistons"):
         SoftArm(PAPER, [16.0] * 5)
 
 
-def test_a_larger_bore_bends_it_further() -> None:
-    small, large = (SoftArm(PAPER, [bore] * 6) for bore in (16.0, 25.0))
+def test_a_larger_piston_bends_it_further() -> None:
+    small, large = (SoftArm(PAPER, [np.pi / 4.0 * bore**2] * 6) for bore in (16.0, 25.0))
     tips = [
         moved(arm, [15.0, 0, 0, 0, 0, 0], FREE, LONG_S).tip.position_mm[0] for arm in (small, large)
     ]

@@ -12,7 +12,6 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from config.axis import TendonMotor
 from config.emulation import TendonArmPlant
 from config.robot import Robot
 from daemon.robot.axes import AxisRanges
@@ -107,12 +106,7 @@ class Candidates:
         self._manifold = manifold_of(robot)
         self._ranges = AxisRanges.of(robot)
         self._workspace = robot.workspace
-        self._limits = [
-            (axis.min_tension_n, axis.max_tension_n)
-            if isinstance(axis, TendonMotor)
-            else (-np.inf, np.inf)
-            for axis in robot.axes
-        ]
+        self._limits = [axis.tension_range_n or (-np.inf, np.inf) for axis in robot.axes]
         self._plant = plant_of(robot.emulation, robot)
         self._load = TipLoad(robot.emulation.tip_load_g)
         self._seed = seed
