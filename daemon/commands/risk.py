@@ -65,26 +65,26 @@ def run(arguments: argparse.Namespace) -> int:
         mixture = read_mixture(arguments.mixture)
         if mixture.dimensions != 3:
             raise MixtureError(f"{arguments.mixture}: means have 3 coordinates")
-        surroundings = read_environment(arguments.mesh, arguments.free, unit=arguments.unit)
+        environment = read_environment(arguments.mesh, arguments.free, unit=arguments.unit)
     except (MixtureError, EnvironmentFaultError) as error:
         print(error, file=sys.stderr)
         return EXIT_FAILED
-    risk = BodyPointRisk(surroundings)
+    risk = BodyPointRisk(environment)
     bounds, value = risk.bounds(mixture), risk.near_exact(mixture)
     if bounds.mean_in_solid.all():
-        other = "outside" if surroundings.solid_around else "inside"
+        other = "outside" if environment.solid_around else "inside"
         print(
             f"every mean is in something solid; if {arguments.mesh} is free on the other side, "
             f"say --free {other}",
             file=sys.stderr,
         )
-    print(json.dumps(_told(mixture, surroundings, bounds, value), indent=2))
+    print(json.dumps(_told(mixture, environment, bounds, value), indent=2))
     return EXIT_OK
 
 
 def _told(
     mixture: "Mixture",
-    surroundings: "Environment",
+    environment: "Environment",
     bounds: "BodyPointBounds",
     value: "BodyPointValue",
 ) -> dict[str, Any]:
@@ -105,8 +105,8 @@ def _told(
         "certified_bound": bounds.certified,
         "near_exact": value.value,
         "what": "probability that a random point of the body is in something solid",
-        "free": "inside" if surroundings.solid_around else "outside",
-        "triangles": len(surroundings.triangles),
+        "free": "inside" if environment.solid_around else "outside",
+        "triangles": len(environment.triangles),
         "components": components,
     }
 

@@ -24,11 +24,11 @@ from daemon.robot.checked_robot import CheckedRobot, add_robot_argument, robot_o
 from daemon.robot.connections import RealConnections
 from daemon.robot.lab_connections import LabRefusedError, LabUnreachableError, ask
 from daemon.robot.runtime_directory import default_runtime_directory, uses_lab, with_lab_ports
-from daemon.service.asked import in_a_thread
+from daemon.service.dependencies import Dependencies
+from daemon.service.motion_loader import in_a_thread
 from daemon.service.operator import Operator
 from daemon.service.robot_service import RobotService
 from daemon.service.run_recording import MakeFolder, RunRecording
-from daemon.service.surroundings import Surroundings
 from drivers.bounded import end_tasks
 from drivers.can.bus_lock import BusTakenError, check_buses_are_free
 from drivers.canopen.object_dictionary import EdsError
@@ -101,7 +101,7 @@ async def _serve(checked: CheckedRobot, arguments: argparse.Namespace, risk: Ris
     robot = checked.file.robot
     directory = arguments.runtime_dir or default_runtime_directory(robot.robot)
     simulated = uses_lab(robot)
-    surroundings = Surroundings(
+    dependencies = Dependencies(
         RealConnections(clock),
         clock,
         FlightRecorder(),
@@ -111,9 +111,9 @@ async def _serve(checked: CheckedRobot, arguments: argparse.Namespace, risk: Ris
         runs=arguments.runs,
     )
     warm_up()
-    if surroundings.real_time is not None:
-        surroundings.real_time.prepare()
-    service = RobotService(checked.file, with_lab_ports(robot, directory), surroundings)
+    if dependencies.real_time is not None:
+        dependencies.real_time.prepare()
+    service = RobotService(checked.file, with_lab_ports(robot, directory), dependencies)
     make_folder = _folder_maker(checked, arguments.runs, clock, arguments.seed)
     recording = RunRecording(service, make_folder, arguments.seed)
     inject = _injector(directory) if simulated else None
@@ -129,7 +129,7 @@ async def _serve(checked: CheckedRobot, arguments: argparse.Namespace, risk: Ris
         robot_file_dir=checked.file.path.parent,
     )
     await server.open()
-    surroundings.listeners.add(server.publish)
+    dependencies.subscribers.add(server.publish)
     try:
         check_buses_are_free(with_lab_ports(robot, directory).buses.values())
         await _live(service, recording, stop, f"{robot.robot} in {directory}")

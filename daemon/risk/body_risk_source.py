@@ -147,9 +147,9 @@ def make_risk_source(
                 f"{load_g:g} g: train one with that load, or go without a model"
             )
     try:
-        surroundings = _environment(settings.surface, mesh_path)
-        grid = cached_grid(surroundings, settings.surface.grid_mm, radius_mm + _MARGIN_MM)
-        risk = BodyRisk(read.model, surroundings, grid, settings.samples)
+        environment = _environment(settings.surface, mesh_path)
+        grid = cached_grid(environment, settings.surface.grid_mm, radius_mm + _MARGIN_MM)
+        risk = BodyRisk(read.model, environment, grid, settings.samples)
     except (EnvironmentFaultError, ValueError) as error:
         raise RiskFilesError(str(error)) from None
     name = f"{model_path.name}, {mesh_path.name}"

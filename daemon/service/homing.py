@@ -8,7 +8,7 @@ import asyncio
 from collections.abc import Coroutine, Sequence
 from typing import Final
 
-from daemon.service.asked import RefusedError
+from daemon.service.motion_loader import CommandRefusedError
 from daemon.service.robot_service import RobotService
 from drivers.cia402.axis_channel import AxisChannel
 from drivers.cia402.homing import HomingError
@@ -37,10 +37,12 @@ class RobotHoming:
         unknown = [name for name in names if name not in self._channels]
         if unknown:
             there = ", ".join(self._channels)
-            raise RefusedError("bad_axis", f"there is no axis {unknown[0]}: there are {there}")
+            raise CommandRefusedError(
+                "bad_axis", f"there is no axis {unknown[0]}: there are {there}"
+            )
         wanted = set(names) or {n for n, one in self._channels.items() if not one.referenced}
         if not wanted:
-            raise RefusedError(
+            raise CommandRefusedError(
                 "nothing_to_home",
                 "every axis knows its zero: name those that shall look for it all the same",
             )
@@ -49,7 +51,7 @@ class RobotHoming:
         left_out = [name for name in self._channels if name in wanted - ordered]
         if left_out:
             names = ", ".join(left_out)
-            raise RefusedError("no_order", f"{names}: not in homing_order of the robot file")
+            raise CommandRefusedError("no_order", f"{names}: not in homing_order of the robot file")
         return [[self._channels[name] for name in group] for group in groups if group]
 
     async def home(self, groups: Sequence[Sequence[AxisChannel]]) -> None:
@@ -67,7 +69,7 @@ class RobotHoming:
             await self._end()
         if failed or stopped:
             why = "; ".join(failed) or "it was stopped"
-            raise RefusedError("not_homed", why, supervisor.stopped_by if stopped else ())
+            raise CommandRefusedError("not_homed", why, supervisor.stopped_by if stopped else ())
 
     @property
     def _going_on(self) -> bool:

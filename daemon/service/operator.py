@@ -36,8 +36,8 @@ from daemon.messages import (
 from daemon.recording.flight_recorder import RecordingError
 from daemon.reference.reference import TrajectoryReference
 from daemon.reference.trajectories import Trajectory
-from daemon.service.asked import Asked, OffTheLoop, RefusedError, at_once
 from daemon.service.homing import RobotHoming
+from daemon.service.motion_loader import CommandRefusedError, MotionLoader, OffTheLoop, at_once
 from daemon.service.robot_service import AT_REST_WITHIN_S, RobotService
 from daemon.service.run_recording import RunRecording
 from daemon.service.setpoints import Setpoints
@@ -87,7 +87,7 @@ class Operator:
         self.loaded: Loaded | None = None
         self._service = service
         self._recording = recording
-        self._asked = Asked(service.robot, seed, files, off_the_loop)
+        self._loader = MotionLoader(service.robot, seed, files, off_the_loop)
         self._inject_fault = inject
         self._homing = RobotHoming(service)
         self._preparing = False
@@ -96,7 +96,7 @@ class Operator:
         self._setpoints: Setpoints | None = None
         self._following: TrajectoryReference | None = None
         service.reference_status = self._reference_status
-        service.lookout.setpoint_age_s = self._setpoint_age_s
+        service.monitors.setpoint_age_s = self._setpoint_age_s
         self._verbs: dict[type[Command], Callable[[str, Any], Awaitable[Answer]]] = {
             Acquire: self._acquire,
             Release: self._release,
@@ -121,7 +121,7 @@ class Operator:
             if not isinstance(command, Acquire | Stop):
                 self._check_lease(user, command)
             return await self._verbs[type(command)](user, command)
-        except RefusedError as refused:
+        except CommandRefusedError as refused:
             now_ns = self._service.clock.now_ns()
             reasons = [explained(reason, now_ns) for reason in refused.reasons]
             return self._refusal(command, refused, reasons)
@@ -148,18 +148,18 @@ class Operator:
 
     async def load(self, trajectory: Trajectory, options: ControllerOptions) -> None:
         """Make ready what `start` will follow. Raises RefusedError."""
-        controller = self._asked.make_controller(options)
-        await self._load_checked(trajectory, controller, self._asked.bounds(options, controller))
+        controller = self._loader.make_controller(options)
+        await self._load_checked(trajectory, controller, self._loader.bounds(options, controller))
 
     async def _load_checked(
         self, trajectory: Trajectory, controller: Controller, bounds: Bounds
     ) -> None:
         for why in looks(trajectory, bounds):
             if why is not None:
-                raise RefusedError("unreachable", why)
+                raise CommandRefusedError("unreachable", why)
             await asyncio.sleep(0)  # the bus cycle goes on in between
         if self._service.supervisor.running:
-            raise RefusedError("wrong_state", "the robot was started meanwhile")
+            raise CommandRefusedError("wrong_state", "the robot was started meanwhile")
         self.loaded = Loaded(trajectory, controller)
 
     # The verbs.
@@ -169,12 +169,14 @@ class Operator:
         token = service.lease.acquire(user, command.token, now_ns)
         if token is None:
             holder = service.lease.holder(now_ns)
-            raise RefusedError("lease_taken", f"{holder} has the lease; it ends when not renewed")
+            raise CommandRefusedError(
+                "lease_taken", f"{holder} has the lease; it ends when not renewed"
+            )
         return self._answer(command, token=token, expires_in_s=service.lease.expires_in_s(now_ns))
 
     async def _release(self, user: str, command: Release) -> Answer:
         if self._service.supervisor.energised:
-            raise RefusedError("wrong_state", "the drives are energised: disarm first")
+            raise CommandRefusedError("wrong_state", "the drives are energised: disarm first")
         self._service.lease.release(command.token, user, self._service.clock.now_ns())
         return self._answer(command)
 
@@ -188,7 +190,9 @@ class Operator:
         while supervisor.arming:
             await asyncio.sleep(_LOOK_EVERY_S)
         if not supervisor.state.energised:
-            raise RefusedError("not_armed", "the drives were not enabled", supervisor.blocking)
+            raise CommandRefusedError(
+                "not_armed", "the drives were not enabled", supervisor.blocking
+            )
         return self._answer(command)
 
     async def _home(self, user: str, command: Home) -> Answer:
@@ -207,12 +211,12 @@ class Operator:
             await self._check_settings(request)
             await self._recording.begin()
         except RecordingError as error:
-            raise RefusedError("not_recording", str(error)) from None
+            raise CommandRefusedError("not_recording", str(error)) from None
         finally:
             self._preparing = False
         # Starting a recording takes a while, in which anything may have happened.
         if self._stops != stops_before:
-            raise RefusedError("stopped", "it was stopped meanwhile")
+            raise CommandRefusedError("stopped", "it was stopped meanwhile")
         self._check_lease(user, command)
         self._check_can_begin(request)
 
@@ -221,18 +225,18 @@ class Operator:
         wrong = await self._service.check_settings()
         if wrong:
             reasons = self._service.supervisor.blocking
-            raise RefusedError("settings_differ", "; ".join(wrong), reasons)
+            raise CommandRefusedError("settings_differ", "; ".join(wrong), reasons)
         self._check_possible(request)
 
     def _check_contact(self) -> None:
         """A body that touches something is not energised unawares."""
         why = self._service.loop.refuses_rest()
         if why:
-            raise RefusedError("contact", f"{why}. {_CONTACT_REMEDY}")
+            raise CommandRefusedError("contact", f"{why}. {_CONTACT_REMEDY}")
 
     def _check_can_begin(self, request: Request) -> None:
         if self._preparing:
-            raise RefusedError("wrong_state", "the robot is being armed or homed already")
+            raise CommandRefusedError("wrong_state", "the robot is being armed or homed already")
         self._check_possible(request)
 
     async def _disarm(self, user: str, command: Disarm) -> Answer:
@@ -246,15 +250,15 @@ class Operator:
     async def _load(self, user: str, command: Load) -> Answer:
         del user
         if self._service.supervisor.running:
-            raise RefusedError("wrong_state", "the robot is moving: hold or stop it first")
-        trajectory, controller, bounds = await self._asked.to_follow(command)
+            raise CommandRefusedError("wrong_state", "the robot is moving: hold or stop it first")
+        trajectory, controller, bounds = await self._loader.to_follow(command)
         await self._load_checked(trajectory, controller, bounds)
         return self._answer(command, text=f"{trajectory.kind}, {trajectory.duration_s:g} s")
 
     async def _start(self, user: str, command: Start) -> Answer:
         del user
         if self.loaded is None:
-            raise RefusedError("nothing_loaded", "load a trajectory first")
+            raise CommandRefusedError("nothing_loaded", "load a trajectory first")
         self.start()
         return self._answer(command)
 
@@ -271,10 +275,10 @@ class Operator:
     async def _teleoperate(self, user: str, command: Teleoperate) -> Answer:
         self._check_possible(Request.START)
         stops_before = self._stops
-        controller = await self._asked.controller(command.controller)
+        controller = await self._loader.controller(command.controller)
         # Reading a model takes a while, in which anything may have happened.
         if self._stops != stops_before:
-            raise RefusedError("stopped", "it was stopped meanwhile")
+            raise CommandRefusedError("stopped", "it was stopped meanwhile")
         self._check_lease(user, command)
         self._check_possible(Request.START)
         now_ns = self._service.clock.now_ns()
@@ -297,10 +301,12 @@ class Operator:
         self._check_possible(Request.RESUME)
         reference = self._service.loop.reference
         if reference is None or reference.finished:
-            raise RefusedError("nothing_to_resume", "nothing was held: load and start")
+            raise CommandRefusedError("nothing_to_resume", "nothing was held: load and start")
         self.try_to_resume()
         if not supervisor.running:
-            raise RefusedError("held", "what stopped the motion still holds", supervisor.blocking)
+            raise CommandRefusedError(
+                "held", "what stopped the motion still holds", supervisor.blocking
+            )
         return self._answer(command)
 
     def try_to_resume(self) -> None:
@@ -319,7 +325,7 @@ class Operator:
         self._check_lease(user, command)
         self._check_possible(Request.CLEAR)
         if left := await self._cleared():
-            raise RefusedError("still_wrong", "the cause has to go first", left)
+            raise CommandRefusedError("still_wrong", "the cause has to go first", left)
         await self._pass(lambda: self._only_for_a_moment or self._still_on, _READY_WITHIN_S)
         names = dict.fromkeys(reason.cause.name for reason in supervisor.blocking)
         return self._answer(command, text=f"not ready yet: {', '.join(names)}" if names else "")
@@ -361,11 +367,11 @@ class Operator:
     async def _inject(self, user: str, command: Inject) -> Answer:
         del user
         if self._inject_fault is None:
-            raise RefusedError("real_hardware", "faults are for emulated devices only")
+            raise CommandRefusedError("real_hardware", "faults are for emulated devices only")
         try:
             await self._inject_fault(command.fault)
         except ValueError as error:
-            raise RefusedError("bad_fault", str(error)) from None
+            raise CommandRefusedError("bad_fault", str(error)) from None
         return self._answer(command)
 
     # What the verbs share.
@@ -393,7 +399,7 @@ class Operator:
             if holder is None
             else f"the lease is {holder}'s, and this is not its token"
         )
-        raise RefusedError("no_lease", text)
+        raise CommandRefusedError("no_lease", text)
 
     def _check_possible(self, request: Request) -> None:
         """Whether the state permits it, as far as that can be told before."""
@@ -401,7 +407,7 @@ class Operator:
         why = supervisor.refusal(request)
         if why:
             name = "not_ready" if supervisor.blocking else "wrong_state"
-            raise RefusedError(name, why, supervisor.blocking)
+            raise CommandRefusedError(name, why, supervisor.blocking)
 
     @property
     def _teleoperated(self) -> bool:
@@ -443,7 +449,9 @@ class Operator:
         state = self._service.supervisor.state.value
         return Answer(request=command.request, state=state, **more)
 
-    def _refusal(self, command: Command, refused: RefusedError, reasons: list[Reason]) -> Refusal:
+    def _refusal(
+        self, command: Command, refused: CommandRefusedError, reasons: list[Reason]
+    ) -> Refusal:
         state = self._service.supervisor.state.value
         return Refusal(
             request=command.request,

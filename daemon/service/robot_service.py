@@ -1,7 +1,7 @@
 """The robot while the daemon runs: devices, loop, supervisor and gate, wired to each other.
 
-Nothing here knows who is listening. What happens is told to `listeners` as messages; what is asked
-for comes in through `operator.Operator`.
+Nothing here knows who is listening. What happens is published to `subscribers` as messages; what
+is asked for comes in through `operator.Operator`.
 """
 
 import asyncio
@@ -21,11 +21,11 @@ from daemon.messages import (
     Status,
 )
 from daemon.robot.hardware import Hardware, Listeners
+from daemon.service.dependencies import Dependencies
 from daemon.service.events import Events
 from daemon.service.lease import Lease
-from daemon.service.lookout import Lookout
+from daemon.service.monitors import Monitors
 from daemon.service.status import StatusReport
-from daemon.service.surroundings import Surroundings
 from daemon.supervision.supervisor import Supervisor
 from drivers.aurora.frame import TrackerFrame
 from drivers.axis_scale import axis_scale, count_limits
@@ -46,19 +46,19 @@ _CHECKS_WITHIN_S: Final = 3.0
 class RobotService:
     """One robot. `run` until cancelled, then `rest` and it has let go of everything."""
 
-    def __init__(self, file: RobotFile, robot: Robot, surroundings: Surroundings) -> None:
+    def __init__(self, file: RobotFile, robot: Robot, dependencies: Dependencies) -> None:
         """robot: the file's, with its ports as they are to be opened. Raises EdsError."""
         self.robot = robot
-        self.surroundings = surroundings
-        self.clock = surroundings.clock
+        self.dependencies = dependencies
+        self.clock = dependencies.clock
         self.version = version("tentacled")
-        self.publish = surroundings.listeners.tell
+        self.publish = dependencies.subscribers.publish
         """Tells everybody."""
         self.events = Events(self.clock, self.publish)
         self.holds = 0
         """How often the motion was held, by anything but the operator."""
         self.reference_status: Callable[[], ReferenceStatus | None] = lambda: None
-        token = {} if surroundings.new_token is None else {"new_token": surroundings.new_token}
+        token = {} if dependencies.new_token is None else {"new_token": dependencies.new_token}
         self.lease = Lease(robot.supervision.lease_s, **token)
         self.hardware = self._make_hardware(file)
         buses = self.hardware.buses
@@ -74,27 +74,27 @@ class RobotService:
             self.timekeeping,
             self.clock,
             self.publish,
-            surroundings.risk,
+            dependencies.risk,
         )
         self.report = StatusReport(
             robot,
             self.hardware.tracker,
             buses,
             self.loop,
-            name_of(surroundings.risk),
+            name_of(dependencies.risk),
             self.supervisor,
             self.timekeeping,
-            surroundings.real_time,
-            surroundings.simulated,
+            dependencies.real_time,
+            dependencies.simulated,
             self.version,
         )
-        self.lookout = Lookout(
+        self.monitors = Monitors(
             self.hardware.tracker,
             self.loop,
             self.supervisor,
             self.timekeeping,
             self.lease,
-            surroundings,
+            dependencies,
         )
         self.at_rest: list[Callable[[], None]] = [self.relax]
         """Called whenever the drives have come to rest and are off."""
@@ -135,7 +135,7 @@ class RobotService:
 
     def hurry(self) -> None:
         """Ask the operating system for what moving drives need."""
-        real_time = self.surroundings.real_time
+        real_time = self.dependencies.real_time
         if real_time is None:
             return
         real_time.enter()
@@ -148,8 +148,8 @@ class RobotService:
 
     def relax(self) -> None:
         """Give it back."""
-        if self.surroundings.real_time is not None:
-            self.surroundings.real_time.leave()
+        if self.dependencies.real_time is not None:
+            self.dependencies.real_time.leave()
 
     def status(self) -> Status:
         """The robot at a glance."""
@@ -157,7 +157,7 @@ class RobotService:
         lease = LeaseStatus(
             holder=self.lease.holder(now_ns), expires_in_s=self.lease.expires_in_s(now_ns)
         )
-        folder = self.surroundings.recorder.status.folder
+        folder = self.dependencies.recorder.status.folder
         return self.report.status(
             now_ns, lease, None if folder is None else str(folder), self.reference_status()
         )
@@ -195,7 +195,7 @@ class RobotService:
     def _supervise(self, now_ns: int) -> bool:
         """Whether the supervision itself is sound."""
         try:
-            self.lookout.look(now_ns)
+            self.monitors.look(now_ns)
             timekeeping = self.timekeeping
             gap_s = timekeeping.last_gap_ns * 1e-9
             self.supervisor.cycle(now_ns, gap_s, timekeeping.last_overrun)
@@ -212,19 +212,19 @@ class RobotService:
             u = [channel.scale.position(channel.position_counts) for channel in channels]
             self.loop.history.add(self._synced_ns, u)
         self._synced_ns = now_ns
-        self._look_for_rest()
+        self._check_for_rest()
         if now_ns >= self._loop_due_ns:
             self._loop_due_ns = now_ns + _LOOP_EVERY_NS
-            self.lookout.look_at_machine()
+            self.monitors.look_at_machine()
             self.publish(Loop(t_ns=now_ns, status=self.report.loop_status(now_ns)))
-            if self.surroundings.real_time is not None:
-                self.surroundings.real_time.collect_young()
+            if self.dependencies.real_time is not None:
+                self.dependencies.real_time.collect_young()
         if now_ns >= self._status_due_ns:
             self._status_due_ns = now_ns + _STATUS_EVERY_NS
-            self.lookout.look_at_recorder()
+            self.monitors.look_at_recorder()
             self.publish(self.status())
 
-    def _look_for_rest(self) -> None:
+    def _check_for_rest(self) -> None:
         at_rest = self.supervisor.power.at_rest and not self.supervisor.energised
         if at_rest and not self._was_at_rest:
             for listener in self.at_rest:
@@ -242,7 +242,7 @@ class RobotService:
         if after is OperatingState.HOLD and worst is not None:
             self.holds += worst.cause.name != "operator_hold"
         if after in (OperatingState.FAULT, OperatingState.ESTOP):
-            self.surroundings.recorder.urgent()
+            self.dependencies.recorder.urgent()
         self.events.state(before, after, worst)
         self.publish(self.status())
 
@@ -254,7 +254,7 @@ class RobotService:
     # Putting it together.
 
     def _make_hardware(self, file: RobotFile) -> Hardware:
-        surroundings, recorder = self.surroundings, self.surroundings.recorder
+        dependencies, recorder = self.dependencies, self.dependencies.recorder
         listeners = Listeners(
             self._on_frame,
             self._on_condition,
@@ -262,7 +262,7 @@ class RobotService:
             {name: recorder.can_tap(name) for name in self.robot.buses},
             self._on_cycle,
         )
-        return Hardware(file, self.robot, surroundings.connections, self.clock, listeners)
+        return Hardware(file, self.robot, dependencies.connections, self.clock, listeners)
 
     def _make_gate(self) -> Gate:
         axes, risk = self.robot.axes, self.robot.risk
@@ -270,7 +270,7 @@ class RobotService:
             [count_limits(axis) for axis in axes],
             [axis_scale(axis).counts_per_unit for axis in axes],
             [axis.tension_range_n for axis in axes],
-            self.surroundings.risk,
+            self.dependencies.risk,
             risk.threshold,
             risk.latest_after_s,
         )

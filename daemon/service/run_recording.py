@@ -9,7 +9,7 @@ from daemon.messages import Event, Message, Tip
 from daemon.recording.flight_recorder import RecordingError
 from daemon.recording.result import ErrorTable, Result, write_result
 from daemon.recording.run_folder import segment_file
-from daemon.service.lookout import NO_TROUBLE, RecordingTrouble
+from daemon.service.monitors import NO_TROUBLE, RecordingTrouble
 from daemon.service.robot_service import RobotService
 from safety.causes import Severity, cause
 from safety.states import OperatingState
@@ -33,7 +33,7 @@ class RunRecording:
         self.folder: Path | None = None
         """Of the present run, or of the last one."""
         self._service = service
-        self._recorder = service.surroundings.recorder
+        self._recorder = service.dependencies.recorder
         self._make_folder = make_folder
         self._seed = seed
         self._recording = False
@@ -47,12 +47,12 @@ class RunRecording:
         self._restarts = self._segment = 0
         self._lost = ""
         """Why the recording was given up; empty: it was not."""
-        listeners = service.surroundings.listeners
-        listeners.add(self._hear)
-        listeners.add_for(Tip, self._hear_step)
-        listeners.add_for(Event, self._hear_event)
+        subscribers = service.dependencies.subscribers
+        subscribers.add(self._hear)
+        subscribers.add_for(Tip, self._hear_step)
+        subscribers.add_for(Event, self._hear_event)
         service.at_rest.append(self._end_soon)
-        service.lookout.look_at_recording = self.look
+        service.monitors.look_at_recording = self.look
 
     async def begin(self) -> None:
         """Start recording. Raises RecordingError."""
@@ -94,7 +94,7 @@ class RunRecording:
         first_ns, last_ns = self._times_ns or (0, 0)
         return Result(
             robot=service.robot.robot,
-            simulated=service.surroundings.simulated,
+            simulated=service.dependencies.simulated,
             trajectory=trajectory,
             controller=controller,
             seed=self._seed,

@@ -62,24 +62,24 @@ class BodyRisk:
     def __init__(
         self,
         model: RiskModel,
-        surroundings: Environment,
+        environment: Environment,
         grid: DistanceGrid,
         samples: int = 1000,
         seed: int = 0,
     ) -> None:
         """samples: shapes that are drawn, the same ones for every question."""
         self._model = model
-        self._contact = ContactModel(model.basis, grid, surroundings.port, samples, seed)
+        self._contact = ContactModel(model.basis, grid, environment.port, samples, seed)
         thicker = model.basis.on_the_safe_side()
-        self._fewer = ContactModel(thicker, grid, surroundings.port, samples // _FEWER, seed)
-        self._shifted = ContactModel(model.basis, grid, surroundings.port, samples, seed)
+        self._fewer = ContactModel(thicker, grid, environment.port, samples // _FEWER, seed)
+        self._shifted = ContactModel(model.basis, grid, environment.port, samples, seed)
         self._shift: FloatArray | None = None
         self._shift_mm = 0.0
         self._begin_shifted: tuple[Mixture, Mixture] | None = None
         """Where the last way began, and the same with the shift."""
         self._samples = samples
         self._hardly_proved_mm = 0.5 * grid.error_mm
-        self._body_point = BodyPointRisk(surroundings)
+        self._body_point = BodyPointRisk(environment)
         self._begin: tuple[tuple[float, ...], Mixture] | None = None
         """Where the last way began: the gate asks for several ways from the same place."""
 

@@ -14,8 +14,8 @@ from daemon.messages import Axes, Tip
 from daemon.recording.result import read_result, write_result
 from daemon.reference.trajectories import make_trajectory
 from daemon.robot.axes import AxisRanges
+from daemon.service.dependencies import Dependencies
 from daemon.service.run_recording import MakeFolder, RunRecording
-from daemon.service.surroundings import Surroundings
 from daemon.workbench.experiments.experiment_file import ExperimentFile
 from daemon.workbench.experiments.scripted_events import LabControl
 from daemon.workbench.experiments.step_statistics import (
@@ -109,7 +109,7 @@ STEPS_FILE: Final = "steps.npz"
 async def carry_out(
     file: ExperimentFile,
     robot: Robot,
-    surroundings: Surroundings,
+    dependencies: Dependencies,
     make_folder: MakeFolder,
     lab: LabControl,
     truth: Truth | None,
@@ -126,12 +126,12 @@ async def carry_out(
     witness, stopwatch = Witness(AxisRanges.of(robot), truth), Stopwatch()
     recording: RunRecording | None = None
     try:
-        async with session(robot_file, robot, surroundings, make_folder, seed) as at_work:
+        async with session(robot_file, robot, dependencies, make_folder, seed) as at_work:
             recording, operator = at_work.recording, at_work.operator
             trial = Trial(file.experiment, trajectory, at_work, lab, stopwatch, tell)
             witness.elapsed_s = lambda: operator.elapsed_s
-            surroundings.listeners.add_for(Tip, witness.hear_tip)
-            surroundings.listeners.add_for(Axes, witness.hear_axes)
+            dependencies.subscribers.add_for(Tip, witness.hear_tip)
+            dependencies.subscribers.add_for(Axes, witness.hear_axes)
             await trial.run()
     finally:
         if recording is not None and recording.folder is not None:

@@ -16,8 +16,8 @@ from daemon.host.clock import MonotonicClock
 from daemon.recording.flight_recorder import FlightRecorder
 from daemon.risk.body_risk_source import make_risk_source
 from daemon.robot.connections import RealConnections
+from daemon.service.dependencies import Dependencies
 from daemon.service.robot_service import RobotService
-from daemon.service.surroundings import Surroundings
 from daemon.workbench.experiments.experiment_file import ExperimentFile
 from daemon.workbench.experiments.risk import risk_source_of
 from safety.risk_source import RiskSource
@@ -84,8 +84,8 @@ def _lab(robot: Robot, file: RobotFile, at: _At, problems: list[Problem]) -> Lab
 
 def _service(file: RobotFile, risk: RiskSource) -> None:
     clock = MonotonicClock()
-    surroundings = Surroundings(RealConnections(clock), clock, FlightRecorder(), risk, True, None)
-    RobotService(file, file.robot, surroundings)
+    dependencies = Dependencies(RealConnections(clock), clock, FlightRecorder(), risk, True, None)
+    RobotService(file, file.robot, dependencies)
 
 
 def _why_not(where: Location, at: _At, build: Callable[[], object]) -> list[Problem]:

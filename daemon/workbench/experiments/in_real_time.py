@@ -14,7 +14,7 @@ from daemon.recording.run_folder import robot_yaml
 from daemon.robot.connections import RealConnections
 from daemon.robot.lab_connections import LabRefusedError, LabUnreachableError, ask
 from daemon.robot.runtime_directory import with_lab_ports
-from daemon.service.surroundings import Surroundings
+from daemon.service.dependencies import Dependencies
 from daemon.workbench.experiments.carry_out import carry_out
 from daemon.workbench.experiments.experiment_file import ExperimentFile
 from daemon.workbench.experiments.risk import risk_source_of
@@ -84,7 +84,7 @@ async def _carry_out(
     warm_up()
     real_time.prepare()
     risk = risk_source_of(file, clock)
-    surroundings = Surroundings(
+    dependencies = Dependencies(
         RealConnections(clock), clock, FlightRecorder(), risk, True, real_time
     )
 
@@ -97,4 +97,4 @@ async def _carry_out(
 
     robot, lab = with_lab_ports(file.robot, directory), _RunningLab(directory, tell)
     check_buses_are_free(robot.buses.values())
-    await carry_out(file, robot, surroundings, make_folder, lab, None, seed, tell)
+    await carry_out(file, robot, dependencies, make_folder, lab, None, seed, tell)

@@ -12,7 +12,7 @@ from daemon.recording.result import Result, read_result, write_result
 from daemon.recording.run_folder import RUN_FILE
 from daemon.recording.run_reader import control_hash
 from daemon.robot.lab_connections import LabConnections
-from daemon.service.surroundings import Surroundings
+from daemon.service.dependencies import Dependencies
 from daemon.workbench.experiments.carry_out import carry_out
 from daemon.workbench.experiments.experiment_file import ExperimentFile
 from daemon.workbench.experiments.risk import risk_source_of
@@ -55,9 +55,9 @@ async def _carry_out(file: ExperimentFile, seed: int, folder: Path, tell: Tell) 
         file.describe(folder, clock.wall_time_ns(), seed)
         return folder
 
-    surroundings, truth = _surroundings(file, lab, clock, seed), _TruthOf(lab)
+    dependencies, truth = _dependencies(file, lab, clock, seed), _TruthOf(lab)
     try:
-        await carry_out(file, file.robot, surroundings, make_folder, lab, truth, seed, tell)
+        await carry_out(file, file.robot, dependencies, make_folder, lab, truth, seed, tell)
     finally:
         lab.stop()
 
@@ -75,9 +75,9 @@ class _TruthOf:
         return self._body.record.plant_failures
 
 
-def _surroundings(file: ExperimentFile, lab: Lab, clock: WallClock, seed: int) -> Surroundings:
+def _dependencies(file: ExperimentFile, lab: Lab, clock: WallClock, seed: int) -> Dependencies:
     random = Random(seed)
-    return Surroundings(
+    return Dependencies(
         LabConnections(lab, clock),
         clock,
         DirectRecorder(),

@@ -11,11 +11,11 @@ from config.loader import RobotFile
 from config.robot import Robot
 from daemon.messages import Acquire, Answer, Arm, Disarm, Refusal, Tip
 from daemon.reference.trajectories import Trajectory
-from daemon.service.asked import RefusedError
+from daemon.service.dependencies import Dependencies
+from daemon.service.motion_loader import CommandRefusedError
 from daemon.service.operator import Operator
 from daemon.service.robot_service import RobotService
 from daemon.service.run_recording import MakeFolder, RunRecording
-from daemon.service.surroundings import Surroundings
 from daemon.workbench.experiments.scripted_events import Happenings, LabControl
 from daemon.workbench.experiments.stopwatch import Stopwatch, TimedController
 from drivers.bounded import end_tasks
@@ -39,13 +39,13 @@ class Session:
 
 @asynccontextmanager
 async def session(
-    file: RobotFile, robot: Robot, surroundings: Surroundings, make_folder: MakeFolder, seed: int
+    file: RobotFile, robot: Robot, dependencies: Dependencies, make_folder: MakeFolder, seed: int
 ) -> AsyncIterator[Session]:
     """Connects the devices; in the end the drives are at rest and the recording is whole.
 
     robot: the file's, with its ports as they are to be opened. seed: of controllers.
     """
-    service = RobotService(file, robot, surroundings)
+    service = RobotService(file, robot, dependencies)
     recording = RunRecording(service, make_folder, seed)
     operator = Operator(service, recording, seed, None)
     devices = asyncio.create_task(service.run())
@@ -98,7 +98,7 @@ class Trial:
             experiment.happenings, experiment.tip_load_g, lab, self._happened
         )
         self._last_ns: int | None = None
-        self._service.surroundings.listeners.add_for(Tip, self._step)
+        self._service.dependencies.subscribers.add_for(Tip, self._step)
 
     async def run(self) -> None:
         """Raises TrialError; the robot is then left to `RobotService.rest`."""
@@ -112,7 +112,7 @@ class Trial:
             async with asyncio.timeout(self._experiment.longest_s):
                 await self._follow()
             self._carried_out(await self._operator.handle(_USER, Disarm(token=self._token)))
-        except RefusedError as refused:
+        except CommandRefusedError as refused:
             raise TrialError(refused.text) from None
         except TimeoutError:
             raise TrialError(

@@ -25,10 +25,10 @@ from daemon.recording.direct_recorder import DirectRecorder
 from daemon.recording.flight_recorder import Recorder
 from daemon.robot.checked_robot import check_robot
 from daemon.robot.lab_connections import LabConnections
+from daemon.service.dependencies import Dependencies
 from daemon.service.operator import Operator
 from daemon.service.robot_service import RobotService
 from daemon.service.run_recording import RunRecording
-from daemon.service.surroundings import Surroundings
 from drivers.cia402.power_state import PowerState
 from safety.risk_source import NoModel, RiskSource
 from safety.states import OperatingState
@@ -181,7 +181,7 @@ async def _play(
     lab = Lab(robot, path, clock, seed)
     lab.start()
     tokens = iter(range(1, 1_000_000))
-    surroundings = Surroundings(
+    dependencies = Dependencies(
         LabConnections(lab, clock),
         clock,
         recorder,
@@ -189,14 +189,14 @@ async def _play(
         simulated=True,
         new_token=lambda: f"token-{next(tokens)}",
     )
-    service = RobotService(file, robot, surroundings)
+    service = RobotService(file, robot, dependencies)
 
     async def make_folder() -> Path:
         return folder
 
     recording = RunRecording(service, make_folder, 1)
     rig = Rig(service, Operator(service, recording, 1, _injector(lab)), recording, lab)
-    surroundings.listeners.add(rig.told.append)
+    dependencies.subscribers.add(rig.told.append)
     devices = asyncio.create_task(service.run())
     renewing = asyncio.create_task(_renew(rig))
     try:

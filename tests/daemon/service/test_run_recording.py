@@ -68,7 +68,7 @@ def mortal(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def recorder_of(rig: Rig) -> MortalRecorder:
-    recorder = rig.service.surroundings.recorder
+    recorder = rig.service.dependencies.recorder
     assert isinstance(recorder, MortalRecorder)
     return recorder
 

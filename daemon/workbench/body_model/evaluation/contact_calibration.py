@@ -124,7 +124,7 @@ def contact_calibration(
         random = np.random.default_rng([seed, number])
         for _ in range(obstacles):
             block = grazed_block(lines, rollouts.radius_mm, random)
-            grid = distance_grid(block.surroundings(), grid_mm, exact_mm)
+            grid = distance_grid(block.environment(), grid_mm, exact_mm)
             risk = ContactModel(model.basis, grid, None, samples).risk(mixture)
             touched = float(block.touched(lines, rollouts.radius_mm).mean())
             found.append((risk.probability, risk.upper_limit, touched))

@@ -54,7 +54,7 @@ class Block:
         away = self.distances_mm(places.reshape(-1, 3)).reshape(count, -1)
         return np.asarray(away.min(axis=1) <= radius_mm)
 
-    def surroundings(self) -> Environment:
+    def environment(self) -> Environment:
         """The same as triangles."""
         mesh = box(self.size_mm.tolist(), [0.0] * 3, _CUTS)
         vertices = mesh.vertices_mm @ self.axes.T + self.centre_mm

@@ -60,7 +60,7 @@ def test_the_triangles_of_a_block_are_the_block() -> None:
     axes = np.linalg.qr(random.normal(size=(3, 3)))[0]
     turned = Block(np.array([20.0, 30.0, 40.0]), axes, np.array([1.0, 2.0, 3.0]))
     places = random.uniform(-30.0, 30.0, (500, 3))
-    solid = turned.surroundings().solid(places)
+    solid = turned.environment().solid(places)
     assert solid.tolist() == (turned.distances_mm(places) < 0.0).tolist()
     assert 20 < solid.sum() < 480
 

@@ -1,4 +1,4 @@
-"""What the service runs in: the same robot lives in real and in virtual time."""
+"""What the service depends on: the same robot lives in real and in virtual time."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -7,13 +7,13 @@ from pathlib import Path
 from daemon.host.real_time import RealTime
 from daemon.recording.flight_recorder import Recorder
 from daemon.robot.hardware import Connections
-from daemon.service.audience import Audience
+from daemon.service.subscribers import Subscribers
 from drivers.clock import WallClock
 from safety.risk_source import RiskSource
 
 
 @dataclass
-class Surroundings:
+class Dependencies:
     """Given from outside; nothing of it is made by the service."""
 
     connections: Connections
@@ -27,4 +27,4 @@ class Surroundings:
     """For leases; None: as unguessable as can be."""
     runs: Path | None = None
     """Where recordings will go; None: nobody minds how much room there is."""
-    listeners: Audience = field(default_factory=Audience)
+    subscribers: Subscribers = field(default_factory=Subscribers)

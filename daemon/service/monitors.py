@@ -1,4 +1,4 @@
-"""Keeps what the watchdogs look at up to date, from everything the service knows."""
+"""The monitors keep what the watchdogs look at up to date, from all that the service knows."""
 
 from collections.abc import Callable
 from typing import Final, NamedTuple
@@ -6,8 +6,8 @@ from typing import Final, NamedTuple
 from daemon.loop.control_step import ControlLoop
 from daemon.loop.timekeeping import Timekeeping
 from daemon.recording.run_folder import free_mb
+from daemon.service.dependencies import Dependencies
 from daemon.service.lease import Lease
-from daemon.service.surroundings import Surroundings
 from daemon.supervision.supervisor import Supervisor
 from daemon.supervision.watchdogs import FollowingError
 from drivers.aurora.tracker import AuroraTracker
@@ -28,7 +28,7 @@ class RecordingTrouble(NamedTuple):
 NO_TROUBLE: Final = RecordingTrouble()
 
 
-class Lookout:
+class Monitors:
     """`look` every bus cycle, `look_at_recorder` and `look_at_machine` now and then."""
 
     def __init__(
@@ -38,7 +38,7 @@ class Lookout:
         supervisor: Supervisor,
         timekeeping: Timekeeping,
         lease: Lease,
-        surroundings: Surroundings,
+        dependencies: Dependencies,
     ) -> None:
         self.setpoint_age_s: Callable[[int], float | None] = lambda _: None
         """For as long as set-points are being followed; None: they are not."""
@@ -49,7 +49,7 @@ class Lookout:
         self._supervisor = supervisor
         self._timekeeping = timekeeping
         self._lease = lease
-        self._surroundings = surroundings
+        self._dependencies = dependencies
         self._following_error = FollowingError(loop.channels)
         self._tendons = [
             (channel, limits)
@@ -87,7 +87,7 @@ class Lookout:
 
     def look_at_recorder(self) -> None:
         """How the recording does, and how much room there is for it."""
-        watched, recorder = self._supervisor.watched, self._surroundings.recorder.status
+        watched, recorder = self._supervisor.watched, self._dependencies.recorder.status
         watched.recorder_failed, watched.recording_lost = self.look_at_recording()
         watched.recordings_dropped = recorder.dropped
         watched.disk_free_mb = recorder.free_mb if recorder.recording else self._free_mb
@@ -97,5 +97,5 @@ class Lookout:
         missed = self._timekeeping.missed
         self._missing_cycles = missed - self._missed_before > _FEW_MISSED_PER_S
         self._missed_before = missed
-        runs = self._surroundings.runs
+        runs = self._dependencies.runs
         self._free_mb = None if runs is None else free_mb(runs)

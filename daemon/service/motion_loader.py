@@ -27,7 +27,7 @@ from safety.failsafe import ActiveReason
 # A command that is not carried out, and why.
 
 
-class RefusedError(Exception):
+class CommandRefusedError(Exception):
     """A command that is not carried out."""
 
     def __init__(self, name: str, text: str, reasons: Sequence[ActiveReason] = ()) -> None:
@@ -60,7 +60,7 @@ async def in_a_thread(work: Callable[[], T]) -> T:
     loop = asyncio.get_running_loop()
     future: asyncio.Future[T] = loop.create_future()
 
-    def told(outcome: Callable[[Any], None], value: Any) -> None:
+    def settle(outcome: Callable[[Any], None], value: Any) -> None:
         if not future.done():
             outcome(value)
 
@@ -71,7 +71,7 @@ async def in_a_thread(work: Callable[[], T]) -> T:
         except Exception as error:
             outcome = future.set_exception, error
         if not loop.is_closed():
-            loop.call_soon_threadsafe(told, *outcome)
+            loop.call_soon_threadsafe(settle, *outcome)
 
     # Not one of asyncio's own threads, for which the way down would wait.
     threading.Thread(target=run, name="load", daemon=True).start()
@@ -79,8 +79,8 @@ async def in_a_thread(work: Callable[[], T]) -> T:
         return await future
 
 
-class Asked:
-    """Makes what messages ask for. One after the other."""
+class MotionLoader:
+    """Makes trajectories and controllers from messages. One after the other."""
 
     def __init__(
         self,
@@ -100,7 +100,7 @@ class Asked:
         """What a `load` asks for, and what it has to keep to. Raises RefusedError."""
         if command.robot and command.robot != self._robot.robot:
             text = f"it is meant for {command.robot}, and this is {self._robot.robot}"
-            raise RefusedError("wrong_robot", text)
+            raise CommandRefusedError("wrong_robot", text)
         return await self._made(lambda: self._to_follow(command))
 
     async def controller(self, mapping: dict[str, Any] | None) -> Controller:
@@ -112,7 +112,7 @@ class Asked:
         try:
             return make_controller(options, self._robot, self._seed)
         except ControllerError as error:
-            raise RefusedError("bad_controller", str(error)) from None
+            raise CommandRefusedError("bad_controller", str(error)) from None
 
     def bounds(self, options: ControllerOptions, controller: Controller) -> Bounds:
         """What a trajectory has to keep to."""
@@ -125,12 +125,14 @@ class Asked:
 
     async def _made(self, work: Callable[[], T]) -> T:
         if self._busy:
-            raise RefusedError("busy", "something is being loaded already: wait for its answer")
+            raise CommandRefusedError(
+                "busy", "something is being loaded already: wait for its answer"
+            )
         self._busy = True
         try:
             return await self._off_the_loop(work)
         except TimeoutError:
-            raise RefusedError("too_slow", f"not read within {_READ_WITHIN_S:g} s") from None
+            raise CommandRefusedError("too_slow", f"not read within {_READ_WITHIN_S:g} s") from None
         finally:
             self._busy = False
 
@@ -148,7 +150,7 @@ class Asked:
                 options = options.model_copy(update={"file": named})
             return make_trajectory(options, Path("/"), command.cycles)
         except (OptionsError, WaypointError, ValueError) as error:
-            raise RefusedError("bad_trajectory", str(error)) from None
+            raise CommandRefusedError("bad_trajectory", str(error)) from None
 
     def _options(self, mapping: dict[str, Any] | None) -> ControllerOptions:
         """Without any, those of the controller that needs to know nothing."""
@@ -157,7 +159,7 @@ class Asked:
         try:
             options = load_controller_options(mapping)
         except OptionsError as error:
-            raise RefusedError("bad_controller", str(error)) from None
+            raise CommandRefusedError("bad_controller", str(error)) from None
         model = getattr(options, "model", None)
         if model is None:
             return options
@@ -166,7 +168,9 @@ class Asked:
     def _named(self, name: str, refusal: str) -> Path:
         """A file of the folder. What is elsewhere is refused alike, whether it is there or not."""
         if self._folder is None:
-            raise RefusedError(refusal, "no folder is declared whose files commands may name")
+            raise CommandRefusedError(
+                refusal, "no folder is declared whose files commands may name"
+            )
         folder = os.path.realpath(self._folder)
         try:
             path = os.path.realpath(Path(folder) / name)
@@ -177,5 +181,5 @@ class Asked:
                 f"only files in {folder} can be named: put it there, or send its data "
                 "(`tentacled load` sends waypoints)"
             )
-            raise RefusedError(refusal, text)
+            raise CommandRefusedError(refusal, text)
         return Path(path)

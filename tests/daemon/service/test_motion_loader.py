@@ -14,7 +14,7 @@ from config.loader import load_robot
 from daemon.host.clock import run_in_real_time
 from daemon.messages import Load
 from daemon.reference.trajectories import Trajectory
-from daemon.service.asked import Asked, RefusedError, in_a_thread
+from daemon.service.motion_loader import CommandRefusedError, MotionLoader, in_a_thread
 from tests import SOFT_ARM
 
 ROBOT = load_robot(SOFT_ARM).robot
@@ -24,13 +24,13 @@ SECRET = "root:x:0:0:root:/root:/bin/bash\n"
 
 def asked(load: Load, folder: Path | None = None) -> Trajectory:
     async def test() -> Trajectory:
-        return (await Asked(ROBOT, 1, folder, in_a_thread).to_follow(load))[0]
+        return (await MotionLoader(ROBOT, 1, folder, in_a_thread).to_follow(load))[0]
 
     return run_in_real_time(test())
 
 
-def refused(load: Load, folder: Path | None = None) -> RefusedError:
-    with pytest.raises(RefusedError) as caught:
+def refused(load: Load, folder: Path | None = None) -> CommandRefusedError:
+    with pytest.raises(CommandRefusedError) as caught:
         asked(load, folder)
     return caught.value
 
@@ -114,7 +114,7 @@ def test_files_are_read_in_another_thread_and_the_loop_goes_on(tmp_path: Path) -
 
     async def test() -> None:
         loading = asyncio.ensure_future(
-            Asked(ROBOT, 1, tmp_path, in_a_thread).to_follow(waypoints("way.csv"))
+            MotionLoader(ROBOT, 1, tmp_path, in_a_thread).to_follow(waypoints("way.csv"))
         )
         while not loading.done():
             due_s = time.monotonic() + 0.001
@@ -131,7 +131,7 @@ def test_files_are_read_in_another_thread_and_the_loop_goes_on(tmp_path: Path) -
 def test_one_thing_is_loaded_at_a_time_and_what_never_ends_is_left_behind(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("daemon.service.asked._READ_WITHIN_S", 0.2)
+    monkeypatch.setattr("daemon.service.motion_loader._READ_WITHIN_S", 0.2)
     never = threading.Event()
 
     async def for_ever(work: Callable[[], Any]) -> Any:
@@ -139,13 +139,13 @@ def test_one_thing_is_loaded_at_a_time_and_what_never_ends_is_left_behind(
         return await in_a_thread(never.wait)
 
     async def test() -> None:
-        one = Asked(ROBOT, 1, None, for_ever)
+        one = MotionLoader(ROBOT, 1, None, for_ever)
         first = asyncio.ensure_future(one.to_follow(Load(trajectory=CIRCLE)))
         await asyncio.sleep(0.01)
-        with pytest.raises(RefusedError) as second:
+        with pytest.raises(CommandRefusedError) as second:
             await one.to_follow(Load(trajectory=CIRCLE))
         assert second.value.name == "busy"
-        with pytest.raises(RefusedError) as slow:
+        with pytest.raises(CommandRefusedError) as slow:
             await first
         assert slow.value.name == "too_slow"
 
