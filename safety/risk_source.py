@@ -56,12 +56,12 @@ class RiskReading:
 
 
 @dataclass(frozen=True, slots=True)
-class Room:
-    """How far a body at rest is from a risk, and which way of the axes leads away from it."""
+class Clearance:
+    """The clearance of a body at rest from a risk, and which way of the axes leads away from it."""
 
     u: tuple[float, ...]
     """(m,) where that is."""
-    room_mm: float
+    clearance_mm: float
     """By how much all shapes would have to come nearer; negative: the risk is higher."""
     slope: tuple[float, ...]
     """(m,) mm of it for each unit of an axis."""
@@ -84,7 +84,7 @@ class RiskSource(Protocol):
         """
         ...
 
-    def room(self, u: Sequence[float], risk: float) -> Room | None:
+    def clearance(self, u: Sequence[float], risk: float) -> Clearance | None:
         """How far the body at rest at (m,) u is from such a risk. Nothing is decided by it.
 
         None: it is far, or it is not known.
@@ -135,7 +135,7 @@ class NoModel:
         del u_from, u_to, t_ns
         return self._reading
 
-    def room(self, u: Sequence[float], risk: float) -> Room | None:
+    def clearance(self, u: Sequence[float], risk: float) -> Clearance | None:
         del u, risk
         return None
 
@@ -187,13 +187,14 @@ def name_of(source: RiskSource) -> str:
         return "a source without a name"
 
 
-def room_of(source: RiskSource, u: Sequence[float], risk: float) -> Room | None:
-    """What the source says of the room round (m,) u; None where it fails, or says no numbers."""
+def clearance_of(source: RiskSource, u: Sequence[float], risk: float) -> Clearance | None:
+    """What the source says of the clearance at (m,) u; None where it fails, or says no numbers."""
     try:
-        room = source.room(u, risk)
-        if room is None or not len(room.u) == len(room.slope) == len(u):
+        clearance = source.clearance(u, risk)
+        if clearance is None or not len(clearance.u) == len(clearance.slope) == len(u):
             return None
-        return room if all(map(isfinite, (room.room_mm, *room.u, *room.slope))) else None
+        known = all(map(isfinite, (clearance.clearance_mm, *clearance.u, *clearance.slope)))
+        return clearance if known else None
     except Exception:  # a model must not end the loop
         return None
 

@@ -88,11 +88,11 @@ def stops_at(change: int, motion: AxisMotion, limits: CountLimits) -> float:
     return motion.start + change + way
 
 
-def _stoppable(room: int, slower: float) -> int:
+def _stoppable(distance: int, slower: float) -> int:
     """The largest change that leaves, of `room`, what is needed to stop.
 
     With v for the velocity after the step: v·T + v²/2a ≤ room. This braking distance is that of
     infinitely short steps, so it is enough for the next steps however long they are. One count is
     always allowed: it stops within the rounding that the permit leaves.
     """
-    return max(int(sqrt(slower * (slower + 2 * room)) - slower), min(1, room))
+    return max(int(sqrt(slower * (slower + 2 * distance)) - slower), min(1, distance))

@@ -83,7 +83,7 @@ class TipFollower:
         if not (_all_finite(jacobian) and _all_finite(observation.targets)):
             raise ControllerError("the controller's model is not a number here: learn it anew")
         drawn = self.drawn(observation) if near is None else near
-        lowest, highest = self.axes.room(observation.targets)
+        lowest, highest = self.axes.step_range(observation.targets)
         return np.asarray(
             kernels.axis_step(
                 in_rows(jacobian),
@@ -100,7 +100,7 @@ class TipFollower:
 
     def within_limits(self, step: Vector, observation: Observation) -> Vector:
         """(m,) a step as far as travel and speed of each axis let it be."""
-        lowest, highest = self.axes.room(observation.targets)
+        lowest, highest = self.axes.step_range(observation.targets)
         return self.axes.slowed(np.clip(step, lowest, highest), step_time(observation))
 
     def _weights(self) -> Vector:

@@ -119,9 +119,9 @@ class Exploration:
 
     def _excursion(self, home: Vector) -> Vector:
         """(m,) of the next one: outwards, and inwards where there is no room left."""
-        room = home + self._amplitude <= self._axes.highest
+        outwards = home + self._amplitude <= self._axes.highest
         return np.asarray(
-            self._plan[len(self._effects)] * np.where(room, 1.0, -1.0) * self._amplitude
+            self._plan[len(self._effects)] * np.where(outwards, 1.0, -1.0) * self._amplitude
         )
 
     def _begin_rest(self) -> None:

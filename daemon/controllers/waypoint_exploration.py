@@ -119,7 +119,7 @@ class WaypointWalk:
         if dither:
             wanted += self._swing * np.cos(self._rates * self._elapsed_s + self._phases)
         self._velocity += min(dt_s / _SMOOTH_S, 1.0) * (wanted - self._velocity)
-        step = np.clip(self._velocity * dt_s, *axes.room(observation.targets))
+        step = np.clip(self._velocity * dt_s, *axes.step_range(observation.targets))
         return axes.slowed(step, dt_s)
 
 

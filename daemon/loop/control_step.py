@@ -7,7 +7,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from config.robot import Robot
-from daemon.control.avoidance import slid
+from daemon.control.avoidance import avoid
 from daemon.control.controller import Controller, ControllerError, Observation
 from daemon.estimation.pose_filter import PoseFilter, TipEstimate
 from daemon.loop.actuation_history import ActuationHistory
@@ -26,20 +26,20 @@ from drivers.pose import Pose, Vector
 from safety.gate import RISK, RISK_UNAVAILABLE, Decision, Gate, Measured
 from safety.permit import PermittedStep
 from safety.risk_source import (
+    Clearance,
     Nearest,
     RiskSource,
-    Room,
     TipComparing,
     TipComparison,
+    clearance_of,
     compared,
     name_of,
-    room_of,
 )
 from safety.states import Request
 
 FRAME_PERIOD_NS: Final = {"normal": 25_000_000, "fast": 15_151_515}
 _LONGEST_DT_S: Final = 0.1
-_ASKED_ABOVE: Final = 1e-3
+_REQUESTED_ABOVE: Final = 1e-3
 """mm or rad: what is less is a few counts."""
 _LATELY_NS: Final = (0, 100_000_000, 200_000_000, 300_000_000)
 """Before a frame: a body follows its axes late, one of gas by 0.05 to 0.2 s."""
@@ -65,11 +65,11 @@ class Sensed(NamedTuple):
     measured: Measured
 
 
-class Wish(NamedTuple):
-    """What the controller would do."""
+class RequestedStep(NamedTuple):
+    """The step that the controller asks for; the gate makes a `PermittedStep` of it."""
 
     delta_u: Vector
-    slides: bool = False
+    avoids: bool = False
     """It was turned aside, to go along something that is near."""
 
 
@@ -114,7 +114,7 @@ class ControlLoop:
         self._slide = robot.risk.slide
         self._looks_round = robot.risk.model is not None
         self._max_velocity = AxisRanges.of(robot).max_velocity
-        self._room: Room | None = None
+        self._clearance: Clearance | None = None
         self._look_round = False
         box = robot.workspace
         self._workspace = () if box is None else (box.x_mm, box.y_mm, box.z_mm)
@@ -138,20 +138,20 @@ class ControlLoop:
         believed = self._estimate(sensed)
         if believed:
             self._compare(sensed)
-        wish = self._decide(sensed, believed)
-        decision = self._pass_the_gate(sensed, wish)
+        requested = self._decide(sensed, believed)
+        decision = self._pass_the_gate(sensed, requested)
         self._act(decision)
-        self._judge(sensed, believed, wish, decision)
+        self._judge(sensed, believed, requested, decision)
         on_bus_ns = self._clock.now_ns()
-        self._publish(sensed, believed, wish, decision)
+        self._publish(sensed, believed, requested, decision)
         self._timekeeping.step_ended(frame.received_ns, on_bus_ns, self._clock.now_ns())
 
     def use_spare_time(self) -> None:
         """A little of what has been put off. For a moment with nothing else to do."""
         if self._look_round:
             self._look_round = False
-            room = self._room_now()
-            self._room = room if self._slide else None
+            clearance = self._clearance_now()
+            self._clearance = clearance if self._slide else None
         elif self.controller is not None and self._begun:
             self.controller.learn()
 
@@ -242,7 +242,7 @@ class ControlLoop:
             for place, (low, high) in zip(tip.position_mm.tolist(), self._workspace, strict=False)
         )
 
-    def _decide(self, sensed: Sensed, believed: bool) -> Wish | None:
+    def _decide(self, sensed: Sensed, believed: bool) -> RequestedStep | None:
         """What the controller wants; None: to stand still."""
         controller, reference, tip = self.controller, self.reference, self.tip
         if controller is None or reference is None or tip is None:
@@ -274,7 +274,9 @@ class ControlLoop:
             self._supervisor.raise_cause("controller_failed", sensed.frame.received_ns, str(error))
             return None
 
-    def _ask(self, controller: Controller, observation: Observation, running: bool) -> Wish | None:
+    def _ask(
+        self, controller: Controller, observation: Observation, running: bool
+    ) -> RequestedStep | None:
         if running and not self._begun:
             controller.reset(observation)
             self._begun = True
@@ -287,27 +289,29 @@ class ControlLoop:
         self.note = proposal.note
         return self._turned_aside(proposal.delta_u, observation)
 
-    def _turned_aside(self, delta_u: Vector, observation: Observation) -> Wish:
-        if self._room is None:
-            return Wish(delta_u)
-        aside = slid(delta_u, observation.targets, self._room, self._max_velocity, observation.dt_s)
-        return Wish(delta_u) if aside is None else Wish(aside, slides=True)
+    def _turned_aside(self, delta_u: Vector, observation: Observation) -> RequestedStep:
+        if self._clearance is None:
+            return RequestedStep(delta_u)
+        aside = avoid(
+            delta_u, observation.targets, self._clearance, self._max_velocity, observation.dt_s
+        )
+        return RequestedStep(delta_u) if aside is None else RequestedStep(aside, avoids=True)
 
-    def _pass_the_gate(self, sensed: Sensed, wish: Wish | None) -> Decision | None:
+    def _pass_the_gate(self, sensed: Sensed, requested: RequestedStep | None) -> Decision | None:
         """What may be done; None: the drives hold by themselves."""
         if not self._supervisor.state.follows:
             return None
         now_ns = self._clock.now_ns()
-        if wish is None:
+        if requested is None:
             self.withdraw_refusals(now_ns)
             return self._gate.hold(sensed.measured, now_ns, self._duration_ns)
-        wanted = (sensed.targets + wish.delta_u).tolist()
+        wanted = (sensed.targets + requested.delta_u).tolist()
         targets = [
             position * channel.scale.counts_per_unit
             for position, channel in zip(wanted, self.channels, strict=True)
         ]
         decision = self._gate.decide(targets, sensed.measured, now_ns, self._duration_ns)
-        self._tell_supervisor(decision, wish, now_ns)
+        self._tell_supervisor(decision, requested, now_ns)
         return decision
 
     def _act(self, decision: Decision | None) -> None:
@@ -329,7 +333,7 @@ class ControlLoop:
         if not all(taken):
             self.settle()  # an axis does not follow: what was permitted did not happen
 
-    def _room_now(self) -> Room | None:
+    def _clearance_now(self) -> Clearance | None:
         """How near the body will be to something where it is told to go."""
         step = None if self.decision is None else self.decision.step
         if step is None or not self._supervisor.running:
@@ -338,9 +342,9 @@ class ControlLoop:
             channel.scale.position(counts)
             for channel, counts in zip(self.channels, step.to_counts, strict=True)
         ]
-        return room_of(self._risk, ends, self._threshold)
+        return clearance_of(self._risk, ends, self._threshold)
 
-    def _tell_supervisor(self, decision: Decision, wish: Wish, now_ns: int) -> None:
+    def _tell_supervisor(self, decision: Decision, requested: RequestedStep, now_ns: int) -> None:
         """A step that was refused, or cut to nothing again and again, is a reason to hold."""
         supervisor = self._supervisor
         self.refusals += bool(decision.refused)
@@ -350,19 +354,25 @@ class ControlLoop:
         told = decision.risk_detail
         supervisor.failsafe.set("risk_too_high", too_high, now_ns, "gate", told)
         supervisor.failsafe.set("risk_unavailable", unknown, now_ns, "gate", told)
-        asked = any(abs(change) > _ASKED_ABOVE for change in wish.delta_u.tolist())
-        stuck = asked and not (too_high or unknown) and decision.scale < _STUCK_BELOW
+        requests_motion = any(
+            abs(change) > _REQUESTED_ABOVE for change in requested.delta_u.tolist()
+        )
+        stuck = requests_motion and not (too_high or unknown) and decision.scale < _STUCK_BELOW
         told = decision.refused or ", ".join(decision.limits) if stuck else ""
         supervisor.failsafe.set("gate_refused", stuck, now_ns, "gate", told)
 
     def _judge(
-        self, sensed: Sensed, believed: bool, wish: Wish | None, decision: Decision | None
+        self,
+        sensed: Sensed,
+        believed: bool,
+        requested: RequestedStep | None,
+        decision: Decision | None,
     ) -> None:
         """Hold where the tip does not get nearer to its reference although it could."""
         controller, tip, aim = self.controller, self.tip, self.aim
-        if not (controller and controller.ready and wish and decision and tip and aim):
+        if not (controller and controller.ready and requested and decision and tip and aim):
             self._tracking_error.begin()
-        elif wish.slides or _hinders(decision):
+        elif requested.avoids or _hinders(decision):
             self._tracking_error.hinder()
         elif believed:
             told = self._tracking_error.look(
@@ -374,7 +384,11 @@ class ControlLoop:
                 self._supervisor.raise_cause("tracking_diverges", self._clock.now_ns(), told)
 
     def _publish(
-        self, sensed: Sensed, believed: bool, wish: Wish | None, decision: Decision | None
+        self,
+        sensed: Sensed,
+        believed: bool,
+        requested: RequestedStep | None,
+        decision: Decision | None,
     ) -> None:
         frame, tip, aim = sensed.frame, self.tip, self.aim
         tip_mm, reference_mm = _place_mm(tip), _place_mm(aim)
@@ -409,7 +423,7 @@ class ControlLoop:
                 t_ns=frame.t_ns,
                 actual=sensed.u.tolist(),
                 target=sensed.targets.tolist(),
-                proposed=None if wish is None else wish.delta_u.tolist(),
+                proposed=None if requested is None else requested.delta_u.tolist(),
                 permitted=permitted,
                 force=[
                     scale.force(channel.torque_permille)
@@ -417,7 +431,7 @@ class ControlLoop:
                 ],
             )
         )
-        if decision is not None and wish is not None:
+        if decision is not None and requested is not None:
             self._publish_message(
                 Risk(
                     sequence=self.steps,
@@ -427,7 +441,7 @@ class ControlLoop:
                     body_point_risk=decision.body_point_risk,
                     threshold=self._threshold,
                     scale=decision.scale,
-                    reasons=[*decision.limits, *([SLIDING] if wish.slides else [])],
+                    reasons=[*decision.limits, *([SLIDING] if requested.avoids else [])],
                     detail=decision.risk_detail,
                     **_told(decision.nearest, self._compared),
                 )

@@ -20,11 +20,11 @@ from safety.risk.mixture import FloatArray
 from safety.risk.risk_model import RiskModelError
 from safety.risk.tip_consistency import TipConsistency, TipModel
 from safety.risk_source import (
+    Clearance,
     Nearest,
     NoModel,
     RiskReading,
     RiskSource,
-    Room,
     TipComparison,
 )
 
@@ -111,10 +111,10 @@ class BodyRiskSource:
         doubt = "" if fits else _NOT_AS_MODELLED
         return TipComparison(statistic, place.probability, place.off_mm, doubt)
 
-    def room(self, u: Sequence[float], risk: float) -> Room | None:
+    def clearance(self, u: Sequence[float], risk: float) -> Clearance | None:
         """What is told beside the risk is of this place from now on: no step has to wait for it."""
         self._beside = self._risk.beside(u)
-        return self._risk.room(u, risk)
+        return self._risk.clearance(u, risk)
 
 
 def make_risk_source(
@@ -185,7 +185,7 @@ def _compile(source: BodyRiskSource, tip: TipModel, u: FloatArray) -> None:
     """The first answers take seconds: not in the loop."""
     for _ in range(2):
         source.assess(u.tolist(), u.tolist(), 0)
-        source.room(u.tolist(), 0.5)
+        source.clearance(u.tolist(), 0.5)
         tip.place([u], np.zeros(3))
 
 

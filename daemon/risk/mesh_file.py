@@ -111,10 +111,10 @@ def _cut_off(content: bytes) -> str:
     if len(content) < _STL_HEADER:
         return f"is no STL file, or is cut off: it has {len(content)} bytes"
     said = int.from_bytes(content[_STL_HEADER - 4 : _STL_HEADER], "little")
-    room = (len(content) - _STL_HEADER) / _STL_TRIANGLE
-    if room < said:
-        return f"is cut off, or no STL file: it says {said} triangles, and has {room:.1f}"
-    return f"is damaged, or no STL file: it says {said} triangles, and has room for {room:.1f}"
+    stored = (len(content) - _STL_HEADER) / _STL_TRIANGLE
+    if stored < said:
+        return f"is cut off, or no STL file: it says {said} triangles, and has {stored:.1f}"
+    return f"is damaged, or no STL file: it says {said} triangles, and has room for {stored:.1f}"
 
 
 def _check_finite(corners: NDArray[np.float64]) -> None:

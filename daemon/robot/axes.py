@@ -33,7 +33,7 @@ class AxisRanges:
         """(m,) from lowest to highest."""
         return self.highest - self.lowest
 
-    def room(self, targets: Vector) -> tuple[Vector, Vector]:
+    def step_range(self, targets: Vector) -> tuple[Vector, Vector]:
         """(m,) lowest and highest step within the travel; an axis outside may only come back."""
         return np.minimum(self.lowest - targets, 0.0), np.maximum(self.highest - targets, 0.0)
 

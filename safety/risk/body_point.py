@@ -154,10 +154,10 @@ class BodyPointRisk:
     def __init__(self, environment: Environment) -> None:
         self._environment = environment
         tree = environment.tree
-        room = len(tree.boxes) + len(tree.order)
+        capacity = len(tree.boxes) + len(tree.order)
         self._work = Work(
-            np.empty(room),
-            np.empty(room, np.int64),
+            np.empty(capacity),
+            np.empty(capacity, np.int64),
             np.empty((MOST_PLANES, 4)),
             np.empty((MOST_PLANES, 7)),
         )

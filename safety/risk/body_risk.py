@@ -17,7 +17,7 @@ from safety.risk.distance_grid import DistanceGrid
 from safety.risk.environment import Environment
 from safety.risk.mixture import FloatArray, Mixture
 from safety.risk.risk_model import RiskModel
-from safety.risk_source import Leaving, Room
+from safety.risk_source import Clearance, Leaving
 
 _LONGEST_SEGMENT: Final = 0.1
 """In the network's inputs. Between two mixtures shapes are taken to move straight."""
@@ -27,9 +27,9 @@ _FEWER: Final = 5
 _NO_NEARER_MM: Final = 5.0
 """Where nearly all shapes stay away by so much more than the body is shifted, the shifted ones do
 not touch either."""
-_ROOM_TO_MM: Final = 10.0
+_NEAR_MM: Final = 10.0
 """Round that nothing is near."""
-_ROOM_STEP: Final = 0.04
+_SLOPE_STEP: Final = 0.04
 """In the network's inputs, either way, for the slope."""
 
 
@@ -125,7 +125,7 @@ class BodyRisk:
         points = self._model.points.mixture(u) if self._model.knows(u) else None
         return None if points is None else Beside(self._body_point.printed(points), points.means_mm)
 
-    def room(self, u: Sequence[float], risk: float) -> Room | None:
+    def clearance(self, u: Sequence[float], risk: float) -> Clearance | None:
         """How far the body at rest at (m,) u is from such a risk; None: far, or nobody knows.
 
         The clearance of the shape that decides: more than so many must not touch, nor be so near
@@ -133,31 +133,31 @@ class BodyRisk:
         """
         share = (most_touching(risk, self._samples) + 1) / self._samples
         at = np.asarray(u, np.float64)
-        room_mm = self._room(at, share)
-        if room_mm is None or room_mm > _ROOM_TO_MM:
+        clearance_mm = self._clearance(at, share)
+        if clearance_mm is None or clearance_mm > _NEAR_MM:
             return None
         slope = []
         for axis, scale in enumerate(self._model.scale.tolist()):
             ends = []
-            for way in (_ROOM_STEP, -_ROOM_STEP):
+            for way in (_SLOPE_STEP, -_SLOPE_STEP):
                 there = at.copy()
                 there[axis] += way / scale
-                ends.append(self._room(there, share))
+                ends.append(self._clearance(there, share))
             up, down = ends
             if up is None or down is None:
                 return None
-            slope.append((up - down) * scale / (2.0 * _ROOM_STEP))
-        return Room(tuple(at.tolist()), room_mm, tuple(slope))
+            slope.append((up - down) * scale / (2.0 * _SLOPE_STEP))
+        return Clearance(tuple(at.tolist()), clearance_mm, tuple(slope))
 
-    def _room(self, u: FloatArray, share: float) -> float | None:
+    def _clearance(self, u: FloatArray, share: float) -> float | None:
         mixture = self._model.shapes.mixture(u)
         if mixture is None:
             return None
-        room_mm = self._fewer.clearance_mm(mixture, share)
-        if self._shift is not None and room_mm < self._shift_mm + _ROOM_TO_MM:
+        clearance_mm = self._fewer.clearance_mm(mixture, share)
+        if self._shift is not None and clearance_mm < self._shift_mm + _NEAR_MM:
             shifted = _moved(mixture, self._shift)
-            room_mm = min(room_mm, self._fewer.clearance_mm(shifted, share))
-        return room_mm - self._hardly_proved_mm
+            clearance_mm = min(clearance_mm, self._fewer.clearance_mm(shifted, share))
+        return clearance_mm - self._hardly_proved_mm
 
     def _mixtures(self, u_from: Sequence[float], u_to: Sequence[float]) -> list[Mixture] | None:
         """Over the shape's coefficients, along the way."""

@@ -152,7 +152,7 @@ class ContactModel:
         safe = basis.radius_mm + basis.left_out_mm
         self._skin = Skin(basis.radius_mm, safe, basis.left_out_mm.max())
         nowhere = np.zeros(samples, np.int64)
-        self._now, self._next = (_Measured(self._room(samples), nowhere) for _ in range(2))
+        self._now, self._next = (_Measured(self._buffers(samples), nowhere) for _ in range(2))
 
     @property
     def basis(self) -> ShapeBasis:
@@ -242,7 +242,7 @@ class ContactModel:
         if changed.size == 0 or end.mixture is None:
             sweep(surroundings, skin, start.shapes, end.shapes, swept, surely)
             return
-        arriving = self._room(changed.size)
+        arriving = self._buffers(changed.size)
         self._place(end.mixture, start.component[changed], self._normal[changed], arriving)
         kept = _taken(end.shapes, changed)
         _put(end.shapes, changed, arriving)
@@ -260,7 +260,7 @@ class ContactModel:
         nearest_mm = _nearest_surface(self._grid, place_mm)
         return WorstPlace(float(self._basis.arc_mm[node]), place_mm, nearest_mm, threshold)
 
-    def _room(self, samples: int) -> Shapes:
+    def _buffers(self, samples: int) -> Shapes:
         return Shapes(
             np.empty((samples, 3 * self._basis.nodes), np.float32),
             np.empty(samples, np.float32),

@@ -175,7 +175,7 @@ def _gate(triangles: int, repeats: int) -> Figures:
         if decision.step is not None:
             at = list(decision.step.to_counts)
         started = time.perf_counter()
-        source.room([count / scale for count, scale in zip(at, scales, strict=True)], 0.05)
+        source.clearance([count / scale for count, scale in zip(at, scales, strict=True)], 0.05)
         looking.append(time.perf_counter() - started)
     return {
         **percentiles(durations, 1e3),

@@ -38,7 +38,7 @@ class ToldRisk:
             return self.risk(u_from, u_to)
         return RiskReading(self.risk, self.risk / 10, 0.001, self.name, "as told", NEAREST)
 
-    def room(self, u: object, risk: float) -> None:
+    def clearance(self, u: object, risk: float) -> None:
         return None
 
 

@@ -7,18 +7,18 @@ import pytest
 
 from safety.risk_source import (
     MAXIMUM_RISK,
+    Clearance,
     Leaving,
     Nearest,
     NoModel,
     RiskReading,
     RiskSource,
-    Room,
     TipComparison,
     ask,
     believed,
+    clearance_of,
     compared,
     name_of,
-    room_of,
 )
 
 LATEST_S = 0.02
@@ -36,10 +36,10 @@ class Source:
     name = "a model"
 
     def __init__(
-        self, answer: RiskReading | Exception | None, room: Room | Exception | None = None
+        self, answer: RiskReading | Exception | None, clearance: Clearance | Exception | None = None
     ) -> None:
         self.answer = answer
-        self.told_room = room
+        self.given_clearance = clearance
         self.looked: list[tuple[Sequence[float], float]] = []
         self.asked: list[tuple[Sequence[float], Sequence[float], int]] = []
 
@@ -51,11 +51,11 @@ class Source:
             raise self.answer
         return self.answer
 
-    def room(self, u: Sequence[float], risk: float) -> Room | None:
+    def clearance(self, u: Sequence[float], risk: float) -> Clearance | None:
         self.looked.append((u, risk))
-        if isinstance(self.told_room, Exception):
-            raise self.told_room
-        return self.told_room
+        if isinstance(self.given_clearance, Exception):
+            raise self.given_clearance
+        return self.given_clearance
 
 
 @pytest.mark.parametrize("risk", [0.0, 0.05, 1.0])
@@ -243,31 +243,31 @@ def test_a_way_out_that_is_doubted_is_none() -> None:
 
 
 @pytest.mark.parametrize(
-    "room",
+    "clearance",
     [
         None,
-        Room((0.0,), nan, (1.0,)),
-        Room((0.0,), 1.0, (inf,)),
-        Room((nan,), 1.0, (1.0,)),
-        Room((0.0, 0.0), 1.0, (1.0,)),
-        Room((0.0,), 1.0, (1.0, 1.0)),
-        Room((0.0, 0.0), 1.0, (1.0, 1.0)),
-        Room((0.0,), "far", (1.0,)),  # type: ignore[arg-type]
+        Clearance((0.0,), nan, (1.0,)),
+        Clearance((0.0,), 1.0, (inf,)),
+        Clearance((nan,), 1.0, (1.0,)),
+        Clearance((0.0, 0.0), 1.0, (1.0,)),
+        Clearance((0.0,), 1.0, (1.0, 1.0)),
+        Clearance((0.0, 0.0), 1.0, (1.0, 1.0)),
+        Clearance((0.0,), "far", (1.0,)),  # type: ignore[arg-type]
         ZeroDivisionError("no bodies"),
     ],
 )
-def test_a_room_that_is_no_number_or_cannot_be_told_is_none(
-    room: Room | Exception | None,
+def test_a_clearance_that_is_no_number_or_cannot_be_told_is_none(
+    clearance: Clearance | Exception | None,
 ) -> None:
-    assert room_of(Source(None, room), [0.0], 0.05) is None
+    assert clearance_of(Source(None, clearance), [0.0], 0.05) is None
 
 
-def test_a_room_is_passed_on() -> None:
-    room = Room((0.0, 1.0), -2.0, (1.0, 0.0))
-    source = Source(None, room)
-    assert room_of(source, [0.0, 1.0], 0.05) is room
+def test_a_clearance_is_passed_on() -> None:
+    clearance = Clearance((0.0, 1.0), -2.0, (1.0, 0.0))
+    source = Source(None, clearance)
+    assert clearance_of(source, [0.0, 1.0], 0.05) is clearance
     assert source.looked == [([0.0, 1.0], 0.05)]
-    assert room_of(NoModel(), [0.0, 1.0], 0.05) is None
+    assert clearance_of(NoModel(), [0.0, 1.0], 0.05) is None
 
 
 def test_a_source_that_says_nothing_is_doubted() -> None:

@@ -124,14 +124,14 @@ def test_travel_need_not_begin_at_zero() -> None:
 
 
 @examples(100)
-@given(room=st.integers(0, 200_000), slower=st.floats(0.01, 1e5))
-def test_what_is_stoppable_leaves_the_way_to_stop(room: int, slower: float) -> None:
-    change = shaping._stoppable(room, slower)
-    assert 0 <= change <= room
+@given(distance=st.integers(0, 200_000), slower=st.floats(0.01, 1e5))
+def test_what_is_stoppable_leaves_the_way_to_stop(distance: int, slower: float) -> None:
+    change = shaping._stoppable(distance, slower)
+    assert 0 <= change <= distance
     if change > 1:
-        assert change + change * change / (2 * slower) <= room * (1 + 1e-9)
+        assert change + change * change / (2 * slower) <= distance * (1 + 1e-9)
         more = change + 1
-        assert more + more * more / (2 * slower) > room * (1 - 1e-9)
+        assert more + more * more / (2 * slower) > distance * (1 - 1e-9)
 
 
 @pytest.mark.parametrize(

@@ -74,7 +74,7 @@ class ReportBeside:
             self._process.communicate()
             self._process = None
 
-    def _answer(self, wish: bytes) -> str | None:
+    def _answer(self, request: bytes) -> str | None:
         """None: there is none, and there will be no other."""
         if self._process is None:
             return None
@@ -82,7 +82,7 @@ class ReportBeside:
         assert self._process.stdout is not None
         line = b""
         with suppress(OSError):
-            self._process.stdin.write(wish)
+            self._process.stdin.write(request)
             if select.select([self._process.stdout], [], [], _ANSWERS_WITHIN_S)[0]:
                 line = self._process.stdout.readline()
         if not line.endswith(b"\n"):
@@ -97,10 +97,10 @@ _LOOK_EVERY_S: Final = 0.2
 class ReportProcess:
     """Bytes in, report out."""
 
-    def __init__(self, folder: Path, wishes: int, answers: int) -> None:
+    def __init__(self, folder: Path, requests: int, answers: int) -> None:
         """wishes, answers: descriptors."""
         self._folder = folder
-        self._wishes = wishes
+        self._requests = requests
         self._answers = answers
         self._fingerprint = Fingerprint()
         self._run = GrowingRun(folder, self._fingerprint.take)
@@ -108,19 +108,19 @@ class ReportProcess:
     def run(self) -> None:
         """Until there is nothing to wish any more. Raises UnreadableRunError, OSError."""
         while True:
-            ready, _, _ = select.select([self._wishes], [], [], _LOOK_EVERY_S)
+            ready, _, _ = select.select([self._requests], [], [], _LOOK_EVERY_S)
             if not ready:
                 # There may be nothing yet; and what is wrong is told when somebody wants it.
                 with contextlib.suppress(UnreadableRunError, OSError):
                     self._run.catch_up()
                 continue
-            wish = os.read(self._wishes, 1)
-            if not wish:
+            request = os.read(self._requests, 1)
+            if not request:
                 return
-            os.write(self._answers, self._answer(wish).encode() + b"\n")
+            os.write(self._answers, self._answer(request).encode() + b"\n")
 
-    def _answer(self, wish: bytes) -> str:
-        if wish == HASH:
+    def _answer(self, request: bytes) -> str:
+        if request == HASH:
             self._run.catch_up()
             return self._fingerprint.hexdigest()
         page = report_html(self._run.data(), in_two_processes)

@@ -118,9 +118,9 @@ def panel_grid(
     )
 
 
-def panels(made: Figure, rows: int, columns: int, *, sharex: bool = False, **room: Any) -> Any:
+def panels(made: Figure, rows: int, columns: int, *, sharex: bool = False, **spacing: Any) -> Any:
     """Panels on a `panel_grid`: an array of Axes of shape (rows, columns)."""
-    return panel_grid(made, rows, columns, **room).subplots(sharex=sharex, squeeze=False)
+    return panel_grid(made, rows, columns, **spacing).subplots(sharex=sharex, squeeze=False)
 
 
 def legend_height_in(entries: int, columns: int) -> float:

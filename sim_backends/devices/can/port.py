@@ -130,8 +130,8 @@ class Port:
     def send_all(self, frames: Sequence[Frame], t_ns: int) -> None:
         """The same for several at once, in order."""
         bus, fifo = self._bus, self.fifo
-        room = self.capacity - self.pending if self.on_bus else 0
-        if fifo is None or t_ns > bus.now_ns or not 0 < len(frames) <= room:
+        free = self.capacity - self.pending if self.on_bus else 0
+        if fifo is None or t_ns > bus.now_ns or not 0 < len(frames) <= free:
             for can_id, data in frames:
                 self.send(can_id, data, t_ns)
             return

@@ -155,7 +155,7 @@ def test_a_step_is_finite_and_within_its_limits(
 
 def test_an_axis_outside_its_travel_may_come_back_and_not_go_further() -> None:
     axes = AxisRanges.of(ROBOT)
-    lowest, highest = axes.room(np.array([-2.0, 52.0, 25.0, 0.0, 50.0, 1.0]))
+    lowest, highest = axes.step_range(np.array([-2.0, 52.0, 25.0, 0.0, 50.0, 1.0]))
     np.testing.assert_allclose(lowest, [0.0, -52.0, -25.0, 0.0, -50.0, -1.0])
     np.testing.assert_allclose(highest, [52.0, 0.0, 25.0, 50.0, 0.0, 49.0])
 

@@ -142,7 +142,7 @@ class Told:
     def assess(self, u_from: object, u_to: object, t_ns: int) -> RiskReading | None:
         return self.answer
 
-    def room(self, u: object, risk: float) -> None:
+    def clearance(self, u: object, risk: float) -> None:
         return None
 
 

@@ -160,27 +160,27 @@ THRESHOLD = 0.05
 
 
 def test_far_from_everything_there_is_no_room_to_speak_of(risk: BodyRisk) -> None:
-    assert risk.room(at(-3.0), THRESHOLD) is None
+    assert risk.clearance(at(-3.0), THRESHOLD) is None
 
 
 @pytest.mark.parametrize("u", [at(1.5), at(2.0), at(2.5)])
 def test_room_gets_less_along_its_slope_and_with_none_left_the_risk_is_as_high(
     risk: BodyRisk, u: tuple[float, ...]
 ) -> None:
-    room = risk.room(u, THRESHOLD)
-    assert room is not None
-    assert room.u == u
-    assert room.slope[0] == pytest.approx(-10.0, rel=0.1)  # of x, for each unit
-    assert room.slope[1:] == pytest.approx([0.0, 0.0, 0.0], abs=0.1)
-    there = at(u[0] - (room.room_mm - 3.0) / room.slope[0])
+    clearance = risk.clearance(u, THRESHOLD)
+    assert clearance is not None
+    assert clearance.u == u
+    assert clearance.slope[0] == pytest.approx(-10.0, rel=0.1)  # of x, for each unit
+    assert clearance.slope[1:] == pytest.approx([0.0, 0.0, 0.0], abs=0.1)
+    there = at(u[0] - (clearance.clearance_mm - 3.0) / clearance.slope[0])
     assert told(risk, there, there).contact.upper_limit < THRESHOLD
-    beyond = at(u[0] - (room.room_mm + 4.0) / room.slope[0])
+    beyond = at(u[0] - (clearance.clearance_mm + 4.0) / clearance.slope[0])
     assert told(risk, beyond, beyond).contact.upper_limit > THRESHOLD
 
 
 def test_a_higher_risk_that_may_be_taken_leaves_more_room(risk: BodyRisk) -> None:
-    rooms = [risk.room(at(2.5), threshold) for threshold in (0.0, 0.01, 0.1, 0.3)]
-    distances = [room.room_mm for room in rooms if room is not None]
+    clearances = [risk.clearance(at(2.5), threshold) for threshold in (0.0, 0.01, 0.1, 0.3)]
+    distances = [clearance.clearance_mm for clearance in clearances if clearance is not None]
     assert len(distances) == 4
     assert distances == sorted(distances)
     assert distances[0] < distances[-1] - 1.0
@@ -193,7 +193,7 @@ def test_where_the_network_gives_nothing_nobody_knows_the_room(
     broken["shapes/means.0.weight"][0, 0] = 1e38
     broken["shapes/output_scale_mm"] = np.array(1e300)
     risk = BodyRisk(risk_model(broken, "silu", "relu"), block, grid)
-    assert risk.room(at(5.0), THRESHOLD) is None
+    assert risk.clearance(at(5.0), THRESHOLD) is None
 
 
 def test_a_way_out_of_what_is_touched_says_what_it_adds(risk: BodyRisk) -> None:
@@ -237,13 +237,13 @@ def test_what_the_body_is_off_by_counts_and_never_makes_the_risk_less(risk: Body
 
 
 def test_the_room_is_that_of_the_body_as_it_was_seen(risk: BodyRisk) -> None:
-    plain = risk.room(at(1.5), 0.05)
+    plain = risk.clearance(at(1.5), 0.05)
     risk.take_as_shifted(np.array([5.0, 0.0]))
-    shifted = risk.room(at(1.5), 0.05)
+    shifted = risk.clearance(at(1.5), 0.05)
     risk.take_as_shifted(None)
     assert plain is not None
     assert shifted is not None
-    assert shifted.room_mm < plain.room_mm - 3.0
+    assert shifted.clearance_mm < plain.clearance_mm - 3.0
 
 
 def test_far_from_everything_the_shift_is_not_asked_for(risk: BodyRisk) -> None:

@@ -138,7 +138,7 @@ class Wall:
         moves = list(u_from) != list(u_to)
         return RiskReading(0.9 if moves else 0.0, None, 0.0, self.name, "there is a wall")
 
-    def room(self, u: object, risk: float) -> None:
+    def clearance(self, u: object, risk: float) -> None:
         return None
 
 

@@ -152,9 +152,9 @@ def test_a_recording_is_read_as_it_grows(whole: Path, tmp_path: Path) -> None:
 def test_the_process_reads_along_and_reports_what_came_last(whole: Path, tmp_path: Path) -> None:
     data = (whole / "run.mcap").read_bytes()
     (tmp_path / "run.mcap.part").write_bytes(data[: len(data) // 2])
-    wishes, to_process = os.pipe()
+    requests, to_process = os.pipe()
     from_process, answers = os.pipe()
-    process = report_process.ReportProcess(tmp_path, wishes, answers)
+    process = report_process.ReportProcess(tmp_path, requests, answers)
     process._run.catch_up()
     read_before = process._run._reader.read_bytes
     (tmp_path / "run.mcap.part").rename(tmp_path / "run.mcap")
@@ -165,7 +165,7 @@ def test_the_process_reads_along_and_reports_what_came_last(whole: Path, tmp_pat
     assert 0 < read_before <= len(data) // 2
     assert os.read(from_process, 100) == b"\n"
     once = (tmp_path / "report.html").read_text()
-    for descriptor in (wishes, answers, from_process):
+    for descriptor in (requests, answers, from_process):
         os.close(descriptor)
     assert write_report(tmp_path).read_text() == once
 
