@@ -195,13 +195,13 @@ def _count_findings(at: Location, axis: Axis) -> Iterator[Finding]:
             "which has 32 bits for them: check counts_per_turn, gear_ratio and the unit",
         )
     in_drive_units = counts_per_unit / axis.drive.velocity_unit_counts_s
-    told: dict[Quantity, float] = {
+    sent: dict[Quantity, float] = {
         "max_velocity": axis.max_velocity * in_drive_units,
         "max_acceleration": axis.max_acceleration * in_drive_units,
         "quick_stop_deceleration": axis.quick_stop_deceleration * in_drive_units,
         "following_error": axis.following_error * counts_per_unit,
     }
-    for quantity, counts in told.items():
+    for quantity, counts in sent.items():
         if not counts < _UNSIGNED_COUNTS:
             text = f"is {counts:.3g} units of the drive, which has 32 bits for them"
             yield (*at, axis.key(quantity)), text

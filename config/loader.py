@@ -38,11 +38,11 @@ def load_robot(path: Path) -> RobotFile:
         try:
             robot = Robot.model_validate(document.value)
         except ValidationError as error:
-            told = {(problem.line, problem.column) for problem in problems}
+            located = {(problem.line, problem.column) for problem in problems}
             problems += [
                 problem
                 for problem in schema_problems(document, Robot, error)
-                if (problem.line, problem.column) not in told
+                if (problem.line, problem.column) not in located
             ]
         parts = Parts.of(document.value)
         problems += [document.problem(location, message) for location, message in findings(parts)]

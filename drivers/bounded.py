@@ -51,10 +51,12 @@ async def end_tasks(tasks: Iterable["asyncio.Task[Any]"], within_s: float) -> bo
     return not waiting
 
 
-def _tell(loop: asyncio.AbstractEventLoop, callback: Callable[..., object], *told: Any) -> bool:
+def _tell(
+    loop: asyncio.AbstractEventLoop, callback: Callable[..., object], *arguments: Any
+) -> bool:
     """False: the event loop has been closed meanwhile."""
     try:
-        loop.call_soon_threadsafe(callback, *told)
+        loop.call_soon_threadsafe(callback, *arguments)
     except RuntimeError:
         return False
     return True

@@ -110,7 +110,7 @@ class Consequences:
     def __init__(self) -> None:
         self._known: dict[_Key, _Known] = {}
 
-    def told(self, reasons: Sequence[ActiveReason], t_ns: int) -> tuple[ActiveReason, ...]:
+    def ordered(self, reasons: Sequence[ActiveReason], t_ns: int) -> tuple[ActiveReason, ...]:
         """`reasons`, worst first, with what follows from another behind it.
 
         A lead that is over stays, marked as that, while anything that follows from it does.
@@ -126,17 +126,17 @@ class Consequences:
             if origin != key:  # what stands between them may be forgotten
                 self._known[key].lead = origin
             groups.setdefault(origin, []).append(reason)
-        told: list[ActiveReason] = []
+        ordered: list[ActiveReason] = []
         for origin, members in groups.items():
             lead = self._known[origin].reason
-            told.append(lead if origin in present else replace(lead, over=True, latched=False))
-            told += [
+            ordered.append(lead if origin in present else replace(lead, over=True, latched=False))
+            ordered += [
                 replace(reason, follows_from=lead.cause.name)
                 for reason in members
                 if _key(reason) != origin
             ]
         self._forget(present, set(groups), t_ns)
-        return tuple(told)
+        return tuple(ordered)
 
     def _remember(self, reasons: Sequence[ActiveReason], present: set[_Key], t_ns: int) -> None:
         for reason in reasons:

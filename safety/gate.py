@@ -358,8 +358,8 @@ def _decision(
     answer: RiskAnswer | None,
     refused: str,
 ) -> Decision:
-    told = tuple(limited)
+    limits = tuple(limited)
     if answer is None:
-        return Decision(step, scale, told, None, None, "", refused, None)
+        return Decision(step, scale, limits, None, None, "", refused, None)
     risk, beside, detail = answer.risk, answer.body_point_risk, answer.detail
-    return Decision(step, scale, told, risk, beside, detail, refused, answer.nearest)
+    return Decision(step, scale, limits, risk, beside, detail, refused, answer.nearest)

@@ -34,8 +34,8 @@ class Violation:
 
     axis: int
     limit: str
-    asked: float
+    requested: float
     allowed: float
 
     def __str__(self) -> str:
-        return f"axis {self.axis}: {self.limit} {self.asked:g} is beyond {self.allowed:g}"
+        return f"axis {self.axis}: {self.limit} {self.requested:g} is beyond {self.allowed:g}"

@@ -233,10 +233,10 @@ def _answer(reading: RiskReading | None, latest_after_s: float) -> RiskAnswer:
     beside = reading.body_point_risk
     if beside is not None and not _is_probability(beside):
         beside = None  # nothing is decided by it
-    told = doubt or str(reading.detail)
+    detail = doubt or str(reading.detail)
     leaving = None if doubt else reading.leaving
     nearest = reading.nearest if _is_place(reading.nearest) else None
-    return RiskAnswer(risk, beside, float(reading.took_s), told, doubt, nearest, leaving)
+    return RiskAnswer(risk, beside, float(reading.took_s), detail, doubt, nearest, leaving)
 
 
 def _is_probability(value: float) -> bool:

@@ -35,11 +35,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     try:
-        told = check(arguments.file, arguments.robot)
+        lines = check(arguments.file, arguments.robot)
     except ConfigError as error:
         print(error, file=sys.stderr)
         return EXIT_FAILED
-    print("\n".join(told))
+    print("\n".join(lines))
     return EXIT_OK
 
 
@@ -133,19 +133,19 @@ def _none(problems: list[Problem]) -> None:
 def _described(path: Path, checked: CheckedRobot) -> list[str]:
     robot = checked.file.robot
     tracker = robot.tracker
-    told = [
+    lines = [
         f"{path}: {robot.robot} is sound",
         f"  tracker   {tracker.kind} on {tracker.port} at {tracker.baud_rate} baud",
     ]
     for name, bus in robot.buses.items():
         nodes = {axis.drive.node for axis in robot.axes if axis.drive.bus == name}
-        told.append(
+        lines.append(
             f"  bus       {name}: {bus.interface} {bus.channel}, {1 / bus.cycle_period_s:g} Hz, "
             f"{len(nodes)} drives, {checked.budgets[name]}"
         )
     for axis in robot.axes:
         drive = axis.drive
-        told.append(
+        lines.append(
             f"  axis      {axis.name}: {axis.kind}, {drive.bus}/{drive.node} axis {drive.axis}"
         )
-    return told
+    return lines

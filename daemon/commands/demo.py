@@ -55,17 +55,17 @@ async def _demonstrate(
     finally:
         for task in (tour, ending):
             task.cancel()
-        told = (await asyncio.gather(tour, ending, return_exceptions=True))[0]
+        outcome = (await asyncio.gather(tour, ending, return_exceptions=True))[0]
         await processes.end()
-    if isinstance(told, asyncio.CancelledError):
+    if isinstance(outcome, asyncio.CancelledError):
         print("\nended: the drives were stopped and switched off")
         return EXIT_OK
-    if isinstance(told, ProcessError | TourError | ClientError):
-        print(f"\n{told}", file=sys.stderr)
+    if isinstance(outcome, ProcessError | TourError | ClientError):
+        print(f"\n{outcome}", file=sys.stderr)
         return EXIT_FAILED
-    if isinstance(told, BaseException):
-        raise told
-    _tell_result(Path(told))
+    if isinstance(outcome, BaseException):
+        raise outcome
+    _tell_result(Path(outcome))
     return EXIT_OK
 
 

@@ -22,8 +22,8 @@ _KINDS = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    told = "; ".join(f"{kind}: {what}" for kind, what in _KINDS.items())
-    parser.add_argument("kind", choices=_KINDS, metavar="KIND", help=told)
+    summary = "; ".join(f"{kind}: {what}" for kind, what in _KINDS.items())
+    parser.add_argument("kind", choices=_KINDS, metavar="KIND", help=summary)
     parser.add_argument(
         "--out", type=Path, required=True, metavar="MESH.stl", help="or .obj, .ply; in mm"
     )
@@ -58,13 +58,13 @@ def run(arguments: argparse.Namespace) -> int:
     except OSError as error:
         print(f"{error.filename or arguments.out}: {error.strerror}", file=sys.stderr)
         return EXIT_FAILED
-    told = {
+    summary = {
         "mesh": str(arguments.out),
         "triangles": len(mesh.triangles),
         "free": "inside" if checked.solid_around else "outside",
         "insertion_port": None if port is None else asdict(port),
     }
-    print(json.dumps(told, indent=2))
+    print(json.dumps(summary, indent=2))
     return EXIT_OK
 
 

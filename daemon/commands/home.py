@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from daemon.commands.terminal.remote_arguments import (
     add_json_argument,
     add_target_arguments,
+    print_answer,
     run_talk,
-    told,
 )
 from daemon.messages import Event
 from daemon.remote.client.client_errors import HOMES_WITHIN_S
@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
             answer = await client.home(arguments.axis, arguments.timeout)
         finally:
             showing.cancel()
-        return told(answer, arguments.json)
+        return print_answer(answer, arguments.json)
 
     return run_talk(arguments, talk)
 

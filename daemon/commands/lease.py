@@ -37,36 +37,36 @@ def run(arguments: argparse.Namespace) -> int:
 
 async def _hold(client: RobotClient, path: Path, user: str) -> int:
     stop = StopSignals()
-    told = asyncio.create_task(stop.wait(None))
+    stopping = asyncio.create_task(stop.wait(None))
     answer = await client.acquire()
     try:
         store_lease(path, StoredLease(user, answer.token))
         print(f"{client.me.robot}: the lease is yours; Ctrl-C gives it back", flush=True)
-        while not told.done():
+        while not stopping.done():
             if client.lease_lost is not None:
                 print(f"{client.lease_lost}; trying to get it back", file=sys.stderr, flush=True)
-                taken = await _take_again(client, told)
+                taken = await _take_again(client, stopping)
                 if taken is None:
                     break
                 store_lease(path, StoredLease(user, taken.token))
                 print("the lease is yours again", flush=True)
-            await asyncio.wait((told,), timeout=_LOOK_EVERY_S)
+            await asyncio.wait((stopping,), timeout=_LOOK_EVERY_S)
         return await _give_back(client)
     except OSError as error:
         print(f"the lease cannot be kept in {path}: {error.strerror}", file=sys.stderr)
         return EXIT_FAILED
     finally:
-        told.cancel()
+        stopping.cancel()
         forget_lease(path)
 
 
-async def _take_again(client: RobotClient, told: asyncio.Task[None]) -> Answer | None:
+async def _take_again(client: RobotClient, stopping: asyncio.Task[None]) -> Answer | None:
     """The lease, as soon as it can be had; None: told to end."""
-    while not told.done():
+    while not stopping.done():
         try:
             return await client.acquire()
         except ClientError:
-            await asyncio.wait((told,), timeout=_TRY_AGAIN_S)
+            await asyncio.wait((stopping,), timeout=_TRY_AGAIN_S)
     return None
 
 

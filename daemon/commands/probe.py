@@ -107,8 +107,8 @@ class _JsonLines:
     def __init__(self, every_s: float) -> None:
         self._every_s = every_s
 
-    def event(self, told: Json) -> None:
-        self._print("event", told)
+    def event(self, event_message: Json) -> None:
+        self._print("event", event_message)
 
     async def show(self, session: ProbeSession) -> None:
         try:
@@ -129,10 +129,10 @@ class _LiveTable:
         self._events: deque[Json] = deque(maxlen=_EVENTS_SHOWN)
         self._console = Console()
 
-    def event(self, told: Json) -> None:
-        self._events.append(told)
+    def event(self, event_message: Json) -> None:
+        self._events.append(event_message)
         if not self._console.is_terminal:
-            print(event_line(told), flush=True)
+            print(event_line(event_message), flush=True)
 
     async def show(self, session: ProbeSession) -> None:
         with Live(console=self._console, auto_refresh=False, transient=False) as live:

@@ -78,11 +78,11 @@ def run(arguments: argparse.Namespace) -> int:
             f"say --free {other}",
             file=sys.stderr,
         )
-    print(json.dumps(_told(mixture, environment, bounds, value), indent=2))
+    print(json.dumps(_summary(mixture, environment, bounds, value), indent=2))
     return EXIT_OK
 
 
-def _told(
+def _summary(
     mixture: "Mixture",
     environment: "Environment",
     bounds: "BodyPointBounds",

@@ -56,10 +56,10 @@ def _print_json(status: Status) -> None:
 
 
 async def _write(client: RobotClient, every_s: float) -> None:
-    told = asyncio.create_task(StopSignals().wait(None))
-    while not told.done():
+    stopping = asyncio.create_task(StopSignals().wait(None))
+    while not stopping.done():
         _print_json(await client.status())
-        await asyncio.wait((told,), timeout=every_s)
+        await asyncio.wait((stopping,), timeout=every_s)
 
 
 async def _watch(client: RobotClient, every_s: float) -> None:
@@ -68,14 +68,14 @@ async def _watch(client: RobotClient, every_s: float) -> None:
 
     from daemon.commands.terminal.status_view import gone_view, status_view
 
-    told = asyncio.create_task(StopSignals().wait(None))
+    stopping = asyncio.create_task(StopSignals().wait(None))
     loop = asyncio.get_running_loop()
     last, last_s = None, loop.time()
     with Live(auto_refresh=False) as live:
-        while not told.done():
+        while not stopping.done():
             try:
                 last, last_s = await client.status(), loop.time()
                 live.update(status_view(last), refresh=True)
             except ClientError as error:
                 live.update(gone_view(last, str(error), loop.time() - last_s), refresh=True)
-            await asyncio.wait((told,), timeout=every_s)
+            await asyncio.wait((stopping,), timeout=every_s)

@@ -15,7 +15,7 @@ from daemon.commands.terminal.remote_arguments import (
     add_timeout_argument,
     addresses,
     failed,
-    told,
+    print_answer,
 )
 from daemon.messages import Answer, Stop, verb
 from daemon.remote.client.address import Address
@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     codes = [
         failed(outcome, arguments.json)
         if isinstance(outcome, ClientError)
-        else told(outcome, arguments.json)
+        else print_answer(outcome, arguments.json)
         for outcome in outcomes
     ]
     return max(codes)

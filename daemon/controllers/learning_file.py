@@ -45,17 +45,17 @@ class LearntFile:
 def save_learnt(path: Path, learnt: LearntFile, robot: Robot) -> None:
     """A reader sees the old file or the whole new one. Raises OSError."""
     model = learnt.model
-    told: dict[str, Any] = {"kind": KIND, "controller": learnt.controller, **whose(robot)}
+    metadata: dict[str, Any] = {"kind": KIND, "controller": learnt.controller, **whose(robot)}
     arrays = _prefixed(_LEARNT, learnt.arrays)
     if model is not None:
-        told["model"] = {
+        metadata["model"] = {
             "metadata": dict(model.metadata),
             "lwpr": model.lwpr.settings.to_dict(),
             "sampling": model.sampling.to_dict(),
         }
         arrays |= _prefixed(_LWPR, model.lwpr.to_arrays())
         arrays |= _prefixed(_MOTIONS, model.motions.to_arrays())
-    save_npz(path, {_METADATA: np.array(json.dumps(told, sort_keys=True)), **arrays})
+    save_npz(path, {_METADATA: np.array(json.dumps(metadata, sort_keys=True)), **arrays})
 
 
 def load_learnt(path: Path, controller: str, robot: Robot) -> LearntFile:
@@ -65,24 +65,23 @@ def load_learnt(path: Path, controller: str, robot: Robot) -> LearntFile:
             open_regular(path, MOST_MODEL_BYTES) as file,
             np.load(file, allow_pickle=False) as stored,
         ):
-            told = json.loads(str(stored[_METADATA]))
-            if told["kind"] == pretrained_model.KIND:
+            metadata = json.loads(str(stored[_METADATA]))
+            if metadata["kind"] == pretrained_model.KIND:
                 return LearntFile("", PretrainedModel.load(path, robot))
-            if told["kind"] != KIND:
+            if metadata["kind"] != KIND:
                 raise KeyError("kind")
             arrays = {name: stored[name] for name in stored.files}
-        model = None if told.get("model") is None else _model(told["model"], arrays)
+        model = None if metadata.get("model") is None else _model(metadata["model"], arrays)
     except (ValueError, TypeError, KeyError, AttributeError, EOFError, zipfile.BadZipFile) as error:
         if isinstance(error, ModelError):
             raise
         raise ModelError(f"{path} is not what a controller has learnt: {error}") from None
-    misfit = misfit_of(told, robot)
+    misfit = misfit_of(metadata, robot)
     if misfit:
         raise ModelError(f"{path} does not fit this robot: {misfit}")
-    if told.get("controller") != controller:
-        raise ModelError(
-            f"{path} does not fit: its controller is {told.get('controller')!r}, not {controller!r}"
-        )
+    other = metadata.get("controller")
+    if other != controller:
+        raise ModelError(f"{path} does not fit: its controller is {other!r}, not {controller!r}")
     learnt = _stripped(_LEARNT, arrays)
     for name, array in learnt.items():
         if not np.isfinite(array).all():
@@ -90,13 +89,13 @@ def load_learnt(path: Path, controller: str, robot: Robot) -> LearntFile:
     return LearntFile(controller, model, learnt)
 
 
-def _model(told: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> PretrainedModel:
-    settings = LwprSettings.from_dict(told["lwpr"])
+def _model(metadata: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> PretrainedModel:
+    settings = LwprSettings.from_dict(metadata["lwpr"])
     return PretrainedModel(
         Lwpr.from_arrays(settings, _stripped(_LWPR, arrays)),
         MotionTable.from_arrays(_stripped(_MOTIONS, arrays)),
-        SamplingSettings.from_dict(told["sampling"]),
-        told["metadata"],
+        SamplingSettings.from_dict(metadata["sampling"]),
+        metadata["metadata"],
     )
 
 

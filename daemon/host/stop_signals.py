@@ -15,19 +15,19 @@ class StopSignals:
     """From its making on, these signals are remembered and no longer end the process."""
 
     def __init__(self) -> None:
-        self._told = asyncio.Event()
+        self._requested = asyncio.Event()
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM):
-            loop.add_signal_handler(number, self._told.set)
+            loop.add_signal_handler(number, self._requested.set)
         if _hang_ups_count():
-            hang_up = _for_a_terminal_that_goes(self._told.set)
+            hang_up = _for_a_terminal_that_goes(self._requested.set)
             loop.add_signal_handler(signal.SIGHUP, hang_up)
 
     async def wait(self, duration_s: float | None) -> None:
         """Wait for one of them, or the end of `duration_s`."""
         with suppress(TimeoutError):
             async with asyncio.timeout(duration_s):
-                await self._told.wait()
+                await self._requested.wait()
 
 
 @contextmanager
@@ -65,7 +65,7 @@ def _for_a_terminal_that_goes(stop: Callable[[], None]) -> Callable[[], None]:
     go, and an error of a `print` must not come between a robot and its quick stop."""
     on_terminal = [number for number in (_STDOUT, _STDERR) if os.isatty(number)]
 
-    def told() -> None:
+    def handler() -> None:
         # Not asked whether it is still there: the signal often comes before it has gone.
         if on_terminal:
             nowhere = os.open(os.devnull, os.O_WRONLY | os.O_CLOEXEC)
@@ -74,4 +74,4 @@ def _for_a_terminal_that_goes(stop: Callable[[], None]) -> Callable[[], None]:
             os.close(nowhere)
         stop()
 
-    return told
+    return handler

@@ -177,7 +177,7 @@ class ControlLoop:
         self._begun = False
         self._tracking_error.begin()
 
-    def told_counts(self, now_ns: int) -> Sequence[int] | None:
+    def commanded_counts(self, now_ns: int) -> Sequence[int] | None:
         """Where each axis is told to be; None while they are told nothing."""
         return self.target_counts(now_ns) if self._supervisor.state.follows else None
 
@@ -351,15 +351,15 @@ class ControlLoop:
         too_high, unknown = decision.refused == RISK, decision.refused == RISK_UNAVAILABLE
         if self._compared is not None and self._compared.doubt:
             unknown = False  # that follows from a cause which is told by itself
-        told = decision.risk_detail
-        supervisor.failsafe.set("risk_too_high", too_high, now_ns, "gate", told)
-        supervisor.failsafe.set("risk_unavailable", unknown, now_ns, "gate", told)
+        detail = decision.risk_detail
+        supervisor.failsafe.set("risk_too_high", too_high, now_ns, "gate", detail)
+        supervisor.failsafe.set("risk_unavailable", unknown, now_ns, "gate", detail)
         requests_motion = any(
             abs(change) > _REQUESTED_ABOVE for change in requested.delta_u.tolist()
         )
         stuck = requests_motion and not (too_high or unknown) and decision.scale < _STUCK_BELOW
-        told = decision.refused or ", ".join(decision.limits) if stuck else ""
-        supervisor.failsafe.set("gate_refused", stuck, now_ns, "gate", told)
+        detail = decision.refused or ", ".join(decision.limits) if stuck else ""
+        supervisor.failsafe.set("gate_refused", stuck, now_ns, "gate", detail)
 
     def _judge(
         self,
@@ -375,13 +375,13 @@ class ControlLoop:
         elif requested.avoids or _hinders(decision):
             self._tracking_error.hinder()
         elif believed:
-            told = self._tracking_error.look(
+            detail = self._tracking_error.look(
                 sensed.frame.t_ns, tip.position_mm.tolist(), aim.position_mm.tolist()
             )
-            if told:
+            if detail:
                 self._tracking_error.begin()
-                told = f"{told}; the controller is {controller.name}"
-                self._supervisor.raise_cause("tracking_diverges", self._clock.now_ns(), told)
+                detail = f"{detail}; the controller is {controller.name}"
+                self._supervisor.raise_cause("tracking_diverges", self._clock.now_ns(), detail)
 
     def _publish(
         self,
@@ -443,7 +443,7 @@ class ControlLoop:
                     scale=decision.scale,
                     reasons=[*decision.limits, *([SLIDING] if requested.avoids else [])],
                     detail=decision.risk_detail,
-                    **_told(decision.nearest, self._compared),
+                    **_risk_details(decision.nearest, self._compared),
                 )
             )
 
@@ -465,7 +465,7 @@ def _distance_mm(one: list[float] | None, other: list[float] | None) -> float | 
     return None if one is None or other is None else math.dist(one, other)
 
 
-def _told(nearest: Nearest | None, tip: TipComparison | None) -> dict[str, Any]:
+def _risk_details(nearest: Nearest | None, tip: TipComparison | None) -> dict[str, Any]:
     """As a message has it."""
     compared_tip: dict[str, Any] = {}
     if tip is not None:

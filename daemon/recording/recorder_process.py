@@ -50,7 +50,7 @@ class RecorderProcess:
         self._topics: dict[int, str] = {}
         self._writer: RunWriter | None = None
         self._dropped_before = 0
-        self._flushed_ns = self._synced_ns = self._told_ns = clock.now_ns()
+        self._flushed_ns = self._synced_ns = self._reported_ns = clock.now_ns()
 
     def run(self) -> int:
         """Until the stream ends. Returns the exit code."""
@@ -93,8 +93,8 @@ class RecorderProcess:
         elif now_ns - self._flushed_ns >= FLUSH_EVERY_NS:
             self._flushed_ns = now_ns
             self._writer.flush()
-        if now_ns - self._told_ns >= _TELL_EVERY_NS:
-            self._told_ns = now_ns
+        if now_ns - self._reported_ns >= _TELL_EVERY_NS:
+            self._reported_ns = now_ns
             self._tell()
 
     def _finish(self) -> int:

@@ -140,7 +140,7 @@ def describe_run(
         modified=modified,
         python=platform.python_version(),
         system=f"{platform.system()} {platform.release()} {platform.machine()}",
-        packages={name: told for name in _PACKAGES if (told := _version(name))},
+        packages={name: output for name in _PACKAGES if (output := _version(name))},
         seed=seed,
         config_sha256=hashlib.sha256(text).hexdigest(),
         models_sha256={
@@ -181,7 +181,7 @@ def _checkout() -> tuple[str | None, bool | None]:
         return None, None
     command = ["git", "-C", str(_CHECKOUT), "describe", "--always", "--dirty", "--abbrev=40"]
     try:
-        told = subprocess.run(
+        output = subprocess.run(
             [*command, "--exclude=*"],
             capture_output=True,
             text=True,
@@ -190,4 +190,4 @@ def _checkout() -> tuple[str | None, bool | None]:
         ).stdout.strip()
     except (OSError, subprocess.SubprocessError):
         return None, None
-    return told.removesuffix("-dirty"), told.endswith("-dirty")
+    return output.removesuffix("-dirty"), output.endswith("-dirty")

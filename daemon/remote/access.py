@@ -193,13 +193,13 @@ def _watching(keys: Keys) -> Sequence[Json]:
 
 
 def _own(keys: Keys, user: User) -> Sequence[Json]:
-    asked = [keys.whoami(user.name)]
+    queryables = [keys.whoami(user.name)]
     if user.may_command:
-        asked.append(keys.commands(user.name))
+        queryables.append(keys.commands(user.name))
     rules = [
-        _allow(f"{user.name}_announce", "egress", ["declare_queryable"], asked),
-        _allow(f"{user.name}_ask", "ingress", ["query"], asked),
-        _allow(f"{user.name}_answer", "egress", ["reply"], asked),
+        _allow(f"{user.name}_announce", "egress", ["declare_queryable"], queryables),
+        _allow(f"{user.name}_ask", "ingress", ["query"], queryables),
+        _allow(f"{user.name}_answer", "egress", ["reply"], queryables),
     ]
     if user.may_command:
         setpoint = [keys.setpoint(user.name)]

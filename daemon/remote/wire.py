@@ -38,7 +38,7 @@ class WireError(ValueError):
         """The sender's identifier of the request, where it could be read."""
 
 
-def asked_format(encoding: object) -> Format:
+def requested_format(encoding: object) -> Format:
     """The format that an encoding names; msgpack where it names none."""
     return Format.JSON if str(encoding).startswith(Format.JSON.value) else Format.MSGPACK
 
@@ -117,20 +117,20 @@ def _raw(payload: bytes, most: int, form: Format) -> dict[str, Any]:
     return raw
 
 
-def _kind(told: object, kinds: tuple[type[Message], ...], request: str) -> type[Message]:
+def _kind(wire_tag: object, kinds: tuple[type[Message], ...], request: str) -> type[Message]:
     for kind in kinds:
-        if told == tag(kind):
+        if wire_tag == tag(kind):
             return kind
     spoken = " or ".join(f"'{tag(kind)}'" for kind in kinds)
-    if not isinstance(told, str) or not _is_text(told):
+    if not isinstance(wire_tag, str) or not _is_text(wire_tag):
         raise WireError("bad_payload", f"$.type is missing: {spoken} belongs here", request)
-    name, _, version = told[:64].partition("/")
+    name, _, version = wire_tag[:64].partition("/")
     for kind in kinds:
         ours, _, our_version = tag(kind).partition("/")
         if name == ours:
             text = f"version {our_version} of '{ours}' is spoken here, not {version or 'none'}"
             raise WireError("bad_version", text, request)
-    raise WireError("bad_payload", f"{spoken} belongs here, not '{told[:64]}'", request)
+    raise WireError("bad_payload", f"{spoken} belongs here, not '{wire_tag[:64]}'", request)
 
 
 def _problems(raw: object) -> Iterator[tuple[str, str]]:

@@ -81,19 +81,19 @@ class BodyRiskSource:
             return RiskReading(1.0, None, 0.0, self._name, doubt=_TOO_OLD)
         if not self._consistency.consistent:
             return RiskReading(1.0, None, 0.0, self._name, doubt=_NOT_AS_MODELLED)
-        told = self._risk.of_way(u_from, u_to)
+        assessed = self._risk.of_way(u_from, u_to)
         took_s = (self._clock.now_ns() - began_ns) * 1e-9
-        if isinstance(told, str):
-            return RiskReading(1.0, None, took_s, self._name, doubt=told)
-        nearest = _nearest(told.contact.worst, self._beside)
+        if isinstance(assessed, str):
+            return RiskReading(1.0, None, took_s, self._name, doubt=assessed)
+        nearest = _nearest(assessed.contact.worst, self._beside)
         return RiskReading(
-            told.contact.upper_limit,
+            assessed.contact.upper_limit,
             None if self._beside is None else self._beside.body_point_risk,
             took_s,
             self._name,
             _words(nearest),
             nearest,
-            leaving=told.leaving,
+            leaving=assessed.leaving,
         )
 
     def compare(

@@ -44,8 +44,8 @@ def cached_grid(
 
 
 def _key(environment: Environment, spacing_mm: float, exact_to_mm: float) -> str:
-    told = f"{_VERSION} {spacing_mm!r} {exact_to_mm!r} {environment.solid_around}"
-    digest = hashlib.sha256(told.encode())
+    identity = f"{_VERSION} {spacing_mm!r} {exact_to_mm!r} {environment.solid_around}"
+    digest = hashlib.sha256(identity.encode())
     digest.update(environment.vertices_mm.tobytes())
     digest.update(environment.triangles.tobytes())
     return digest.hexdigest()

@@ -66,11 +66,11 @@ def read_model(path: Path) -> ModelFile:
 
 def write_model(path: Path, arrays: Mapping[str, NDArray[Any]], about: Mapping[str, Any]) -> None:
     """Write a model that can be read again, whole or not at all. Raises RiskModelError, OSError."""
-    told = {"format": FORMAT, **about}
-    _check(told)
-    risk_model(arrays, *(told[name] for name in _SAID[1:]))
+    metadata = {"format": FORMAT, **about}
+    _check(metadata)
+    risk_model(arrays, *(metadata[name] for name in _SAID[1:]))
     partly = path.with_suffix(f".{os.getpid()}.part")
-    content: dict[str, Any] = {**arrays, _ABOUT: np.array(json.dumps(told, sort_keys=True))}
+    content: dict[str, Any] = {**arrays, _ABOUT: np.array(json.dumps(metadata, sort_keys=True))}
     try:
         with partly.open("wb") as file:
             np.savez_compressed(file, **content)

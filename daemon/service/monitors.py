@@ -80,9 +80,9 @@ class Monitors:
         behind = self._following_error.behind(loop.target_counts(now_ns), now_ns)
         if behind or failsafe.watching:
             for place, channel in enumerate(loop.channels):
-                told = "it does not move" if place in behind else ""
+                detail = "it does not move" if place in behind else ""
                 failsafe.set(
-                    "drive_following_error", place in behind, now_ns, channel.axis.name, told
+                    "drive_following_error", place in behind, now_ns, channel.axis.name, detail
                 )
 
     def look_at_recorder(self) -> None:

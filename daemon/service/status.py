@@ -123,10 +123,10 @@ class StatusReport:
         )
 
     def _axes_status(self, t_ns: int) -> list[AxisStatus]:
-        told = self._loop.told_counts(t_ns)
-        if told is None:
+        commanded = self._loop.commanded_counts(t_ns)
+        if commanded is None:
             return [axis.status(None) for axis in self._axes]
-        return [axis.status(target) for axis, target in zip(self._axes, told, strict=True)]
+        return [axis.status(target) for axis, target in zip(self._axes, commanded, strict=True)]
 
     def _risk_status(self) -> RiskStatus:
         decision = self._loop.decision

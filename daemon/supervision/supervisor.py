@@ -37,7 +37,7 @@ class Supervisor:
         self._on_state = on_state
         self._verdict = self.failsafe.evaluate(0, False)
         self._consequences = Consequences()
-        self._told = self._verdict.reasons
+        self._reasons = self._verdict.reasons
 
     @property
     def energised(self) -> bool:
@@ -53,12 +53,12 @@ class Supervisor:
     def reasons(self) -> tuple[ActiveReason, ...]:
         """Everything that is not as it should be, worst first; what follows from another reason
         comes behind it."""
-        return self._told
+        return self._reasons
 
     @property
     def blocking(self) -> tuple[ActiveReason, ...]:
         """What stands in the way of arming, and what it follows from."""
-        return with_leads(self._told, Severity.NOT_READY)
+        return with_leads(self._reasons, Severity.NOT_READY)
 
     @property
     def severity(self) -> Severity:
@@ -154,7 +154,7 @@ class Supervisor:
         verdict = self.failsafe.evaluate(t_ns, self.energised)
         if verdict is not self._verdict:
             self._verdict = verdict
-            self._told = self._consequences.told(verdict.reasons, t_ns)
+            self._reasons = self._consequences.ordered(verdict.reasons, t_ns)
         blocked = bool(self._blocking(request)) or self.comes_to_rest
         if self.arming and self._verdict.severity >= Severity.DISARM:
             self.arming = False
@@ -173,4 +173,4 @@ class Supervisor:
         if after is OperatingState.RUNNING:
             self.stopped_by = ()
         elif after is OperatingState.HOLD or (before.energised and not after.energised):
-            self.stopped_by = with_leads(self._told, Severity.HOLD) or self.stopped_by
+            self.stopped_by = with_leads(self._reasons, Severity.HOLD) or self.stopped_by

@@ -100,18 +100,18 @@ class Watchdogs:
         for axis, tension_n, lowest_n, highest_n in watched.tensions_n:
             slack = energised and not homing and tension_n < lowest_n
             over = tension_n > highest_n
-            told = f"{tension_n:.1f} N" if slack or over else ""
-            self._set("tendon_slack", slack, t_ns, axis, told)
-            self._set("tendon_over_tension", over, t_ns, axis, told)
+            detail = f"{tension_n:.1f} N" if slack or over else ""
+            self._set("tendon_slack", slack, t_ns, axis, detail)
+            self._set("tendon_over_tension", over, t_ns, axis, detail)
 
     def check_gap(self, gap_s: float, t_ns: int, why: str) -> None:
         """The loop was away for `gap_s`."""
         settings = self._settings
         stalled = gap_s > settings.loop_fault_after_s
         late = gap_s > settings.loop_hold_after_s
-        told = f"{gap_s * 1e3:.0f} ms; {why}" if late else ""
-        self._set("loop_stalled", stalled, t_ns, "loop", told)
-        self._set("loop_late", late, t_ns, "loop", told)
+        detail = f"{gap_s * 1e3:.0f} ms; {why}" if late else ""
+        self._set("loop_stalled", stalled, t_ns, "loop", detail)
+        self._set("loop_late", late, t_ns, "loop", detail)
 
     def _check_tracker(self, watched: Watched, t_ns: int, energised: bool) -> None:
         settings, age_s = self._settings, watched.tip_age_s
@@ -138,8 +138,8 @@ class Watchdogs:
             for channel in node.channels:
                 dropped = enabled and not channel.following
                 if dropped or watching:
-                    told = channel.state.value if dropped else ""
-                    self._set("drive_not_enabled", dropped, t_ns, channel.axis.name, told)
+                    detail = channel.state.value if dropped else ""
+                    self._set("drive_not_enabled", dropped, t_ns, channel.axis.name, detail)
                 lost = not (not_ready or channel.referenced)
                 if lost or watching:
                     self._set(NOT_REFERENCED, lost, t_ns, channel.axis.name)
@@ -161,9 +161,9 @@ class Watchdogs:
         free_mb, least_mb = watched.disk_free_mb, self._settings.disk_free_mb
         low = free_mb is not None and free_mb < least_mb
         full = free_mb is not None and free_mb < least_mb * _LOW_TO_FULL
-        told = f"{free_mb:.0f} MB free" if low else ""
-        self._set("disk_low", low, t_ns, "recorder", told)
-        self._set("disk_full", full, t_ns, "recorder", told)
+        detail = f"{free_mb:.0f} MB free" if low else ""
+        self._set("disk_low", low, t_ns, "recorder", detail)
+        self._set("disk_full", full, t_ns, "recorder", detail)
         failed = watched.recorder_failed
         self._set("recorder_failed", bool(failed), t_ns, "recorder", failed)
         lost = watched.recording_lost if self._settings.recording_required and energised else ""

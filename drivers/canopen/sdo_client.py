@@ -125,7 +125,7 @@ class SdoClient:
         self._timeout_s = timeout_s
         self._attempts = attempts
         self._one_at_a_time = asyncio.Lock()
-        self._asked: tuple[int, int] | None = None
+        self._requested: tuple[int, int] | None = None
         self._expects_segment = False
         self._answer: asyncio.Future[Response] | None = None
 
@@ -155,12 +155,12 @@ class SdoClient:
     def _is_for_us(self, response: Response) -> bool:
         if isinstance(response, UploadSegment | DownloadSegmentResponse):
             return self._expects_segment
-        return (response.index, response.subindex) == self._asked
+        return (response.index, response.subindex) == self._requested
 
     async def _run(
         self, index: int, subindex: int, transfer: Callable[[], Generator[Request, Response, T]]
     ) -> T:
-        self._asked = (index, subindex)
+        self._requested = (index, subindex)
         try:
             for attempt in range(1, self._attempts + 1):
                 try:
@@ -178,7 +178,7 @@ class SdoClient:
             waited = f"{self._attempts} x {self._timeout_s:g} s"
             raise SdoTimeoutError(f"{where}: no answer within {waited}")
         finally:
-            self._asked = self._answer = None
+            self._requested = self._answer = None
 
     async def _attempt(self, transfer: Generator[Request, Response, T]) -> T:
         request = next(transfer)

@@ -257,6 +257,6 @@ class AxisChannel:
             return
         if self._enabled_since_ns is None:
             self._enabled_since_ns = t_ns
-        told = not self._cyclic or bool(self.statusword & Status.FOLLOWS_TARGET)
-        ready = told or t_ns - self._enabled_since_ns > _FOLLOWS_WITHIN_NS
+        follows = not self._cyclic or bool(self.statusword & Status.FOLLOWS_TARGET)
+        ready = follows or t_ns - self._enabled_since_ns > _FOLLOWS_WITHIN_NS
         self.following = ready and self.goal is PowerGoal.ENABLED and not self.homing

@@ -83,9 +83,9 @@ class Homing:
                 await self._seek()
             channel.zero_found, channel.zero_lost = True, False
         except TimeoutError:
-            told = homing_progress(channel.statusword).value
+            progress = homing_progress(channel.statusword).value
             raise HomingError(
-                f"{self._axis.name}: not within {self._axis.homing.timeout_s:g} s: {told}"
+                f"{self._axis.name}: not within {self._axis.homing.timeout_s:g} s: {progress}"
             ) from None
         except SdoError as error:
             raise HomingError(f"{self._axis.name}: {error}") from error
@@ -141,10 +141,10 @@ class Homing:
         self._goal(PowerGoal.ENABLED)
         async with asyncio.timeout(_ENABLED_WITHIN_S):
             while self._channel.state is not PowerState.OPERATION_ENABLED:
-                self._check_told()
+                self._check_progress()
                 await asyncio.sleep(_POLL_S)
 
-    def _check_told(self) -> None:
+    def _check_progress(self) -> None:
         if self._channel.goal is not PowerGoal.ENABLED:
             raise HomingError(f"{self._axis.name}: stopped while homing")
 
@@ -156,7 +156,7 @@ class Homing:
             if self._channel.state is not PowerState.OPERATION_ENABLED:
                 state = self._channel.state.value
                 raise HomingError(f"{self._axis.name}: went into {state} while homing")
-            self._check_told()
+            self._check_progress()
             progress = homing_progress(self._channel.statusword)
             if progress is HomingProgress.DONE:
                 return

@@ -98,14 +98,14 @@ class Node:
     # What comes from the bus.
 
     def heartbeat_received(self, data: bytes, t_ns: int) -> None:
-        told = self.heartbeat.receive(data, t_ns)
+        reported = self.heartbeat.receive(data, t_ns)
         self._heard.set()
         if self.state is not NodeState.OPERATIONAL:
             return
-        if told is None or told is NmtState.OPERATIONAL:
+        if reported is None or reported is NmtState.OPERATIONAL:
             return
-        if told is not NmtState.BOOT_UP:
-            self._conditions.note(c.NOT_OPERATIONAL, self.subject, t_ns, told.name.lower())
+        if reported is not NmtState.BOOT_UP:
+            self._conditions.note(c.NOT_OPERATIONAL, self.subject, t_ns, reported.name.lower())
         self._in_trouble()
 
     def emergency_received(self, data: bytes, t_ns: int) -> None:
@@ -171,11 +171,11 @@ class Node:
                 return
             name = channel.axis.name
             if not channel.following and channel.is_unwilling(t_ns):
-                told = (
+                detail = (
                     f"told {channel.goal.value if channel.goal else ''}, is {channel.state.value}"
                 )
                 self._unwilling.add(name)
-                self._conditions.set(c.UNWILLING, name, t_ns, told)
+                self._conditions.set(c.UNWILLING, name, t_ns, detail)
             elif name in self._unwilling:
                 self._unwilling.remove(name)
                 self._conditions.clear(c.UNWILLING, name, t_ns)
@@ -317,8 +317,8 @@ class Node:
             return self.heartbeat.state is NmtState.OPERATIONAL
 
         if not await self._hears(operational, _OPERATIONAL_WITHIN_S):
-            told = self.heartbeat.state
-            detail = "no heartbeat" if told is None else f"it says {told.name.lower()}"
+            reported = self.heartbeat.state
+            detail = "no heartbeat" if reported is None else f"it says {reported.name.lower()}"
             raise BringUpError(c.NOT_OPERATIONAL, detail)
 
         def sends_state() -> bool:
@@ -345,11 +345,11 @@ class Node:
             index = objects.of_axis(objects.MODE_DISPLAY, drive.axis)
             wanted = objects.of_axis(objects.MODE, drive.axis)
             try:
-                shown, told = await self.sdo.read(index), await self.sdo.read(wanted)
+                shown, written = await self.sdo.read(index), await self.sdo.read(wanted)
             except SdoError as error:
                 raise BringUpError(c.SDO_SILENT, str(error)) from error
-            if shown != told:
-                detail = f"{channel.axis.name}: told {told.hex()}, shows {shown.hex()}"
+            if shown != written:
+                detail = f"{channel.axis.name}: told {written.hex()}, shows {shown.hex()}"
                 self._remark(c.MODE_REFUSED, detail)
 
     def _status_changed(self, channel: AxisChannel, t_ns: int) -> None:
@@ -362,8 +362,8 @@ class Node:
             (c.NO_VOLTAGE, no_voltage),
         ):
             if present:
-                told = self.last_emergency
-                self._conditions.set(condition, subject, t_ns, str(told) if told else "")
+                emergency = self.last_emergency
+                self._conditions.set(condition, subject, t_ns, str(emergency) if emergency else "")
             else:
                 self._conditions.clear(condition, subject, t_ns)
 

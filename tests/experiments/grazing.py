@@ -30,7 +30,7 @@ def both(seed: int) -> tuple[Grazed, Grazed]:
     return aware, unaware
 
 
-def told(found: Sequence[tuple[Grazed, Grazed]]) -> dict[str, Any]:
+def figures_of(found: Sequence[tuple[Grazed, Grazed]]) -> dict[str, Any]:
     """For JSON."""
     aware, unaware = zip(*found, strict=True)
     return {
@@ -67,7 +67,7 @@ def main() -> int:
     arguments = parser.parse_args()
     with worker_processes(arguments.processes) as workers:
         found = list(workers.map(both, range(1, arguments.seeds + 1)))
-    figures = told(found)
+    figures = figures_of(found)
     print(json.dumps(figures, indent=2))
     good, without = figures["with_the_model"], figures["without"]["touched"]
     bad = good["touched"] or good["got_round"] < len(found) or without < len(found)

@@ -19,12 +19,12 @@ def worst_first(*reasons: ActiveReason) -> list[ActiveReason]:
     return sorted(reasons, key=lambda one: (-one.severity, one.since_ns, one.cause.name))
 
 
-def shown(told: tuple[ActiveReason, ...]) -> list[tuple[str, str, bool]]:
-    return [(one.cause.name, one.follows_from, one.over) for one in told]
+def shown(ordered: tuple[ActiveReason, ...]) -> list[tuple[str, str, bool]]:
+    return [(one.cause.name, one.follows_from, one.over) for one in ordered]
 
 
-def told_once(*reasons: ActiveReason, at_s: float = 100.0) -> list[tuple[str, str, bool]]:
-    return shown(Consequences().told(worst_first(*reasons), round(at_s * S)))
+def ordered_once(*reasons: ActiveReason, at_s: float = 100.0) -> list[tuple[str, str, bool]]:
+    return shown(Consequences().ordered(worst_first(*reasons), round(at_s * S)))
 
 
 def test_the_table_names_causes_and_goes_in_no_circle() -> None:
@@ -39,21 +39,21 @@ def test_the_table_names_causes_and_goes_in_no_circle() -> None:
 
 
 def test_what_follows_comes_behind_what_it_follows_from() -> None:
-    told = told_once(
+    ordered = ordered_once(
         reason("loop_stalled", 10.0, latched=True),
         reason("drive_fault", 9.7, "a", latched=True),
         reason("tracker_late", 10.01),
         reason("node_lost", 10.02, "b", latched=True),
     )
-    assert told[0] == ("loop_stalled", "", False)
-    assert {follows for _, follows, _ in told[1:]} == {"loop_stalled"}
+    assert ordered[0] == ("loop_stalled", "", False)
+    assert {follows for _, follows, _ in ordered[1:]} == {"loop_stalled"}
 
 
 def test_of_several_that_may_lead_the_one_nearest_to_the_origin_does() -> None:
-    told = told_once(
+    ordered = ordered_once(
         reason("node_lost", 10.0), reason("node_not_ready", 10.1), reason("bus_off", 10.0)
     )
-    assert told == [
+    assert ordered == [
         ("bus_off", "", False),
         ("node_lost", "bus_off", False),
         ("node_not_ready", "bus_off", False),
@@ -61,10 +61,10 @@ def test_of_several_that_may_lead_the_one_nearest_to_the_origin_does() -> None:
 
 
 def test_a_group_is_as_bad_as_the_worst_in_it() -> None:
-    told = told_once(
+    ordered = ordered_once(
         reason("tracker_warning", 10.0), reason("tracker_gone", 13.0), reason("operator_hold", 1.0)
     )
-    assert [name for name, _, _ in told] == ["tracker_warning", "tracker_gone", "operator_hold"]
+    assert [name for name, _, _ in ordered] == ["tracker_warning", "tracker_gone", "operator_hold"]
 
 
 @pytest.mark.parametrize(
@@ -82,39 +82,39 @@ def test_it_follows_only_in_its_time(
 ) -> None:
     consequences = Consequences()
     lead = reason("loop_stalled", lead_at_s, latched=latched)
-    consequences.told([lead], round(lead_at_s * S))
-    told = consequences.told(
+    consequences.ordered([lead], round(lead_at_s * S))
+    ordered = consequences.ordered(
         worst_first(lead, reason("node_lost", follow_at_s)), round(follow_at_s * S)
     )
-    assert ("node_lost", expected, False) in shown(told)
+    assert ("node_lost", expected, False) in shown(ordered)
 
 
 def test_what_has_nothing_to_do_with_it_does_not_follow() -> None:
-    told = told_once(reason("node_lost", 10.0), reason("tracker_late", 10.0))
-    assert [follows for _, follows, _ in told] == ["", ""]
+    ordered = ordered_once(reason("node_lost", 10.0), reason("tracker_late", 10.0))
+    assert [follows for _, follows, _ in ordered] == ["", ""]
 
 
 def test_the_same_of_several_drives_at_once_has_one_origin() -> None:
-    told = told_once(*(reason("node_lost", 10.0 + 0.1 * n, f"can0/{n}") for n in range(4)))
-    assert [follows for _, follows, _ in told] == ["", "node_lost", "node_lost", "node_lost"]
+    ordered = ordered_once(*(reason("node_lost", 10.0 + 0.1 * n, f"can0/{n}") for n in range(4)))
+    assert [follows for _, follows, _ in ordered] == ["", "node_lost", "node_lost", "node_lost"]
 
 
 def test_the_same_much_later_stands_for_itself() -> None:
-    told = told_once(reason("node_lost", 10.0, "a"), reason("node_lost", 10.6, "b"))
-    assert [follows for _, follows, _ in told] == ["", ""]
+    ordered = ordered_once(reason("node_lost", 10.0, "a"), reason("node_lost", 10.6, "b"))
+    assert [follows for _, follows, _ in ordered] == ["", ""]
 
 
 def test_a_lead_that_is_over_is_told_as_long_as_anything_follows_from_it() -> None:
     consequences = Consequences()
     late, fault = reason("loop_late", 10.0), reason("drive_fault", 10.05, latched=True)
-    consequences.told([late], 10 * S)
-    told = consequences.told([fault], round(10.06 * S))
-    assert shown(told) == [("loop_late", "", True), ("drive_fault", "loop_late", False)]
-    assert told[0].severity is Severity.NONE
-    much_later = consequences.told([fault, reason("drive_warning", 90.0)], 90 * S)
+    consequences.ordered([late], 10 * S)
+    ordered = consequences.ordered([fault], round(10.06 * S))
+    assert shown(ordered) == [("loop_late", "", True), ("drive_fault", "loop_late", False)]
+    assert ordered[0].severity is Severity.NONE
+    much_later = consequences.ordered([fault, reason("drive_warning", 90.0)], 90 * S)
     assert ("loop_late", "", True) in shown(much_later)
-    assert consequences.told([], 91 * S) == ()
-    assert shown(consequences.told([reason("drive_fault", 95.0)], 95 * S)) == [
+    assert consequences.ordered([], 91 * S) == ()
+    assert shown(consequences.ordered([reason("drive_fault", 95.0)], 95 * S)) == [
         ("drive_fault", "", False)
     ]
     assert [key[0] for key in consequences._known] == ["drive_fault"]
@@ -124,42 +124,45 @@ def test_what_stood_between_may_go() -> None:
     consequences = Consequences()
     stalled = reason("loop_stalled", 10.0, latched=True)
     lost, unready = reason("node_lost", 10.1), reason("node_not_ready", 10.2)
-    consequences.told(worst_first(stalled, lost, unready), 11 * S)
+    consequences.ordered(worst_first(stalled, lost, unready), 11 * S)
     for at_s in (20, 30):
-        told = consequences.told(worst_first(stalled, unready), at_s * S)
-    assert shown(told) == [("loop_stalled", "", False), ("node_not_ready", "loop_stalled", False)]
+        ordered = consequences.ordered(worst_first(stalled, unready), at_s * S)
+    assert shown(ordered) == [
+        ("loop_stalled", "", False),
+        ("node_not_ready", "loop_stalled", False),
+    ]
 
 
 def test_what_has_come_anew_is_looked_at_anew() -> None:
     consequences = Consequences()
     stalled = reason("loop_stalled", 10.0, latched=True)
-    consequences.told(worst_first(stalled, reason("node_lost", 10.1)), 11 * S)
-    told = consequences.told(worst_first(stalled, reason("node_lost", 40.0)), 40 * S)
-    assert [follows for _, follows, _ in shown(told)] == ["", ""]
+    consequences.ordered(worst_first(stalled, reason("node_lost", 10.1)), 11 * S)
+    ordered = consequences.ordered(worst_first(stalled, reason("node_lost", 40.0)), 40 * S)
+    assert [follows for _, follows, _ in shown(ordered)] == ["", ""]
 
 
 def test_a_lead_that_comes_last_is_told_first() -> None:
     consequences = Consequences()
     lost = reason("node_lost", 10.0)
-    assert shown(consequences.told([lost], 10 * S)) == [("node_lost", "", False)]
-    told = consequences.told(worst_first(lost, reason("bus_off", 10.5)), 11 * S)
-    assert shown(told) == [("bus_off", "", False), ("node_lost", "bus_off", False)]
+    assert shown(consequences.ordered([lost], 10 * S)) == [("node_lost", "", False)]
+    ordered = consequences.ordered(worst_first(lost, reason("bus_off", 10.5)), 11 * S)
+    assert shown(ordered) == [("bus_off", "", False), ("node_lost", "bus_off", False)]
 
 
 def test_nothing_is_lost_and_nothing_is_told_twice() -> None:
     everything = [reason(row.name, 10.0, subject) for row, subject in product(CAUSES, "ab")]
-    told = Consequences().told(worst_first(*everything), 11 * S)
-    assert {(one.cause.name, one.subject) for one in told} == {
+    ordered = Consequences().ordered(worst_first(*everything), 11 * S)
+    assert {(one.cause.name, one.subject) for one in ordered} == {
         (one.cause.name, one.subject) for one in everything
     }
-    assert len(told) == len(everything)
-    leads = {one.cause.name for one in told if not one.follows_from}
+    assert len(ordered) == len(everything)
+    leads = {one.cause.name for one in ordered if not one.follows_from}
     assert "internal_error" in leads
     assert not leads & {"node_lost", "tracker_late", "drive_fault", "loop_slow"}
 
 
 def test_of_those_that_are_bad_enough_each_comes_with_its_lead() -> None:
-    told = Consequences().told(
+    ordered = Consequences().ordered(
         worst_first(
             reason("tracker_warning", 10.0),
             reason("tracker_late", 10.1),
@@ -169,7 +172,7 @@ def test_of_those_that_are_bad_enough_each_comes_with_its_lead() -> None:
         ),
         11 * S,
     )
-    kept = [one.cause.name for one in with_leads(told, Severity.HOLD)]
+    kept = [one.cause.name for one in with_leads(ordered, Severity.HOLD)]
     assert kept == ["tracker_warning", "tracker_late", "tracker_quality"]
-    assert with_leads(told, Severity.FAULT) == ()
+    assert with_leads(ordered, Severity.FAULT) == ()
     assert with_leads((), Severity.NONE) == ()

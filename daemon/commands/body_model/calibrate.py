@@ -74,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
             )
         arguments.out.mkdir(parents=True, exist_ok=True)
         path, figure = arguments.out / "contact.json", arguments.out / "reliability.png"
-        path.write_text(json.dumps(found.told(), indent=2) + "\n", encoding="utf-8")
+        path.write_text(json.dumps(found.summary(), indent=2) + "\n", encoding="utf-8")
         write_reliability(found, figure)
     except (
         RiskModelError,

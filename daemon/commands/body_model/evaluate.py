@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
         made = evaluate(file, dataset, arguments.seed, arguments.references, block, _say)
         arguments.out.mkdir(parents=True, exist_ok=True)
         path = arguments.out / "evaluation.json"
-        path.write_text(json.dumps(made.told(), indent=2) + "\n", encoding="utf-8")
+        path.write_text(json.dumps(made.summary(), indent=2) + "\n", encoding="utf-8")
         figures = write_evaluation(made, file.model, dataset, arguments.out)
     except (CloudDatasetError, RiskModelError, TrainingError, ValueError, OSError) as error:
         print(error, file=sys.stderr)

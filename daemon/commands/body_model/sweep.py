@@ -49,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
         return EXIT_FAILED
     # Torch and matplotlib take seconds to come: `--help` does without.
     from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset, CloudDatasetError
-    from daemon.workbench.body_model.evaluation.component_sweep import Counted, sweep, told
+    from daemon.workbench.body_model.evaluation.component_sweep import Counted, summary, sweep
     from daemon.workbench.body_model.evaluation.mdn_figures import write_sweep
     from daemon.workbench.body_model.training.body_training import STARTS, BodySettings
     from daemon.workbench.body_model.training.training import TrainingError
@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
     except (CloudDatasetError, TrainingError, ValueError, OSError) as error:
         print(error, file=sys.stderr)
         return EXIT_FAILED
-    found_out = told(found)
+    found_out = summary(found)
     if arguments.json:
         print(json.dumps(found_out, indent=2))
         return EXIT_OK

@@ -140,16 +140,16 @@ def _say(network: str, check: "Check") -> None:
 
 def _commands(arguments: argparse.Namespace, collected: Mapping[str, Any]) -> list[str]:
     """What makes the same again. Names of files, not where they are."""
-    told = []
+    lines = []
     if (how := collected.get("settings")) is not None:
-        told.append(
+        lines.append(
             f"tentacled mdn collect {arguments.robot.name} --out {arguments.data.name} "
             f"--configurations {how['training'] + how['test']} --starts {how['starts']} "
             f"--points {how['points']} --seed {how['seed']}"
         )
     if (how := collected.get("imported")) is not None:
         body = how["surface"]
-        told.append(
+        lines.append(
             f"tentacled mdn collect {arguments.robot.name} --out {arguments.data.name} "
             f"--from FOLDER --unit {how['unit']} --length-mm {body['length_mm']:g} "
             f"--radius-mm {how['radius_mm']:g} --tube-radius-mm {body['tube_radius_mm']:g} "
@@ -158,11 +158,11 @@ def _commands(arguments: argparse.Namespace, collected: Mapping[str, Any]) -> li
             f"--tip-load-g {collected['tip_load_g']:g}"
             + (f" --seen-on {collected['seen_on']}" if "seen_on" in collected else "")
         )
-    told.append(
+    lines.append(
         f"tentacled mdn train {arguments.robot.name} {arguments.data.name} "
         f"--out {arguments.out.name} --components {arguments.components} "
         f"--shape-components {arguments.shape_components} "
         f"--coefficients {arguments.coefficients} --steps {arguments.steps} "
         f"--seed {arguments.seed} --threads {arguments.threads}"
     )
-    return told
+    return lines

@@ -117,7 +117,7 @@ def run_command(arguments: argparse.Namespace, command: Command) -> int:
     """Have `command` carried out with the lease that is kept. Returns the exit code."""
 
     async def talk(client: "RobotClient") -> int:
-        return told(await client.send(command, arguments.timeout), arguments.json)
+        return print_answer(await client.send(command, arguments.timeout), arguments.json)
 
     return run_talk(arguments, talk)
 
@@ -143,7 +143,7 @@ async def _talk(target: Address, talk: Talk) -> int:
         return await talk(client)
 
 
-def told(answer: Answer, as_json: bool) -> int:
+def print_answer(answer: Answer, as_json: bool) -> int:
     """Show an answer. Returns the exit code."""
     if as_json:
         print(msgspec.json.encode(answer).decode())

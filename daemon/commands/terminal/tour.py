@@ -45,7 +45,7 @@ class Tour:
         self._controller = dict(controller)
         self._loaded_at_s = -math.inf
         self._on_terminal = sys.stdout.isatty()
-        self._told_at_s = -_LINE_EVERY_S
+        self._printed_at_s = -_LINE_EVERY_S
 
     async def run(self) -> str:
         """Returns the folder of the recording. Raises TourError, ClientError."""
@@ -118,8 +118,8 @@ class Tour:
             return
         now_s = status.t_ns * 1e-9
         closely = now_s - self._loaded_at_s < _CLOSELY_S
-        if last or closely or now_s - self._told_at_s >= _LINE_EVERY_S:
-            self._told_at_s = now_s
+        if last or closely or now_s - self._printed_at_s >= _LINE_EVERY_S:
+            self._printed_at_s = now_s
             print(line, flush=True)
 
 

@@ -154,10 +154,10 @@ class TlsAddress:
         with connection:
             connection.settimeout(_KNOCK_WITHIN_S)
             with suppress(TimeoutError):
-                told = connection.recv(_REFUSAL_BYTES)
+                received = connection.recv(_REFUSAL_BYTES)
                 mine = self.certificates / f"{self.user}.pem"
                 with suppress(WireError):
-                    text = decode(told, Refusal, Format.JSON).text
+                    text = decode(received, Refusal, Format.JSON).text
                     return AccessDeniedError(f"the daemon of {self}: {text}")
                 return AccessDeniedError(f"{self.endpoint} has refused {mine}")
         return TimedOutError(f"the daemon of {self} is there, but takes no connection")

@@ -48,6 +48,6 @@ class RefusedError(ClientError):
     """The daemon has refused, and said why."""
 
     def __init__(self, refusal: Refusal) -> None:
-        told = [refusal.text or refusal.name, *reason_lines(refusal.reasons)]
-        super().__init__("\n".join(told))
+        lines = [refusal.text or refusal.name, *reason_lines(refusal.reasons)]
+        super().__init__("\n".join(lines))
         self.refusal = refusal

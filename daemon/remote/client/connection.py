@@ -24,10 +24,10 @@ from daemon.remote.client.client_errors import (
 from daemon.remote.keys import ANY_ROBOT_ALIVE, Keys, robot_of
 from daemon.remote.wire import (
     WireError,
-    asked_format,
     decode,
     encode,
     encoding_of,
+    requested_format,
 )
 
 M = TypeVar("M", bound=Message)
@@ -173,7 +173,7 @@ class Connection:
 def read(payload: bytes, encoding: str, kind: type[M]) -> M:
     """What the daemon has sent. Raises VersionMismatchError, BadAnswerError."""
     try:
-        return decode(payload, kind, asked_format(encoding))
+        return decode(payload, kind, requested_format(encoding))
     except WireError as error:
         if error.name == "bad_version":
             raise VersionMismatchError(f"the daemon is of another version: {error}") from None

@@ -59,7 +59,7 @@ class LeaseKeeper:
             if loop.time() >= ends_s and why is not None:
                 self._lost(f"it could not be renewed: {why}")
                 return
-            asked_s = loop.time()
+            sent_s = loop.time()
             try:
                 answer = await self._renew(self.token, lasts_s)
             except (TimedOutError, DisconnectedError) as error:
@@ -76,7 +76,7 @@ class LeaseKeeper:
                 self.token = answer.token
                 self._lost("it ran out before it was renewed")
                 return
-            ends_s, why = asked_s + lasts_s, None
+            ends_s, why = sent_s + lasts_s, None
 
     def _lost(self, why: str) -> None:
         self._on_lost(LeaseLostError(f"the lease is lost: {why}"))

@@ -12,7 +12,7 @@ import zenoh
 from daemon.messages import Message
 from daemon.remote.client.client_errors import DisconnectedError
 from daemon.remote.keys import TELEMETRY_KEYS, Keys
-from daemon.remote.wire import WireError, asked_format, decode_one_of
+from daemon.remote.wire import WireError, decode_one_of, requested_format
 
 _Came = tuple[str, bytes, str]
 
@@ -91,7 +91,7 @@ class Subscription:
     def _read(self, came: _Came) -> Message | None:
         name, payload, encoding = came
         try:
-            return decode_one_of(payload, TELEMETRY_KEYS[name], asked_format(encoding))
+            return decode_one_of(payload, TELEMETRY_KEYS[name], requested_format(encoding))
         except WireError:
             self.unreadable += 1
             return None

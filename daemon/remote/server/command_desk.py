@@ -18,7 +18,7 @@ from daemon.messages import (
     verb,
 )
 from daemon.remote.server.question import Question
-from daemon.remote.wire import WireError, asked_format, decode, request_in
+from daemon.remote.wire import WireError, decode, request_in, requested_format
 
 STOP: Final = verb(Stop)
 _KINDS: Final[dict[str, type[Command]]] = {verb(kind): kind for kind in COMMANDS}
@@ -78,7 +78,7 @@ class CommandDesk:
         """Hand a set-point in, or publish why not."""
         sequence = -1
         try:
-            setpoint = decode(payload, Setpoint, asked_format(encoding))
+            setpoint = decode(payload, Setpoint, requested_format(encoding))
             sequence = setpoint.sequence
             refused = self._handler.setpoint(user, setpoint)
         except WireError as error:
@@ -117,8 +117,8 @@ class CommandDesk:
     def _tell(self, user: str, refused: SetpointRefused) -> None:
         """They are a stream: a reason is told when it is new, and now and then while it lasts."""
         now_s = asyncio.get_running_loop().time()
-        reason, told_s = self._refused.get(user, ("", 0.0))
-        if refused.reason != reason or now_s - told_s >= _REFUSALS_EVERY_S:
+        reason, published_s = self._refused.get(user, ("", 0.0))
+        if refused.reason != reason or now_s - published_s >= _REFUSALS_EVERY_S:
             self._refused[user] = (refused.reason, now_s)
             self._publish(refused)
 
@@ -136,19 +136,19 @@ class ErrorReports:
     """Errors of ours, for the log: whoever asked is told too, and may ask again at once."""
 
     def __init__(self) -> None:
-        self._told_s: dict[str, float] = {}
+        self._reported_s: dict[str, float] = {}
         self._unsaid: dict[str, int] = {}
 
     def tell(self, what: str, error: Exception) -> None:
         """One and the same is told now and then, with how often it came meanwhile. On the loop."""
         loop = asyncio.get_running_loop()
         key = f"{what}: {type(error).__name__}"
-        if key not in self._told_s and len(self._told_s) >= _MOST_KINDS_OF_ERRORS:
+        if key not in self._reported_s and len(self._reported_s) >= _MOST_KINDS_OF_ERRORS:
             key = "others"
-        if loop.time() - self._told_s.get(key, -_ERRORS_EVERY_S) < _ERRORS_EVERY_S:
+        if loop.time() - self._reported_s.get(key, -_ERRORS_EVERY_S) < _ERRORS_EVERY_S:
             self._unsaid[key] = self._unsaid.get(key, 0) + 1
             return
-        self._told_s[key] = loop.time()
+        self._reported_s[key] = loop.time()
         unsaid = self._unsaid.pop(key, 0)
         more = f" (and {unsaid} times more before)" if unsaid else ""
         loop.call_exception_handler({"message": f"remote: {what}{more}", "exception": error})

@@ -11,7 +11,7 @@ import zenoh
 
 from daemon.messages import Message, Refusal
 from daemon.remote.keys import is_exact, last_part
-from daemon.remote.wire import Format, asked_format, encode, encoding_of
+from daemon.remote.wire import Format, encode, encoding_of, requested_format
 
 # Answers leave by a thread of their own: a client that does not read must not hold the loop.
 
@@ -88,7 +88,7 @@ class Question:
 
     @property
     def payload_format(self) -> Format:
-        return asked_format(self._query.encoding)
+        return requested_format(self._query.encoding)
 
     def matches(self, key: str) -> bool:
         """Whether `key` is among what is asked for."""

@@ -136,7 +136,7 @@ class RemoteServer:
     async def _open_sessions(self) -> None:
         """One for each user, so that nobody can use up what another one needs."""
         self._replies = ReplyThread()
-        self._inbox.open(lambda asked: asked[1](asked[0]), self._desk.setpoint)
+        self._inbox.open(lambda waiting: waiting[1](waiting[0]), self._desk.setpoint)
         for user in self._users:
             path = self._session_path(user)
             config = daemon_config(self._keys, [user], [unix_endpoint(path)])
@@ -168,12 +168,12 @@ class RemoteServer:
         sockets = {name: str(self._session_path(user)) for name, user in users.items()}
         roles = {name: user.role for name, user in users.items()}
         self._stop_channel = channel = StopChannel(self._stop_desk)
-        for endpoint, told, stops in (
+        for endpoint, known_users, stops in (
             (tls.stops_at, roles, channel.theirs),
             (tls.endpoint, sockets, None),
         ):
             try:
-                gateway = GatewayProcess(endpoint, folder, told, self._errors, stops)
+                gateway = GatewayProcess(endpoint, folder, known_users, self._errors, stops)
             except OSError as error:
                 raise RemoteOpenError(f"{endpoint}: {error.strerror or error}") from None
             self._gateways.append(gateway)
@@ -246,7 +246,7 @@ class RemoteServer:
 
         def answers(key: str, asker: str, answering: Answering) -> None:
             # Called on zenoh's threads: leave the question for the loop, and return at once.
-            def asked(query: zenoh.Query) -> None:
+            def on_query(query: zenoh.Query) -> None:
                 question = Question(query, replies, self._state, STOP)
                 leave = self._inbox.stop if question.urgent else self._inbox.question
                 if asker == reader and not quota.take():
@@ -255,7 +255,7 @@ class RemoteServer:
                 elif not leave(asker, (question, answering)):
                     question.refuse("busy", "too many questions wait already: ask again")
 
-            session.declare_queryable(key, zenoh.handlers.Callback(asked, indirect=False))
+            session.declare_queryable(key, zenoh.handlers.Callback(on_query, indirect=False))
 
         for name in TELEMETRY_KEYS:
             answers(keys.telemetry(name), reader, self._tell_last)

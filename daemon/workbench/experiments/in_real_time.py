@@ -52,11 +52,11 @@ class _RunningLab:
         self._ask({"do": "inject", "fault": fault})
 
     def _ask(self, request: dict[str, object]) -> None:
-        task = asyncio.get_running_loop().create_task(self._asked(request))
+        task = asyncio.get_running_loop().create_task(self._request(request))
         self._asking.add(task)
         task.add_done_callback(self._asking.discard)
 
-    async def _asked(self, request: dict[str, object]) -> None:
+    async def _request(self, request: dict[str, object]) -> None:
         try:
             await asyncio.to_thread(ask, self._directory, request)
         except (LabRefusedError, LabUnreachableError) as error:

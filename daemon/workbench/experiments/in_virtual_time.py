@@ -40,8 +40,8 @@ def carry_out_in_virtual_time(
     result = read_result(folder)
     if result is None:
         raise TrialError(f"{folder}: the run left no result")
-    told = control_hash(folder / RUN_FILE) if hash_of_recording is None else hash_of_recording()
-    hashed = msgspec.structs.replace(result, control_sha256=told)
+    digest = control_hash(folder / RUN_FILE) if hash_of_recording is None else hash_of_recording()
+    hashed = msgspec.structs.replace(result, control_sha256=digest)
     write_result(folder, hashed)
     return hashed
 

@@ -59,7 +59,7 @@ def epochs_figure(pretraining: Pretraining) -> Figure:
     best = errors[pretraining.best_epoch - 1]
     axes.axvline(best.epoch, color=REFERENCE, linewidth=1.0, zorder=0)
     axes.annotate(
-        f" lowest after epoch {best.epoch}: {_told(best):.2f} mm ",
+        f" lowest after epoch {best.epoch}: {_shown_mm(best):.2f} mm ",
         (best.epoch, 0.99),
         xycoords=("data", "axes fraction"),
         va="top",
@@ -121,7 +121,7 @@ def _histogram(axes: Axes, name: str, wrong: Vector, widest: float) -> None:
     axes.set_xlabel(f"error of Δ{name} / mm")
 
 
-def _told(errors: EpochErrors) -> float:
+def _shown_mm(errors: EpochErrors) -> float:
     return errors.test_mm if np.isfinite(errors.test_mm) else errors.train_mm
 
 

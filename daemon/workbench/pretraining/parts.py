@@ -19,7 +19,7 @@ from daemon.recording.run_folder import RUN_FILE, write_whole
 from daemon.workbench.experiments.trial import Tell
 from daemon.workbench.pretraining.explore import config_sha256, dataset_of_run, explore
 
-_ASKED_FILE = "exploration.json"
+_REQUEST_FILE = "exploration.json"
 _NOT_WHOLE = 2
 """Stretches of a part that are no line, or not all of one: the first and the last."""
 
@@ -47,15 +47,15 @@ class ExplorationParts:
     def begin(self) -> None:
         """Raises FileExistsError where one was interrupted, OSError."""
         self.folder.mkdir(parents=True)
-        write_whole(self.folder / _ASKED_FILE, json.dumps(self._asked, indent=1).encode())
+        write_whole(self.folder / _REQUEST_FILE, json.dumps(self._requested, indent=1).encode())
 
     def check(self) -> None:
         """Raises DatasetError where there is nothing to go on from, or something else was asked."""
         try:
-            asked = json.loads((self.folder / _ASKED_FILE).read_bytes())
+            requested = json.loads((self.folder / _REQUEST_FILE).read_bytes())
         except (OSError, ValueError):
             raise DatasetError(f"there is no interrupted exploration in {self.folder}") from None
-        other = [name for name, value in self._asked.items() if asked.get(name) != value]
+        other = [name for name, value in self._requested.items() if requested.get(name) != value]
         if other:
             raise DatasetError(
                 f"the exploration in {self.folder} was asked for otherwise ({', '.join(other)}): "
@@ -103,7 +103,7 @@ class ExplorationParts:
         shutil.rmtree(self.folder, ignore_errors=True)
 
     @property
-    def _asked(self) -> dict[str, Any]:
+    def _requested(self) -> dict[str, Any]:
         return {
             "exploration": self._options.model_dump(mode="json"),
             "seed": self._seed,
@@ -127,7 +127,7 @@ class ExplorationParts:
         parts = []
         for folder in self._folders():
             recover_unfinished(folder)
-            how = {key: value for key, value in self._asked.items() if key != "config_sha256"}
+            how = {key: value for key, value in self._requested.items() if key != "config_sha256"}
             how["seed"] = self._seed_of(int(folder.name))
             if (folder / RUN_FILE).exists():
                 try:

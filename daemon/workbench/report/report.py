@@ -251,8 +251,8 @@ def _event_row(t_s: float, event: Event) -> str:
     name = event.name if event.present else f"{event.name} (over)"
     text = f"{event.text} ({event.detail})" if event.detail else event.text
     cells = (event.kind, name, event.subject, text)
-    told = "".join(f"<td>{escape(cell)}</td>" for cell in cells)
-    return f'<tr class="{look}"><td class="number">{t_s:.2f}</td>{told}</tr>'
+    text = "".join(f"<td>{escape(cell)}</td>" for cell in cells)
+    return f'<tr class="{look}"><td class="number">{t_s:.2f}</td>{text}</tr>'
 
 
 def _provenance(run: RunData) -> str:
@@ -279,7 +279,7 @@ def _provenance_facts(run: RunData) -> Sequence[tuple[str, str]]:
     provenance = run.provenance
     assert provenance is not None
     commit = provenance.commit or "not from a checkout"
-    packages = [f"{name} {told}" for name, told in provenance.packages.items()]
+    packages = [f"{name} {text}" for name, text in provenance.packages.items()]
     return [
         ("tentacled", provenance.version),
         ("commit", f"{commit}{' with changes' if provenance.modified else ''}"),
@@ -287,7 +287,7 @@ def _provenance_facts(run: RunData) -> Sequence[tuple[str, str]]:
         ("packages", ", ".join(packages)),
         ("seed", "none" if provenance.seed is None else str(provenance.seed)),
         ("robot file (SHA-256)", provenance.config_sha256),
-        *((f"model {name} (SHA-256)", told) for name, told in provenance.models_sha256.items()),
+        *((f"model {name} (SHA-256)", text) for name, text in provenance.models_sha256.items()),
     ]
 
 

@@ -18,13 +18,13 @@ _BODIES_AT_MOST: Final = 12
 
 def body_figure(risk: Series) -> Figure | None:
     """Three projections: bodies of the run, and the one with least room; None: none was told."""
-    told = np.isfinite(risk["clearance_mm"])
-    if not told.any():
+    known = np.isfinite(risk["clearance_mm"])
+    if not known.any():
         return None
     means, places, obstacles = (
-        risk[name][told] for name in ("means_mm", "place_mm", "obstacle_mm")
+        risk[name][known] for name in ("means_mm", "place_mm", "obstacle_mm")
     )
-    worst = int(np.argmin(risk["clearance_mm"][told]))
+    worst = int(np.argmin(risk["clearance_mm"][known]))
     made = figure(4.0)
     abreast = panels(made, 1, 3)[0]
     for panel, (across, up) in zip(abreast, _PROJECTIONS, strict=True):
@@ -34,8 +34,8 @@ def body_figure(risk: Series) -> Figure | None:
         panel.set_aspect("equal", adjustable="datalim")
         panel.set_xlabel(f"{_NAMES[across]} / mm")
         panel.set_ylabel(f"{_NAMES[up]} / mm")
-    least = float(risk["clearance_mm"][told][worst])
-    abreast[0].set_title(f"Least room: {least:.1f} mm, {risk.t_s[told][worst]:.1f} s")
+    least = float(risk["clearance_mm"][known][worst])
+    abreast[0].set_title(f"Least room: {least:.1f} mm, {risk.t_s[known][worst]:.1f} s")
     return made
 
 

@@ -56,8 +56,8 @@ class ReportBeside:
 
     def control_hash(self) -> str:
         """Of the recording, which is complete. Raises UnreadableRunError, OSError."""
-        told = self._answer(HASH)
-        return told or control_hash(self._folder / RUN_FILE)
+        digest = self._answer(HASH)
+        return digest or control_hash(self._folder / RUN_FILE)
 
     def write(self) -> Path:
         """Write the report. Returns where it is. Raises UnreadableRunError, OSError."""

@@ -163,13 +163,13 @@ def risk_figure(run: RunData) -> Figure | None:
         return None
     made = figure(4.2)
     above, below = panels(made, 2, 1, sharex=True, apart_in=0.2, heights=(3, 2))[:, 0]
-    told = False
+    drawn = False
     for name, label, colour in (
         ("contact", "any part of the body in contact", ACCENT),
         ("body_point", "a random point of the body in an obstacle", WARNING),
     ):
         if np.isfinite(risk[name]).any():
-            told = True
+            drawn = True
             _draw(above, risk.t_s, risk[name], color=colour, lw=0.9, label=label)
     tip = risk["tip_statistic"]
     if np.isfinite(tip).any():
@@ -179,7 +179,7 @@ def risk_figure(run: RunData) -> Figure | None:
     _draw(above, risk.t_s, threshold, color=ALARM, lw=1.0, ls="--", label="threshold")
     above.set_ylabel("probability")
     above.set_ylim(bottom=0.0)
-    if not told:
+    if not drawn:
         above.text(
             0.5, 0.5, "no risk was computed", transform=above.transAxes, ha="center", color=MUTED
         )

@@ -30,19 +30,19 @@ def in_two_processes(make: Callable[[int], str], count: int) -> list[str]:
     try:
         made = {place: make(place) for place in range(0, count, 2)}
         with os.fdopen(from_copy, "rb", closefd=False) as answer:
-            told = answer.read()
+            received = answer.read()
     finally:
         os.close(from_copy)
         os.kill(copy, signal.SIGKILL)  # it has told all, or is no longer wanted
         os.waitpid(copy, 0)
-    made |= zip(theirs, _read(told) or map(make, theirs), strict=True)
+    made |= zip(theirs, _read(received) or map(make, theirs), strict=True)
     return [made[place] for place in range(count)]
 
 
-def _read(told: bytes) -> list[str]:
+def _read(received: bytes) -> list[str]:
     """Empty: the copy did not come to its end."""
     try:
-        return _ANSWER.decode(told)
+        return _ANSWER.decode(received)
     except msgspec.DecodeError:
         return []
 

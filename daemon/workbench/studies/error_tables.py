@@ -95,14 +95,14 @@ def trouble_text(file: StudyFile, found: Findings) -> list[str]:
     labels = {variant.variant: variant.label for variant in file.study.variants}
     lines = []
     for one in found.summaries:
-        told = [one.trouble()] if one.trouble() else []
+        remarks = [one.trouble()] if one.trouble() else []
         if one.causes:
-            told.append(f"causes: {', '.join(one.causes)}")
+            remarks.append(f"causes: {', '.join(one.causes)}")
         if one.plant_failures:
-            told.append(f"the body found no equilibrium {one.plant_failures} times")
-        told += one.failures
-        if told:
-            lines.append(f"{one.experiment}, {labels[one.variant]}: {'; '.join(told)}")
+            remarks.append(f"the body found no equilibrium {one.plant_failures} times")
+        remarks += one.failures
+        if remarks:
+            lines.append(f"{one.experiment}, {labels[one.variant]}: {'; '.join(remarks)}")
     return lines
 
 

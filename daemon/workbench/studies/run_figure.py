@@ -120,9 +120,11 @@ def _draw_error(axes: Axes, row: Shown) -> None:
         mean_mm = float(run.error_mm[run.cycle == number].mean())
         axes.plot([from_s, to_s], [mean_mm, mean_mm], color=INK, lw=1.3)
         if row.published is not None and number < len(row.published.mean_mm):
-            told_mm = row.published.mean_mm[number]
-            if told_mm is not None:
-                axes.plot([from_s, to_s], [told_mm, told_mm], color=WARNING, lw=1.3, ls=_DASHES)
+            published_mm = row.published.mean_mm[number]
+            if published_mm is not None:
+                axes.plot(
+                    [from_s, to_s], [published_mm, published_mm], color=WARNING, lw=1.3, ls=_DASHES
+                )
     if row.noise_mm is not None:
         axes.axhline(row.noise_mm, color=MUTED, lw=0.9)
     axes.grid(visible=False, axis="x")

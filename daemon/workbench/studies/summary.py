@@ -73,8 +73,8 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
 
     def trouble(self) -> str:
         """What did not go well, in few words; empty: nothing."""
-        told = [f"{count} {name}" for name, count in self.verdicts.items() if name != "finished"]
-        return ", ".join(told)
+        other = [f"{count} {name}" for name, count in self.verdicts.items() if name != "finished"]
+        return ", ".join(other)
 
 
 def summary(outcomes: Sequence[Outcome], cycles: int, unstable_above_mm: float) -> Summary:
@@ -97,12 +97,12 @@ def summary(outcomes: Sequence[Outcome], cycles: int, unstable_above_mm: float) 
         converged_s=_spread_of(results, lambda result: result.converged_s),
         refusals=_spread_of(results, lambda result: result.refusals),
         holds=_spread_of(results, lambda result: result.holds),
-        step_median_ms=_spread_of(timed, lambda told: told.median_ms),
-        step_p99_ms=_spread_of(timed, lambda told: told.p99_ms),
-        idle_mean_ms=_spread_of(timed, lambda told: told.idle_mean_ms),
-        noise_mm=_spread_of(limits, lambda told: told.noise_mm),
-        reading_noise_mm=_spread_of(limits, lambda told: told.reading_noise_mm),
-        distortion_mm=_spread_of(limits, lambda told: told.distortion_mm),
+        step_median_ms=_spread_of(timed, lambda one: one.median_ms),
+        step_p99_ms=_spread_of(timed, lambda one: one.p99_ms),
+        idle_mean_ms=_spread_of(timed, lambda one: one.idle_mean_ms),
+        noise_mm=_spread_of(limits, lambda one: one.noise_mm),
+        reading_noise_mm=_spread_of(limits, lambda one: one.reading_noise_mm),
+        distortion_mm=_spread_of(limits, lambda one: one.distortion_mm),
         plant_failures=sum(result.plant_failures for result in results),
     )
 
@@ -183,6 +183,6 @@ def _quantile(ordered: "np.ndarray[tuple[int], np.dtype[np.float64]]", share: fl
     return inf if high == inf else low + rest * (high - low)
 
 
-def _spread_of(told: Iterable[T], of: Callable[[T], float | None]) -> Spread | None:
-    values = [value for value in map(of, told) if value is not None]
+def _spread_of(measured: Iterable[T], of: Callable[[T], float | None]) -> Spread | None:
+    values = [value for value in map(of, measured) if value is not None]
     return spread(values) if values else None

@@ -58,10 +58,10 @@ def _outcome(run: Run, folder: Path) -> Outcome:
 def _commit(folder: Path) -> str | None:
     try:
         data = (folder / PROVENANCE_FILE).read_bytes()
-        told = msgspec.json.decode(data, type=Provenance)
+        read = msgspec.json.decode(data, type=Provenance)
     except (OSError, msgspec.MsgspecError):
         return None
-    return None if told.commit is None else told.commit + ("+" if told.modified else "")
+    return None if read.commit is None else read.commit + ("+" if read.modified else "")
 
 
 def _nobody(line: str) -> None:

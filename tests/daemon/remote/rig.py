@@ -33,7 +33,7 @@ from daemon.messages import (
 from daemon.remote.client.address import Address
 from daemon.remote.keys import Keys
 from daemon.remote.server.server import RemoteServer
-from daemon.remote.wire import asked_format, decode, encode, encoding_of
+from daemon.remote.wire import decode, encode, encoding_of, requested_format
 from daemon.service.lease import Lease
 
 ROBOT = "little_arm"
@@ -198,12 +198,12 @@ class Reply(NamedTuple):
     @property
     def refusal(self) -> Refusal:
         assert self.refused, self
-        return decode(self.payload, Refusal, asked_format(self.encoding))
+        return decode(self.payload, Refusal, requested_format(self.encoding))
 
     @property
     def answer(self) -> Answer:
         assert not self.refused, self
-        return decode(self.payload, Answer, asked_format(self.encoding))
+        return decode(self.payload, Answer, requested_format(self.encoding))
 
 
 def _reply(reply: zenoh.Reply) -> Reply:

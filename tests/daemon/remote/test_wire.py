@@ -28,13 +28,13 @@ from daemon.messages import (
 from daemon.remote.wire import (
     Format,
     WireError,
-    asked_format,
     decode,
     decode_one_of,
     encode,
     encoding_of,
     json_schema,
     most_bytes,
+    requested_format,
 )
 from tests.daemon.remote.rig import FakeRobot, setpoint, tip
 
@@ -198,10 +198,10 @@ def test_where_several_kinds_come_the_tag_says_which() -> None:
 def test_the_encoding_says_format_kind_and_version() -> None:
     assert encoding_of(Tip) == "application/msgpack;tentacled.tip/1"
     assert encoding_of(tip(), Format.JSON) == "application/json;tentacled.tip/1"
-    assert asked_format("application/json") is Format.JSON
-    assert asked_format("application/json;tentacled.tip/1") is Format.JSON
+    assert requested_format("application/json") is Format.JSON
+    assert requested_format("application/json;tentacled.tip/1") is Format.JSON
     for other in ("application/msgpack", "zenoh/bytes", "", None):
-        assert asked_format(other) is Format.MSGPACK
+        assert requested_format(other) is Format.MSGPACK
 
 
 @pytest.mark.parametrize("kind", [*TELEMETRY, *COMMANDS, Setpoint])

@@ -145,11 +145,11 @@ def fit_centreline(
         raise ValueError(f"a centreline needs {LEAST_POINTS} points, all of them finite")
     fit = _Fit(points, surface)
     begun = _along_points(points, surface)
-    told = None if begun is None else fit.told(fit.best([begun], _NEARBY), nodes)
-    if told is None or told.near < _GOOD[0] or told.unseen > _GOOD[1]:
-        another = fit.told(fit.best(_likely_beginnings(points, surface), 0), nodes)
-        told = another if told is None else max(told, another, key=lambda one: one.near)
-    return told
+    fitted = None if begun is None else fit.fitted(fit.best([begun], _NEARBY), nodes)
+    if fitted is None or fitted.near < _GOOD[0] or fitted.unseen > _GOOD[1]:
+        another = fit.fitted(fit.best(_likely_beginnings(points, surface), 0), nodes)
+        fitted = another if fitted is None else max(fitted, another, key=lambda one: one.near)
+    return fitted
 
 
 class _Fit:
@@ -173,7 +173,7 @@ class _Fit:
             found = self._at_scale(found, scale_mm, rounds)
         return found
 
-    def told(self, parameters: FloatArray, nodes: int) -> FittedCentreline:
+    def fitted(self, parameters: FloatArray, nodes: int) -> FittedCentreline:
         off = np.abs(self._misses(parameters))
         beside = np.unique(self._pieces[off < _NEAR_MM])
         gaps = np.diff(np.concatenate([[-1], beside, [_PIECES]])) - 1

@@ -95,8 +95,8 @@ class CloudDataset:
 
     def save(self, path: Path) -> None:
         """Whole or not at all. Raises OSError."""
-        told = json.dumps({**self.provenance, "kind": _KIND}, sort_keys=True)
-        arrays = {**self._arrays(), _PROVENANCE: np.array(told)}
+        provenance = json.dumps({**self.provenance, "kind": _KIND}, sort_keys=True)
+        arrays = {**self._arrays(), _PROVENANCE: np.array(provenance)}
         save_npz(path, arrays)
 
     def _arrays(self) -> dict[str, NDArray[Any]]:

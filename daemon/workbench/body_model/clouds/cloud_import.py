@@ -114,7 +114,7 @@ def import_clouds(
     }
     how = asdict(settings)
     load_g, seen_on = how.pop("tip_load_g"), how.pop("seen_on")
-    told = {
+    provenance = {
         **whose(robot),
         "centrelines": FITTED,
         "tip_load_g": load_g,
@@ -125,7 +125,7 @@ def import_clouds(
             "miss_mm": float(np.median([one.miss_mm for one in read])),
         },
     }
-    return CloudDataset.checked(arrays, told)
+    return CloudDataset.checked(arrays, provenance)
 
 
 def read_and_fit(path: Path, number: int, settings: ImportSettings) -> ReadCloud | str:

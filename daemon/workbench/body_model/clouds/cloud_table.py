@@ -75,8 +75,8 @@ def read_table(folder: Path, ranges: AxisRanges) -> CloudTable:
         with path.open(encoding="utf-8-sig", newline="") as file:
             lines = list(csv.reader(file))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        told = error.strerror if isinstance(error, OSError) else str(error)
-        raise CloudImportError(path, [told or "cannot be read"]) from None
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise CloudImportError(path, [reason or "cannot be read"]) from None
     header = [name.strip() for name in lines[0]] if lines else []
     if faults := _header_faults(header, ranges):
         raise CloudImportError(path, faults)

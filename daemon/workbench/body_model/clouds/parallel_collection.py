@@ -80,7 +80,7 @@ def collect(
     plan = planned(robot, settings, parameters)
     parts = _collected(robot, settings, plan, workers, folder, key, progress)
     seen = {name: np.concatenate([part[name] for part in parts]) for name in _OF_PART[:-1]}
-    told = {
+    provenance = {
         **whose(robot),
         "centrelines": FITTED,
         "settings": asdict(settings),
@@ -88,7 +88,7 @@ def collect(
         "tip_load_g": robot.emulation.tip_load_g,
     }
     radius = {"radius_mm": parts[0]["radius_mm"]}
-    dataset = CloudDataset.checked({**plan, **seen, **radius}, told)
+    dataset = CloudDataset.checked({**plan, **seen, **radius}, provenance)
     dataset.save(out)
     shutil.rmtree(folder)
     return dataset
@@ -185,7 +185,7 @@ def _reader(settings: CollectionSettings) -> Callable[[Path, int], Arrays | None
 def _key(robot: Robot, settings: CollectionSettings) -> str:
     """Of all that decides what is seen."""
     assert robot.emulation is not None
-    told: dict[str, Any] = {
+    provenance: dict[str, Any] = {
         "version": _VERSION,
         "axes": [axis.model_dump(mode="json", exclude={"drive"}) for axis in robot.axes],
         "workspace": robot.workspace and robot.workspace.model_dump(mode="json"),
@@ -193,4 +193,4 @@ def _key(robot: Robot, settings: CollectionSettings) -> str:
         "tip_load_g": robot.emulation.tip_load_g,
         "settings": asdict(settings),
     }
-    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
+    return hashlib.sha256(json.dumps(provenance, sort_keys=True).encode()).hexdigest()[:16]

@@ -120,7 +120,7 @@ def recommended(found: Sequence[Counted]) -> int | None:
     return None
 
 
-def told(found: Sequence[Counted]) -> dict[str, Any]:
+def summary(found: Sequence[Counted]) -> dict[str, Any]:
     """For JSON. Recommended is what is best for the start that `train` takes, if it was tried."""
     parts = by_start(found)
     return {

@@ -78,7 +78,7 @@ class ContactCalibration:
             if mine.any()
         ]
 
-    def told(self) -> dict[str, Any]:
+    def summary(self) -> dict[str, Any]:
         """For JSON."""
         return {
             "situations": len(self.predicted),

@@ -136,7 +136,7 @@ class Evaluation:
     """Share of the test configurations that the model says it knows."""
     truth: AgainstTruth | None
 
-    def told(self) -> dict[str, Any]:
+    def summary(self) -> dict[str, Any]:
         """For JSON."""
         block = self.block
         return {

@@ -125,7 +125,7 @@ def _samples(made: Evaluation, model: RiskModel, dataset: CloudDataset) -> Figur
     drawn = _figure(WIDTH_IN, 8.0)
     grid = drawn.subplots(2, 3, sharex="col", sharey=True)
     random = np.random.default_rng(0)
-    for row, (which, told) in zip(
+    for row, (which, label) in zip(
         grid, ((middle, "median NLL"), (poor, "NLL at 90 %")), strict=True
     ):
         mixture = model.points.mixture(dataset.configurations[test[which]])
@@ -140,7 +140,7 @@ def _samples(made: Evaluation, model: RiskModel, dataset: CloudDataset) -> Figur
             strict=True,
         ):
             _scatter(axes, points, colour)
-            axes.set_title(f"{told}: {what}" if axes is row[0] else what)
+            axes.set_title(f"{label}: {what}" if axes is row[0] else what)
         _scatter(row[2], sampled, ACCENT)
         covariances = np.linalg.inv(
             mixture.factors_per_mm.transpose(0, 2, 1) @ mixture.factors_per_mm

@@ -106,9 +106,11 @@ def train_body(dataset: CloudDataset, settings: BodySettings, heard: Heard) -> T
         "training/inputs": u.astype(np.float32),
         "training/reach": np.array(_reach(u, points.arrays["input_scale"])),
     }
-    told = {name: dataset.provenance[name] for name in sorted(dataset.provenance) if name != "kind"}
+    provenance = {
+        name: dataset.provenance[name] for name in sorted(dataset.provenance) if name != "kind"
+    }
     about = {
-        **told,
+        **provenance,
         "points_activation": points.activation,
         "shapes_activation": shapes.activation,
         "clouds_sha256": dataset.sha256,

@@ -86,8 +86,8 @@ def test_how_far_off_it_is_is_told_in_tenths() -> None:
     assert found.exceeded == pytest.approx(15 / 40)
     assert found.undecided == 1.0
     assert [n for _, _, n in found.bins()] == [30, 10]
-    assert found.told()["unknown_configurations"] == 3
-    assert found.told()["left_out_because_trained_at"] == 1
+    assert found.summary()["unknown_configurations"] == 3
+    assert found.summary()["left_out_because_trained_at"] == 1
 
 
 @pytest.fixture(scope="module")
@@ -142,7 +142,7 @@ def test_configurations_that_the_model_was_trained_at_are_left_out(file: ModelFi
     u = np.concatenate([known, rollouts.u[2:]])
     found = contact_calibration(file, replace(rollouts, u=u), 3, 500, 2.0, 1, lambda _: None)
     assert (found.learnt, len(found.predicted)) == (2, 30)
-    assert found.told()["left_out_because_trained_at"] == 2
+    assert found.summary()["left_out_because_trained_at"] == 2
 
 
 def test_rollouts_come_to_one_place_from_many_and_are_the_same_again() -> None:

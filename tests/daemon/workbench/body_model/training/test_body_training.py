@@ -13,7 +13,7 @@ torch = pytest.importorskip("torch", reason="pip install '.[training]'")
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE, main  # noqa: E402
 from daemon.risk.model_file import ModelFile, read_model, write_model  # noqa: E402
 from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset  # noqa: E402
-from daemon.workbench.body_model.evaluation.component_sweep import Counted, recommended, told  # noqa: E402
+from daemon.workbench.body_model.evaluation.component_sweep import Counted, recommended, summary  # noqa: E402
 from daemon.workbench.body_model.evaluation.evaluation import (  # noqa: E402
     Evaluation,
     against_reference,
@@ -191,7 +191,7 @@ def test_data_that_the_model_has_never_seen_are_all_there_to_test_with(
     made = evaluated(trained, data)
     assert (made.unseen.left_out, made.unseen.same_clouds) == (0, False)
     assert made.training_nll_mm is None
-    assert made.told()["training_nll_nats_m"] is None
+    assert made.summary()["training_nll_nats_m"] is None
     np.testing.assert_array_equal(made.unseen.test, data.test)
 
 
@@ -205,17 +205,17 @@ def test_what_the_fit_costs_is_told_where_the_truth_is_known(trained: TrainedBod
     assert made.truth.fit_off_mm == pytest.approx((3.0, 3.0), abs=1e-3)
     assert made.truth.shapes.mean_nll_mm > made.shapes.mean_nll_mm
     assert made.truth.tip_error_mm != made.tip_error_mm
-    assert made.told()["true_shapes"]["fit_off_mm"]["median"] == pytest.approx(3.0, abs=1e-3)
+    assert made.summary()["true_shapes"]["fit_off_mm"]["median"] == pytest.approx(3.0, abs=1e-3)
     blind = evaluated(trained, replace(data, true_centrelines_mm=None))
     assert blind.truth is None
-    assert blind.told()["true_shapes"] is None
+    assert blind.summary()["true_shapes"] is None
 
 
 def test_an_evaluation_says_all_of_it(trained: TrainedBody) -> None:
     data = dataset(n=240)
     block = (NetworkShape(3, (32, 32)), SETTINGS.training)
     made = evaluate(model_file(trained), data, 1, 8, block, lambda _: None)
-    found = made.told()
+    found = made.summary()
     assert found["test_configurations"] == int(data.test.sum())
     assert found["left_out_because_trained_at"] == 0
     assert found["clouds_of_the_training"]
@@ -280,16 +280,16 @@ def test_a_sweep_tells_of_each_start_where_it_collapses(tmp_path: Path) -> None:
         counted(k, -8.0 - 0.3 * min(k, 2), useless=0.4 * (k > 2), start="plain", idle=int(k > 2))
         for k in (1, 2, 3)
     ]
-    found = told([*arc, *plain])
+    found = summary([*arc, *plain])
     json.dumps(found)
     assert found["recommended"] == 3
     assert found["starts"]["arc"] == {"recommended": 3, "first_collapsed": None}
     assert found["starts"]["plain"] == {"recommended": 2, "first_collapsed": 3}
     assert [one["collapsed"] for one in found["sweep"]] == [False] * 5 + [True]
     assert "COLLAPSED (1 idle)" in plain[-1].line
-    assert told(plain)["recommended"] == 2
+    assert summary(plain)["recommended"] == 2
     write_sweep([*arc, *plain], tmp_path / "both.png")
-    assert told(plain[2:])["recommended"] is None
+    assert summary(plain[2:])["recommended"] is None
     write_sweep(plain[2:], tmp_path / "collapsed.png")
     write_sweep(arc, tmp_path / "arc.png")
     assert (tmp_path / "both.png").read_bytes() != (tmp_path / "arc.png").read_bytes()
