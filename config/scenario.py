@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 from config.model import ConfigModel, Name, NotNegative
 
 
-class Event(ConfigModel):
+class ScenarioEvent(ConfigModel):
     """One thing that happens."""
 
     at_s: NotNegative
@@ -20,7 +20,7 @@ class Event(ConfigModel):
     """What hangs on the tip from now on."""
 
     @model_validator(mode="after")
-    def _exactly_one_thing(self) -> "Event":
+    def _exactly_one_thing(self) -> "ScenarioEvent":
         if (self.inject is None) == (self.tip_load_g is None):
             raise ValueError("say either inject or tip_load_g")
         return self
@@ -31,4 +31,4 @@ class Scenario(ConfigModel):
 
     scenario: Name
     description: str = ""
-    events: Annotated[list[Event], Field(min_length=1)]
+    events: Annotated[list[ScenarioEvent], Field(min_length=1)]

@@ -4,7 +4,7 @@ import argparse
 from importlib import import_module
 from typing import Final, cast
 
-from daemon.commands.terminal.command_line import Command
+from daemon.commands.terminal.command_line import CommandModule
 
 _WORDS: Final = {
     "collect": "see an emulated body at many configurations; or take over clouds of a real one",
@@ -25,5 +25,5 @@ def run(arguments: argparse.Namespace) -> int:
     return _command(arguments.word).run(arguments)
 
 
-def _command(word: str) -> Command:
-    return cast(Command, import_module(f"daemon.commands.body_model.{word}"))
+def _command(word: str) -> CommandModule:
+    return cast(CommandModule, import_module(f"daemon.commands.body_model.{word}"))

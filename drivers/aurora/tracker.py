@@ -94,7 +94,7 @@ class TrackerState(Enum):
 
 
 @dataclass(frozen=True)
-class TrackerStatus:
+class TrackerSnapshot:
     """The tracker at one moment."""
 
     state: TrackerState
@@ -136,9 +136,9 @@ class AuroraTracker:
         self._tools = Tools((), {})
 
     @property
-    def status(self) -> TrackerStatus:
+    def status(self) -> TrackerSnapshot:
         """How things are now; does not change any more once you have it."""
-        return TrackerStatus(
+        return TrackerSnapshot(
             self._state,
             POWER_UP_BAUD_RATE if self._link is None else self._link.baud_rate,
             self._device,

@@ -108,7 +108,7 @@ class Empty:
     """A CR of its own: hosts send some to flush the adapter's line buffer."""
 
 
-Command = (
+SlcanCommand = (
     Transmit
     | SetBitRate
     | SetBitTiming
@@ -150,7 +150,7 @@ class Queued:
 
 
 @dataclass(frozen=True, slots=True)
-class Status:
+class AdapterStatus:
     """`F`: a set of `StatusFlag`."""
 
     flags: int
@@ -171,7 +171,7 @@ class SerialNumber:
     text: str
 
 
-Reply = Received | Done | Refused | Queued | Status | Version | SerialNumber
+Reply = Received | Done | Refused | Queued | AdapterStatus | Version | SerialNumber
 
 
 class StatusFlag:
@@ -244,7 +244,7 @@ def encode_frame(frame: CanFrame) -> bytes:
     return f"{letter}{can_id & STANDARD_ID_MASK:03X}{len(data)}{digits}\r".encode()
 
 
-def encode_command(command: Command) -> bytes:
+def encode_command(command: SlcanCommand) -> bytes:
     """A command as the host sends it. Raises SlcanError."""
     match command:
         case Transmit(frame):
@@ -269,7 +269,7 @@ def encode_command(command: Command) -> bytes:
             return CR
 
 
-def decode_command(line: bytes) -> Command:
+def decode_command(line: bytes) -> SlcanCommand:
     """The command in a line without its CR. Raises SlcanError."""
     if line in _PLAIN_COMMANDS:
         return _PLAIN_COMMANDS[line]
@@ -296,7 +296,7 @@ def encode_reply(reply: Reply) -> bytes:
             return line[:-1] + b"%04X\r" % (timestamp_ms % TIMESTAMP_MODULUS_MS)
         case Queued(extended):
             return b"Z\r" if extended else b"z\r"
-        case Status(flags):
+        case AdapterStatus(flags):
             return b"F%02X\r" % (flags & 0xFF)
         case Version(hardware, software):
             return b"V%02d%02d\r" % (hardware, software)
@@ -334,7 +334,7 @@ def decode_reply(line: bytes) -> Reply:
         if len(rest) == _STAMP_DIGITS:
             return Received(frame, int(rest, 16))
     elif letter == b"F" and re.fullmatch(rb"[0-9A-Fa-f]{2}", digits):
-        return Status(int(digits, 16))
+        return AdapterStatus(int(digits, 16))
     elif letter == b"V" and re.fullmatch(rb"[0-9]{4}", digits):
         return Version(int(digits[:2]), int(digits[2:]))
     elif letter == b"N" and re.fullmatch(rb"[0-9A-Za-z]{1,8}", digits):
@@ -344,7 +344,7 @@ def decode_reply(line: bytes) -> Reply:
 
 _FRAME_LETTERS: Final = (b"t", b"T", b"r", b"R")
 
-_PLAIN_COMMANDS: Final[dict[bytes, Command]] = {
+_PLAIN_COMMANDS: Final[dict[bytes, SlcanCommand]] = {
     b"": Empty(),
     b"O": Open(),
     b"L": Open(listen_only=True),

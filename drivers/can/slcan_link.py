@@ -23,6 +23,7 @@ from drivers.can.conditions import ERRORS, OFF, OVERFLOW, PASSIVE, QUEUE_FULL
 from drivers.can.frame import EXTENDED_FLAG, REMOTE_FLAG, CanFrame
 from drivers.can.link import FrameReceiver
 from drivers.can.slcan import (
+    AdapterStatus,
     Close,
     LineReader,
     Open,
@@ -30,7 +31,6 @@ from drivers.can.slcan import (
     Received,
     Refused,
     SlcanError,
-    Status,
     StatusFlag,
     decode_data_frame,
     decode_reply,
@@ -174,7 +174,7 @@ class SlcanLink:
             self._refused_in_a_row += 1
             if self._refused_in_a_row == _REFUSALS_OF_BUS_OFF:
                 self._bus_off(True)
-        elif isinstance(reply, Status):
+        elif isinstance(reply, AdapterStatus):
             self._status(reply.flags)
         else:
             self._refused_in_a_row = 0

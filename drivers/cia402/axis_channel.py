@@ -11,7 +11,7 @@ from drivers.cia402.power_state import (
     FaultReset,
     PowerGoal,
     PowerState,
-    Status,
+    StatuswordBit,
     controlword_towards,
     power_state,
     reached,
@@ -108,7 +108,7 @@ class ProfilePosition:
         del t_ns, position
         if step is not None:
             self._wanted = step.to_counts[self._index]
-        acknowledged = bool(statusword & Status.SETPOINT_ACKNOWLEDGED)
+        acknowledged = bool(statusword & StatuswordBit.SETPOINT_ACKNOWLEDGED)
         if self._offering:
             self._offering = not acknowledged
         elif not acknowledged and self._wanted != self._offered:
@@ -181,7 +181,7 @@ class AxisChannel:
         if statusword != self.statusword or not self.following:
             self.statusword = statusword
             self.state = power_state(statusword)
-            self.had_voltage |= bool(statusword & Status.VOLTAGE_ENABLED)
+            self.had_voltage |= bool(statusword & StatuswordBit.VOLTAGE_ENABLED)
             self._follow(t_ns)
         return True
 
@@ -257,6 +257,6 @@ class AxisChannel:
             return
         if self._enabled_since_ns is None:
             self._enabled_since_ns = t_ns
-        follows = not self._cyclic or bool(self.statusword & Status.FOLLOWS_TARGET)
+        follows = not self._cyclic or bool(self.statusword & StatuswordBit.FOLLOWS_TARGET)
         ready = follows or t_ns - self._enabled_since_ns > _FOLLOWS_WITHIN_NS
         self.following = ready and self.goal is PowerGoal.ENABLED and not self.homing

@@ -12,7 +12,7 @@ from drivers.canopen.sdo_client import SdoClient, SdoError
 from drivers.cia402 import objects
 from drivers.cia402.axis_channel import AxisChannel
 from drivers.cia402.modes import HOMING_MODE, MODES
-from drivers.cia402.power_state import PowerGoal, PowerState, Status
+from drivers.cia402.power_state import PowerGoal, PowerState, StatuswordBit
 from safety.permit import PermittedHoming
 
 _POLL_S: Final = 0.02
@@ -42,10 +42,10 @@ class HomingProgress(Enum):
 
 def homing_progress(statusword: int) -> HomingProgress:
     """How far homing is."""
-    if statusword & Status.HOMING_ERROR:
+    if statusword & StatuswordBit.HOMING_ERROR:
         return HomingProgress.ERROR
-    reached = bool(statusword & Status.TARGET_REACHED)
-    if statusword & Status.HOMING_ATTAINED:
+    reached = bool(statusword & StatuswordBit.TARGET_REACHED)
+    if statusword & StatuswordBit.HOMING_ATTAINED:
         return HomingProgress.DONE if reached else HomingProgress.ATTAINED
     return HomingProgress.NOT_STARTED if reached else HomingProgress.IN_PROGRESS
 

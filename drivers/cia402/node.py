@@ -17,7 +17,7 @@ from drivers.cia402 import conditions as c
 from drivers.cia402 import objects
 from drivers.cia402.axis_channel import AxisChannel
 from drivers.cia402.bring_up import BringUpError, Identity, NodeSetUp
-from drivers.cia402.power_state import PowerState, Status
+from drivers.cia402.power_state import PowerState, StatuswordBit
 from drivers.clock import Clock
 from drivers.conditions import Condition, Conditions
 
@@ -179,13 +179,13 @@ class Node:
             elif name in self._unwilling:
                 self._unwilling.remove(name)
                 self._conditions.clear(c.UNWILLING, name, t_ns)
-            if channel.statusword & Status.INTERNAL_LIMIT or name in self._limited_ns:
+            if channel.statusword & StatuswordBit.INTERNAL_LIMIT or name in self._limited_ns:
                 self._watch_limit(channel, t_ns)
 
     def _watch_limit(self, channel: AxisChannel, t_ns: int) -> None:
         """A limit that comes and goes with every step, as at the end of travel, is told once."""
         subject = channel.axis.name
-        if channel.state.energised and channel.statusword & Status.INTERNAL_LIMIT:
+        if channel.state.energised and channel.statusword & StatuswordBit.INTERNAL_LIMIT:
             self._limited_ns[subject] = t_ns
             self._conditions.set(c.LIMIT_ACTIVE, subject, t_ns)
         elif subject in self._limited_ns and t_ns - self._limited_ns[subject] > _LIMIT_STAYS_NS:
@@ -355,10 +355,10 @@ class Node:
     def _status_changed(self, channel: AxisChannel, t_ns: int) -> None:
         """Keep the conditions that a statusword tells."""
         subject, word = channel.axis.name, channel.statusword
-        no_voltage = channel.had_voltage and not word & Status.VOLTAGE_ENABLED
+        no_voltage = channel.had_voltage and not word & StatuswordBit.VOLTAGE_ENABLED
         for condition, present in (
             (c.FAULT, channel.state in (PowerState.FAULT, PowerState.FAULT_REACTION)),
-            (c.WARNING, bool(word & Status.WARNING)),
+            (c.WARNING, bool(word & StatuswordBit.WARNING)),
             (c.NO_VOLTAGE, no_voltage),
         ):
             if present:

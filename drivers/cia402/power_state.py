@@ -65,7 +65,7 @@ def power_state(statusword: int) -> PowerState:
     return _STATES[statusword & 0x7F]
 
 
-class Status:
+class StatuswordBit:
     """Further bits of the statusword."""
 
     VOLTAGE_ENABLED: Final = 1 << 4

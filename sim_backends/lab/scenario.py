@@ -7,7 +7,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from config.problems import ConfigError
-from config.scenario import Event, Scenario
+from config.scenario import Scenario, ScenarioEvent
 from config.schema_errors import schema_problems
 from config.yaml_document import read_yaml
 from sim_backends.faults import FaultError, understand
@@ -42,7 +42,7 @@ def play_scenario(scenario: Scenario, lab: Lab, tell: Callable[[str], None]) -> 
         loop.call_later(event.at_s, _happen, event, lab, tell)
 
 
-def _happen(event: Event, lab: Lab, tell: Callable[[str], None]) -> None:
+def _happen(event: ScenarioEvent, lab: Lab, tell: Callable[[str], None]) -> None:
     if event.tip_load_g is not None:
         lab.set_tip_load(event.tip_load_g)
         tell(f"{event.at_s:g} s: {event.tip_load_g:g} g at the tip")

@@ -55,7 +55,7 @@ _ONE_WORD: Final = ("start", "hold", "resume", "disarm", "clear")
 """Nothing but themselves is to be said: one module has them all."""
 
 
-class Command(Protocol):
+class CommandModule(Protocol):
     """What each module in `daemon.commands` has."""
 
     def add_arguments(self, parser: argparse.ArgumentParser) -> None:
@@ -92,10 +92,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return EXIT_OK
 
 
-def _command(name: str) -> Command:
+def _command(name: str) -> CommandModule:
     module = "order" if name in _ONE_WORD else name
     with imported_for_good():
-        return cast(Command, import_module(f"daemon.commands.{module}"))
+        return cast(CommandModule, import_module(f"daemon.commands.{module}"))
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ BAUD_CODES = {
 
 
 @dataclass(frozen=True)
-class Command:
+class AuroraCommand:
     """One command. The word is upper case; arguments keep the case they were sent in."""
 
     word: str
@@ -41,7 +41,7 @@ def encode_command(word: str, arguments: str = "") -> bytes:
 
 
 @lru_cache(maxsize=64)
-def decode_command(line: bytes) -> Command:
+def decode_command(line: bytes) -> AuroraCommand:
     """The command in a line without its CR, with a checksum or, after a space, without one.
 
     Raises CodecError; `bad_crc` is set where only the checksum is wrong.
@@ -60,7 +60,7 @@ def decode_command(line: bytes) -> Command:
         rest = rest[:-4]
     elif separator != b" ":
         raise CodecError("a command's word is followed by ':' or a space")
-    return Command(word[0].decode("ascii").upper(), rest.decode("ascii"))
+    return AuroraCommand(word[0].decode("ascii").upper(), rest.decode("ascii"))
 
 
 class CommandReader:

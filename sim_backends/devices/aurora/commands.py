@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from drivers.aurora.codec.commands import Command
+from drivers.aurora.codec.commands import AuroraCommand
 from drivers.aurora.codec.errors import CodecError
 from sim_backends.devices.aurora import system_commands as system
 from sim_backends.devices.aurora import tool_commands as tools
@@ -34,7 +34,7 @@ class Rule(NamedTuple):
     handler: Handler
 
 
-def carry_out(device: CommandedTracker, command: Command) -> Reply:
+def carry_out(device: CommandedTracker, command: AuroraCommand) -> Reply:
     """Do what the command says. Raises Refusal."""
     rule = RULES.get(command.word)
     if rule is None:

@@ -6,8 +6,8 @@ from typing import Final
 
 from drivers.can.frame import EXTENDED_FLAG, CanFrame
 from drivers.can.slcan import (
+    AdapterStatus,
     Close,
-    Command,
     Done,
     Empty,
     LineReader,
@@ -23,8 +23,8 @@ from drivers.can.slcan import (
     SetBitRate,
     SetBitTiming,
     SetTimestamps,
+    SlcanCommand,
     SlcanError,
-    Status,
     StatusFlag,
     Transmit,
     Version,
@@ -122,7 +122,7 @@ class SlcanAdapter:
             self._write(encode_reply(reply))
         self._pump.touch()
 
-    def _obey(self, command: Command) -> Reply:
+    def _obey(self, command: SlcanCommand) -> Reply:
         match command:
             case Transmit(frame):
                 return self._transmit(frame)
@@ -184,7 +184,7 @@ class SlcanAdapter:
             return Refused()
         flags = self._latched_flags | _ERROR_FLAGS[self._port.state]
         self._latched_flags = 0
-        return Status(flags)
+        return AdapterStatus(flags)
 
     # The bus side
 

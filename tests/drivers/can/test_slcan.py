@@ -10,8 +10,8 @@ from drivers.can.frame import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, CanFrame
 from drivers.can.slcan import (
     BEL,
     MAX_LINE_BYTES,
+    AdapterStatus,
     Close,
-    Command,
     Done,
     Empty,
     LineReader,
@@ -27,8 +27,8 @@ from drivers.can.slcan import (
     SetBitRate,
     SetBitTiming,
     SetTimestamps,
+    SlcanCommand,
     SlcanError,
-    Status,
     Transmit,
     Version,
     decode_command,
@@ -38,7 +38,7 @@ from drivers.can.slcan import (
     encode_reply,
 )
 
-COMMANDS: list[tuple[bytes, Command]] = [
+COMMANDS: list[tuple[bytes, SlcanCommand]] = [
     (b"t18121122\r", Transmit(CanFrame(0x181, b"\x11\x22"))),
     (b"t0000\r", Transmit(CanFrame(0x000))),
     (b"T18DAF1103001122\r", Transmit(CanFrame(0x18DAF110 | EXTENDED_FLAG, b"\x00\x11\x22"))),
@@ -68,14 +68,14 @@ REPLIES: list[tuple[bytes, Reply]] = [
     (b"\a", Refused()),
     (b"z\r", Queued()),
     (b"Z\r", Queued(extended=True)),
-    (b"F24\r", Status(0x24)),
+    (b"F24\r", AdapterStatus(0x24)),
     (b"V1013\r", Version(10, 13)),
     (b"NA123\r", SerialNumber("A123")),
 ]
 
 
 @pytest.mark.parametrize(("line", "command"), COMMANDS)
-def test_commands(line: bytes, command: Command) -> None:
+def test_commands(line: bytes, command: SlcanCommand) -> None:
     assert encode_command(command) == line
     assert decode_command(line[:-1]) == command
 

@@ -20,7 +20,7 @@ class State(Enum):
     FAULT = 0x08
 
 
-class Command(Enum):
+class PowerCommand(Enum):
     """What the low bits of a controlword ask for."""
 
     DISABLE_VOLTAGE = auto()
@@ -34,37 +34,37 @@ FAULT_RESET: Final = 1 << 7
 HALT: Final = 1 << 8
 
 
-def command_of(controlword: int) -> Command:
+def command_of(controlword: int) -> PowerCommand:
     """The command in a controlword. Quick stop is active low."""
     if not controlword & 0b0010:
-        return Command.DISABLE_VOLTAGE
+        return PowerCommand.DISABLE_VOLTAGE
     if not controlword & 0b0100:
-        return Command.QUICK_STOP
+        return PowerCommand.QUICK_STOP
     if not controlword & 0b0001:
-        return Command.SHUTDOWN
+        return PowerCommand.SHUTDOWN
     if not controlword & 0b1000:
-        return Command.SWITCH_ON
-    return Command.ENABLE_OPERATION
+        return PowerCommand.SWITCH_ON
+    return PowerCommand.ENABLE_OPERATION
 
 
 # Transition number by state and command. 0, 1, 13 and 14 happen by themselves, 15 on the fault
 # reset's edge. From READY, enabling takes 3 and then 4.
 TRANSITIONS: Final = {
-    (State.SWITCH_ON_DISABLED, Command.SHUTDOWN): 2,
-    (State.READY, Command.SWITCH_ON): 3,
-    (State.READY, Command.ENABLE_OPERATION): 3,
-    (State.SWITCHED_ON, Command.ENABLE_OPERATION): 4,
-    (State.OPERATION_ENABLED, Command.SWITCH_ON): 5,
-    (State.SWITCHED_ON, Command.SHUTDOWN): 6,
-    (State.READY, Command.DISABLE_VOLTAGE): 7,
-    (State.READY, Command.QUICK_STOP): 7,
-    (State.OPERATION_ENABLED, Command.SHUTDOWN): 8,
-    (State.OPERATION_ENABLED, Command.DISABLE_VOLTAGE): 9,
-    (State.SWITCHED_ON, Command.DISABLE_VOLTAGE): 10,
-    (State.SWITCHED_ON, Command.QUICK_STOP): 10,
-    (State.OPERATION_ENABLED, Command.QUICK_STOP): 11,
-    (State.QUICK_STOP_ACTIVE, Command.DISABLE_VOLTAGE): 12,
-    (State.QUICK_STOP_ACTIVE, Command.ENABLE_OPERATION): 16,
+    (State.SWITCH_ON_DISABLED, PowerCommand.SHUTDOWN): 2,
+    (State.READY, PowerCommand.SWITCH_ON): 3,
+    (State.READY, PowerCommand.ENABLE_OPERATION): 3,
+    (State.SWITCHED_ON, PowerCommand.ENABLE_OPERATION): 4,
+    (State.OPERATION_ENABLED, PowerCommand.SWITCH_ON): 5,
+    (State.SWITCHED_ON, PowerCommand.SHUTDOWN): 6,
+    (State.READY, PowerCommand.DISABLE_VOLTAGE): 7,
+    (State.READY, PowerCommand.QUICK_STOP): 7,
+    (State.OPERATION_ENABLED, PowerCommand.SHUTDOWN): 8,
+    (State.OPERATION_ENABLED, PowerCommand.DISABLE_VOLTAGE): 9,
+    (State.SWITCHED_ON, PowerCommand.DISABLE_VOLTAGE): 10,
+    (State.SWITCHED_ON, PowerCommand.QUICK_STOP): 10,
+    (State.OPERATION_ENABLED, PowerCommand.QUICK_STOP): 11,
+    (State.QUICK_STOP_ACTIVE, PowerCommand.DISABLE_VOLTAGE): 12,
+    (State.QUICK_STOP_ACTIVE, PowerCommand.ENABLE_OPERATION): 16,
 }
 
 TARGET: Final = {

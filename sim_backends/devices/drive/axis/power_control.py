@@ -13,8 +13,8 @@ from sim_backends.devices.drive.axis.power import (
     SUPPORTED_OPTIONS,
     TARGET,
     TRANSITIONS,
-    Command,
     ConnectionLost,
+    PowerCommand,
     State,
     StopOption,
     command_of,
@@ -96,7 +96,7 @@ class PowerControl:
         else:
             command = command_of(control)
             self._carry_out(command, t_ns)
-            if self.state is State.SWITCHED_ON and command is Command.ENABLE_OPERATION:
+            if self.state is State.SWITCHED_ON and command is PowerCommand.ENABLE_OPERATION:
                 self._carry_out(command, t_ns)
             self._obey_halt(t_ns)
         self.settled = True
@@ -125,9 +125,9 @@ class PowerControl:
         """Communication is lost, and that is no fault: do what else 0x6007 says."""
         option = self._connection_option.number
         if option == ConnectionLost.DISABLE_VOLTAGE:
-            self._carry_out(Command.DISABLE_VOLTAGE, t_ns)
+            self._carry_out(PowerCommand.DISABLE_VOLTAGE, t_ns)
         elif option == ConnectionLost.QUICK_STOP:
-            self._carry_out(Command.QUICK_STOP, t_ns)
+            self._carry_out(PowerCommand.QUICK_STOP, t_ns)
         self.settled = False
 
     def torque_lost(self, t_ns: int) -> None:
@@ -153,10 +153,12 @@ class PowerControl:
         self.following = self.halted = self.brake_open = False
         self._stopping_for = None
 
-    def _carry_out(self, command: Command, t_ns: int) -> None:
+    def _carry_out(self, command: PowerCommand, t_ns: int) -> None:
         number = TRANSITIONS.get((self.state, command))
         if number is None:
-            enabled = self.state is State.OPERATION_ENABLED and command is Command.ENABLE_OPERATION
+            enabled = (
+                self.state is State.OPERATION_ENABLED and command is PowerCommand.ENABLE_OPERATION
+            )
             if enabled and self._stopping_for is not None:  # taken back before it was over
                 self._stopping_for = None
                 self._stop_timer.cancel()

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from drivers.aurora.codec.commands import (
     BAUD_CODES,
     MAX_COMMAND_BYTES,
-    Command,
+    AuroraCommand,
     CommandReader,
     LineSettings,
     decode_command,
@@ -27,17 +27,17 @@ arguments = st.text(st.characters(min_codepoint=0x20, max_codepoint=0x7E), max_s
 def test_known_commands_both_ways(text: str, digits: str) -> None:
     word, _, rest = text.partition(":")
     assert encode_command(word, rest) == f"{text}{digits}\r".encode()
-    assert decode_command(f"{text}{digits}".encode()) == Command(word, rest)
+    assert decode_command(f"{text}{digits}".encode()) == AuroraCommand(word, rest)
 
 
 @given(words, arguments)
 def test_a_command_comes_back_as_it_was(word: str, rest: str) -> None:
-    assert decode_command(encode_command(word, rest)[:-1]) == Command(word, rest)
+    assert decode_command(encode_command(word, rest)[:-1]) == AuroraCommand(word, rest)
 
 
 @given(words, arguments)
 def test_a_command_without_checksum_comes_back_as_it_was(word: str, rest: str) -> None:
-    assert decode_command(f"{word} {rest}".encode()) == Command(word, rest)
+    assert decode_command(f"{word} {rest}".encode()) == AuroraCommand(word, rest)
 
 
 @pytest.mark.parametrize("text", [b"pinit:0a", b"PINIT:0a", b"Pinit:0A"])
@@ -59,7 +59,7 @@ def test_a_command_with_one_flipped_bit_is_never_taken_for_what_it_was(
     except CodecError:
         return
     # Hex digits may change their case; a word that a space now ends has no checksum.
-    assert command == Command(word, rest) or line[len(command.word)] == ord(" ")
+    assert command == AuroraCommand(word, rest) or line[len(command.word)] == ord(" ")
 
 
 @pytest.mark.parametrize(
