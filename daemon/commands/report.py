@@ -9,7 +9,7 @@ from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "run", type=Path, metavar="RUN", help="a run's folder, or its run.mcap (or run.mcap.part)"
+        "run", type=Path, metavar="RUN", help="a run's folder, or one recording in it (run.mcap)"
     )
     parser.add_argument(
         "--out", type=Path, metavar="FILE", help="default: report.html in the run's folder"

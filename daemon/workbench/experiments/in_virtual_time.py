@@ -9,8 +9,7 @@ import msgspec
 from daemon.host.real_time import collector_rarely
 from daemon.recording.direct_recorder import DirectRecorder
 from daemon.recording.result import Result, read_result, write_result
-from daemon.recording.run_folder import RUN_FILE
-from daemon.recording.run_reader import control_hash
+from daemon.recording.run_parts import control_hash
 from daemon.robot.lab_connections import LabConnections
 from daemon.service.dependencies import Dependencies
 from daemon.workbench.experiments.carry_out import carry_out
@@ -40,7 +39,7 @@ def carry_out_in_virtual_time(
     result = read_result(folder)
     if result is None:
         raise TrialError(f"{folder}: the run left no result")
-    digest = control_hash(folder / RUN_FILE) if hash_of_recording is None else hash_of_recording()
+    digest = control_hash(folder) if hash_of_recording is None else hash_of_recording()
     hashed = msgspec.structs.replace(result, control_sha256=digest)
     write_result(folder, hashed)
     return hashed

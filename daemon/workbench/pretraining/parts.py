@@ -15,7 +15,7 @@ from config.exploration import WaypointExploration
 from config.loader import RobotFile
 from daemon.learning.samples.dataset import Dataset, DatasetError, joined
 from daemon.recording.recovery import recover_unfinished
-from daemon.recording.run_folder import RUN_FILE, write_whole
+from daemon.recording.run_folder import RUN_FILES, write_whole
 from daemon.workbench.experiments.trial import Tell
 from daemon.workbench.pretraining.explore import config_sha256, dataset_of_run, explore
 
@@ -129,7 +129,7 @@ class ExplorationParts:
             recover_unfinished(folder)
             how = {key: value for key, value in self._requested.items() if key != "config_sha256"}
             how["seed"] = self._seed_of(int(folder.name))
-            if (folder / RUN_FILE).exists():
+            if any(folder.glob(RUN_FILES)):
                 try:
                     parts.append(dataset_of_run(folder, self._file, how))
                 except DatasetError:

@@ -150,6 +150,13 @@ def _notices(run: RunData) -> list[str]:
             "This recording was not ended properly: what came last is missing. "
             "`tentacled recover` makes unfinished recordings whole."
         )
+    notices += [
+        f"The recorder was lost and started again: what happened from {gap.from_s:.1f} to "
+        f"{gap.to_s:.1f} s, between {gap.before} and {gap.after}, was not recorded."
+        for gap in run.gaps
+    ]
+    if run.one_of_more:
+        notices.append("This is one of several recordings of its run: its folder shows all.")
     if run.dropped:
         notices.append(f"{run.dropped} messages were dropped while recording.")
     if run.unreadable:
@@ -256,7 +263,7 @@ def _event_row(t_s: float, event: Event) -> str:
 
 
 def _provenance(run: RunData) -> str:
-    facts: list[tuple[str, str]] = [("recording", run.path.name)]
+    facts: list[tuple[str, str]] = [("recording", ", ".join(run.files))]
     facts += [(name, value) for name, value in run.header.items() if name != "wall_offset_ns"]
     if run.provenance is not None:
         facts += _provenance_facts(run)

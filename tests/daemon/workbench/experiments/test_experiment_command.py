@@ -13,7 +13,7 @@ import pytest
 
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 from daemon.recording.result import read_result
-from daemon.recording.run_reader import control_hash
+from daemon.recording.run_parts import control_hash
 from daemon.workbench.report.report import write_report
 
 WITHIN_S = 120.0

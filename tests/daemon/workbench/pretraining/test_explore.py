@@ -98,7 +98,7 @@ def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
     (tmp_path / "run.mcap").write_bytes(b"nothing of the kind")
     with pytest.raises(DatasetError, match="is not a recording"):
         frames_of_run(tmp_path)
-    with pytest.raises(OSError, match="No such file"):
+    with pytest.raises(DatasetError, match="there is no such file or folder"):
         frames_of_run(tmp_path / "not_there")
 
 

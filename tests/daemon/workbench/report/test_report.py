@@ -18,8 +18,15 @@ from daemon.recording.result import Result, write_result
 from daemon.recording.run_folder import describe_run
 from daemon.recording.run_writer import RunWriter
 from daemon.workbench.report.report import write_report
+from daemon.workbench.report.report_data import read_run
 from tests import SOFT_ARM
-from tests.daemon.recording.synthetic_run import WALL_NS, direct_run, make_run, messages
+from tests.daemon.recording.synthetic_run import (
+    WALL_NS,
+    direct_run,
+    make_parts,
+    make_run,
+    messages,
+)
 
 CYCLE_S = 4.0
 
@@ -177,6 +184,23 @@ def test_an_unfinished_recording_is_shown_as_such(tmp_path: Path) -> None:
     page = write_report(tmp_path).read_text()
     assert "was not ended properly" in page
     assert "run.mcap.part" in page
+
+
+def test_a_run_whose_recorder_was_started_again_is_shown_whole_with_its_gap(
+    tmp_path: Path,
+) -> None:
+    recorded = make_parts(tmp_path, slice(600, 700))
+    run = read_run(tmp_path)
+    assert run.counts["/tip"] == sum(isinstance(each, Tip) for each in recorded)
+    page = write_report(tmp_path).read_text()
+    assert "run.mcap.part, run-2.mcap" in page
+    assert (
+        "what happened from 4.9 to 5.7 s, between run.mcap.part and run-2.mcap, was not recorded"
+    ) in page
+    assert "This is one of several" not in page
+    alone = write_report(tmp_path / "run-2.mcap").read_text()
+    assert "This is one of several recordings of its run" in alone
+    assert "was not recorded" not in alone
 
 
 def test_damaged_messages_are_counted_and_left_out(tmp_path: Path) -> None:
