@@ -115,7 +115,7 @@ async def _serve(checked: CheckedRobot, arguments: argparse.Namespace, risk: Ris
         dependencies.real_time.prepare()
     service = RobotService(checked.file, with_lab_ports(robot, directory), dependencies)
     make_folder = _folder_maker(checked, arguments.runs, clock, arguments.seed)
-    recording = RunRecording(service, make_folder, arguments.seed)
+    recording = RunRecording(service, make_folder, arguments.seed, in_a_thread)
     inject = _injector(directory) if simulated else None
     files = arguments.files or models_directory()
     operator = Operator(service, recording, arguments.seed, inject, files, in_a_thread)

@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -10,6 +11,7 @@ from daemon.recording.flight_recorder import RecordingError
 from daemon.recording.result import ErrorTable, Result, write_result
 from daemon.recording.run_folder import segment_file
 from daemon.service.monitors import NO_TROUBLE, RecordingTrouble
+from daemon.service.motion_loader import OffTheLoop, at_once
 from daemon.service.robot_service import RobotService
 from safety.causes import Severity, cause
 from safety.states import OperatingState
@@ -28,7 +30,14 @@ MakeFolder = Callable[[], Awaitable[Path]]
 class RunRecording:
     """Records from `begin` to `end`. Listens to everything that is published meanwhile."""
 
-    def __init__(self, service: RobotService, make_folder: MakeFolder, seed: int) -> None:
+    def __init__(
+        self,
+        service: RobotService,
+        make_folder: MakeFolder,
+        seed: int,
+        off_the_loop: OffTheLoop = at_once,
+    ) -> None:
+        """off_the_loop: how the result is written, for which a disk may take its time."""
         self.table = ErrorTable()
         self.folder: Path | None = None
         """Of the present run, or of the last one."""
@@ -36,6 +45,7 @@ class RunRecording:
         self._recorder = service.dependencies.recorder
         self._make_folder = make_folder
         self._seed = seed
+        self._off_the_loop = off_the_loop
         self._recording = False
         self._faults: list[str] = []
         self._steps = self._refused_before = self._held_before = 0
@@ -121,8 +131,8 @@ class RunRecording:
         await self._recorder.stop()
         assert self.folder is not None
         try:
-            write_result(self.folder, result)
-        except OSError as error:  # somebody has removed the folder, or the disk is full
+            await self._off_the_loop(partial(write_result, self.folder, result))
+        except OSError as error:  # the folder is gone, the disk is full, or takes too long
             self._tell("no_result", f"the run's result cannot be written: {error}")
 
     async def _start(self, folder: Path) -> None:
