@@ -39,6 +39,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="MM",
         help="how far the tip goes in a motion (default: 1)",
     )
+    parser.add_argument(
+        "--lag",
+        type=float,
+        metavar="S",
+        help="how much later than its axes the body moves (default: found in the data)",
+    )
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="default: %(default)s")
     parser.add_argument("--no-figures", action="store_true", help="the model only")
     parser.add_argument("--json", action="store_true", help="the errors as one JSON object")
@@ -63,6 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
             arguments.test_share,
             arguments.seed,
             SamplingSettings(**sampling),
+            arguments.lag,
         )
     except ValueError as error:
         print(error, file=sys.stderr)
