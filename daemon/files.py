@@ -7,7 +7,7 @@ import os
 import stat
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from errno import EFBIG, EINVAL
+from errno import EACCES, EFBIG, EINVAL, EISDIR, ENOTDIR
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
@@ -25,13 +25,23 @@ def open_regular(path: Path, most_bytes: int) -> Iterator[BinaryIO]:
     Raises OSError, also for what is not a regular file and for what is larger than `most_bytes`.
     """
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY)
-    with os.fdopen(descriptor, "rb") as file:
+    try:
         found = os.fstat(descriptor)
+        if stat.S_ISDIR(found.st_mode):
+            raise IsADirectoryError(EISDIR, os.strerror(EISDIR), str(path))
         if not stat.S_ISREG(found.st_mode):
             raise OSError(EINVAL, "not a regular file", str(path))
         if found.st_size > most_bytes:
             raise OSError(EFBIG, f"more than {most_bytes} bytes", str(path))
-        yield file
+    except OSError:
+        os.close(descriptor)
+        raise
+    with os.fdopen(descriptor, "rb") as file:
+        try:
+            yield file
+        except OSError as error:  # a descriptor does not know its name
+            error.filename = error.filename or str(path)
+            raise
 
 
 def read_regular(path: Path, most_bytes: int) -> bytes:
@@ -41,6 +51,20 @@ def read_regular(path: Path, most_bytes: int) -> bytes:
     if len(content) > most_bytes:  # it has grown meanwhile, or has no true size
         raise OSError(EFBIG, f"more than {most_bytes} bytes", str(path))
     return content
+
+
+def check_can_be_made(path: Path) -> None:
+    """Before long work whose result shall be the file `path`. Raises OSError."""
+    try:
+        if stat.S_ISDIR(path.stat().st_mode):
+            raise IsADirectoryError(EISDIR, os.strerror(EISDIR), str(path))
+    except FileNotFoundError:
+        pass
+    folder = path.parent
+    if not stat.S_ISDIR(folder.stat().st_mode):
+        raise NotADirectoryError(ENOTDIR, os.strerror(ENOTDIR), str(folder))
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise PermissionError(EACCES, os.strerror(EACCES), str(folder))
 
 
 def models_directory() -> Path:

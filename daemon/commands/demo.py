@@ -8,6 +8,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from config.loader import load_robot
+from config.problems import in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 from daemon.commands.terminal.tour import Tour, TourError
 from daemon.host.clock import run_in_real_time
@@ -36,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         model = pretrained(load_robot(robot), tell=lambda text: print(f"  {text}", flush=True))
     except (TrialError, PretrainingError, OSError) as error:
-        print(f"the arm cannot be explored: {error}", file=sys.stderr)
+        print(f"the arm cannot be explored: {in_words(error)}", file=sys.stderr)
         return EXIT_FAILED
     with tempfile.TemporaryDirectory(prefix="tentacled-") as directory:
         return run_in_real_time(_demonstrate(robot, Path(directory), model, arguments))

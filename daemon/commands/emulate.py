@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from config.patience import patient
-from config.problems import ConfigError
+from config.problems import ConfigError, in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 from daemon.host.clock import MonotonicClock, run_in_real_time
 from daemon.host.resident_memory import give_back_compiler
@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         run_in_real_time(_emulate(checked, arguments))
     except (LabError, ConfigError, OSError) as error:
-        print(error, file=sys.stderr)
+        print(in_words(error), file=sys.stderr)
         return EXIT_FAILED
     return EXIT_OK
 

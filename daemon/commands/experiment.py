@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from config.problems import ConfigError
+from config.problems import ConfigError, in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
 from daemon.host.real_time import imported_for_good
 from daemon.host.stop_signals import all_like_ctrl_c
@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     except BrokenPipeError:  # of our output: no matter of the experiment's
         raise
     except (TrialError, UnreadableRunError, OSError) as error:
-        print(error, file=sys.stderr)
+        print(in_words(error), file=sys.stderr)
         return EXIT_FAILED
     return EXIT_OK
 

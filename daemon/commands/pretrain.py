@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from config.problems import in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
 from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
 
@@ -52,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     # What learns is compiled when it comes, and matplotlib is slow: `--help` does without.
+    from daemon.files import check_can_be_made
     from daemon.learning.forward.pretrained_model import PretrainedModel
     from daemon.learning.forward.pretraining import PretrainingError, PretrainingSettings, pretrain
     from daemon.learning.samples.dataset import Dataset, DatasetError, joined
@@ -75,13 +77,14 @@ def run(arguments: argparse.Namespace) -> int:
         print(error, file=sys.stderr)
         return EXIT_USAGE
     try:
+        check_can_be_made(arguments.out)
         dataset = joined([Dataset.load(path, checked.file.robot) for path in arguments.data])
         pretraining = pretrain(dataset, settings)
         model = PretrainedModel.of(pretraining, dataset)
         model.save(arguments.out)
         figures = [] if arguments.no_figures else _figures(pretraining, arguments.out)
     except (DatasetError, PretrainingError, OSError) as error:
-        print(error, file=sys.stderr)
+        print(in_words(error), file=sys.stderr)
         return EXIT_FAILED
     if arguments.json:
         print(json.dumps(dict(model.metadata), sort_keys=True))

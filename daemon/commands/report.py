@@ -4,6 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from config.problems import in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 
 
@@ -27,6 +28,6 @@ def run(arguments: argparse.Namespace) -> int:
         print(error, file=sys.stderr)
         return EXIT_FAILED
     except OSError as error:
-        print(f"{error.filename or arguments.run}: {error.strerror}", file=sys.stderr)
+        print(in_words(error, arguments.run), file=sys.stderr)
         return EXIT_FAILED
     return EXIT_OK

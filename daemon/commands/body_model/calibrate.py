@@ -5,6 +5,7 @@ import json
 import sys
 from pathlib import Path
 
+from config.problems import in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
 
@@ -53,6 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
         file = read_model(arguments.model)
         if misfit := misfit_of(file.about, checked.file.robot):
             raise RiskModelError(f"{arguments.model} does not fit this robot: {misfit}")
+        arguments.out.mkdir(parents=True, exist_ok=True)
         with CollectionBar() as bar, worker_processes(arguments.processes) as workers:
             rollouts = roll_out(
                 checked.file.robot,
@@ -72,7 +74,6 @@ def run(arguments: argparse.Namespace) -> int:
                 arguments.seed,
                 bar.advance,
             )
-        arguments.out.mkdir(parents=True, exist_ok=True)
         path, figure = arguments.out / "contact.json", arguments.out / "reliability.png"
         path.write_text(json.dumps(found.summary(), indent=2) + "\n", encoding="utf-8")
         write_reliability(found, figure)
@@ -84,7 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
         ValueError,
         OSError,
     ) as error:
-        print(error, file=sys.stderr)
+        print(in_words(error), file=sys.stderr)
         return EXIT_FAILED
     print(
         f"{len(found.predicted)} situations of {found.rollouts} rollouts "

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from config.problems import in_words
 from daemon.commands.body_model.train import add_data_arguments, torch_or_explain
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
@@ -54,18 +55,18 @@ def run(arguments: argparse.Namespace) -> int:
 
     try:
         dataset = CloudDataset.load(arguments.data, checked.file.robot)
+        arguments.out.mkdir(parents=True, exist_ok=True)
         file = read_model(arguments.model)
         if misfit := misfit_of(file.about, checked.file.robot):
             raise RiskModelError(f"{arguments.model} does not fit this robot: {misfit}")
         shape = NetworkShape(file.model.points.components)
         block = None if arguments.no_block else (shape, BodySettings().training)
         made = evaluate(file, dataset, arguments.seed, arguments.references, block, _say)
-        arguments.out.mkdir(parents=True, exist_ok=True)
         path = arguments.out / "evaluation.json"
         path.write_text(json.dumps(made.summary(), indent=2) + "\n", encoding="utf-8")
         figures = write_evaluation(made, file.model, dataset, arguments.out)
     except (CloudDatasetError, RiskModelError, TrainingError, ValueError, OSError) as error:
-        print(error, file=sys.stderr)
+        print(in_words(error), file=sys.stderr)
         return EXIT_FAILED
     for line in _lines(made):
         print(line)

@@ -10,6 +10,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+from config.problems import in_words
 from daemon.commands.body_model.train import (
     add_data_arguments,
     add_training_arguments,
@@ -48,6 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
     if checked is None or not torch_or_explain(arguments.threads):
         return EXIT_FAILED
     # Torch and matplotlib take seconds to come: `--help` does without.
+    from daemon.files import check_can_be_made
     from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset, CloudDatasetError
     from daemon.workbench.body_model.evaluation.component_sweep import Counted, summary, sweep
     from daemon.workbench.body_model.evaluation.mdn_figures import write_sweep
@@ -59,6 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
             print(counted.line, flush=True)
 
     try:
+        check_can_be_made(arguments.out)
         settings = replace(BodySettings().training, steps=arguments.steps, seed=arguments.seed)
         dataset = CloudDataset.load(arguments.data, checked.file.robot)
         starts = [start for start in STARTS if arguments.start in (start, "both")]
@@ -67,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
         ]
         write_sweep(found, arguments.out)
     except (CloudDatasetError, TrainingError, ValueError, OSError) as error:
-        print(error, file=sys.stderr)
+        print(in_words(error), file=sys.stderr)
         return EXIT_FAILED
     found_out = summary(found)
     if arguments.json:

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from config.problems import in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
 from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
 
@@ -82,6 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
     if checked is None or not torch_or_explain(arguments.threads):
         return EXIT_FAILED
     # Torch takes seconds to come: `--help` does without.
+    from daemon.files import check_can_be_made
     from daemon.risk.model_file import write_model
     from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset, CloudDatasetError
     from daemon.workbench.body_model.training.body_training import nats_in_metres, train_body
@@ -94,12 +96,13 @@ def run(arguments: argparse.Namespace) -> int:
         print(error, file=sys.stderr)
         return EXIT_USAGE
     try:
+        check_can_be_made(arguments.out)
         dataset = CloudDataset.load(arguments.data, checked.file.robot)
         made = train_body(dataset, settings, _say)
         about = {**made.about, "commands": _commands(arguments, dataset.provenance)}
         write_model(arguments.out, made.arrays, about)
     except (CloudDatasetError, TrainingError, RiskModelError, ValueError, OSError) as error:
-        print(error, file=sys.stderr)
+        print(in_words(error), file=sys.stderr)
         return EXIT_FAILED
     kept_back = nats_in_metres(made.points.best.kept_back)
     widths = made.about["shapes_widths"]

@@ -18,7 +18,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from config.problems import ConfigError
+from config.paths import is_file
+from config.problems import ConfigError, in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
 from daemon.workbench.studies.error_tables import aims_text, trouble_text
 from daemon.workbench.studies.findings import Findings, findings
@@ -55,7 +56,7 @@ def add_grid_arguments(parser: argparse.ArgumentParser) -> None:
 def shipped_study(name: str) -> Path:
     """The file of a shipped study, or the path that is meant itself."""
     shipped = Path(str(files("config") / "studies" / f"{name}.yaml"))
-    return shipped if shipped.is_file() else Path(name)
+    return shipped if is_file(shipped) else Path(name)
 
 
 _PAGE_WIDTH: Final = 160
@@ -80,7 +81,7 @@ def carry_out_study(
         print(error, file=sys.stderr)
         return EXIT_USAGE
     except (ConfigError, OSError) as error:
-        print(error, file=sys.stderr)
+        print(in_words(error), file=sys.stderr)
         return EXIT_FAILED
     _show(file, found, made)
     print("\n".join(map(str, written)))

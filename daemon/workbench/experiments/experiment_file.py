@@ -10,7 +10,7 @@ from config.emulation import Emulation
 from config.experiment import Experiment
 from config.loader import RobotFile
 from config.paths import BUILTIN, is_file
-from config.problems import ConfigError, Problem
+from config.problems import ConfigError, Problem, did_you_mean, did_you_mean_file
 from config.robot import Robot
 from config.schema_errors import schema_problems
 from config.yaml_document import Location, YamlDocument, read_yaml
@@ -56,7 +56,8 @@ def load_experiment(path: Path) -> ExperimentFile:
 def _with_robot(path: Path, document: YamlDocument, experiment: Experiment) -> ExperimentFile:
     named = robot_path(experiment.robot, path)
     if not is_file(named):
-        raise ConfigError([document.problem(("robot",), f"there is no file {named}")])
+        text = f"there is no file {named}{_robot_meant(experiment.robot, named)}"
+        raise ConfigError([document.problem(("robot",), text)])
     file = check_robot(named).file
     if file.robot.emulation is None:
         text = "experiments need an emulated robot, and this one has no 'emulation'"
@@ -67,6 +68,13 @@ def _with_robot(path: Path, document: YamlDocument, experiment: Experiment) -> E
     if why:
         raise ConfigError([document.problem(("trajectory",), why)])
     return ExperimentFile(path, experiment, file, robot, document)
+
+
+def _robot_meant(name: str, path: Path) -> str:
+    """What may have been meant by the name of a robot file that is not there."""
+    if not name.startswith(BUILTIN):
+        return did_you_mean_file(path)
+    return did_you_mean(name, (f"{BUILTIN}{file.stem}" for file in path.parent.glob("*.yaml")))
 
 
 def _why_not_followed(experiment: Experiment, robot: Robot, folder: Path) -> str:

@@ -222,9 +222,9 @@ def test_an_exploration_that_is_ended_goes_on_where_it_was(
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["--waypoints", "0"], "waypoints"),
-        (["--share", "1.5"], "travel_share"),
-        (["--dither", "nan"], "dither_share"),
+        (["--waypoints", "0"], "--waypoints: "),
+        (["--share", "1.5"], "--share: "),
+        (["--dither", "nan"], "--dither: "),
         (["--tip-load", "-1"], "below 0"),
     ],
 )
