@@ -44,7 +44,7 @@ WORKERS ?= 3
 
 # What numba compiles is kept: tests with a clock of their own must not wait for it.
 test: lint
-	@$(BIN)/python -c "from daemon.controllers.make_controller import warm_up; warm_up()"
+	@$(BIN)/python -m daemon.commands.terminal.compiled
 	@$(BIN)/pytest -n $(WORKERS) --dist loadgroup -m "not long"
 
 hil: $(DEVELOPMENT)

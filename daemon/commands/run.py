@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+from daemon.commands.terminal.compiled import telling_progress
 from daemon.controllers.make_controller import warm_up
 from daemon.files import models_directory
 from daemon.host.clock import MonotonicClock, run_in_real_time
@@ -74,7 +75,9 @@ def run(arguments: argparse.Namespace) -> int:
     for recovered in recover_unfinished(arguments.runs):
         print(recovered)
     try:
-        risk = make_risk_source(checked.file, MonotonicClock())
+        with telling_progress():
+            risk = make_risk_source(checked.file, MonotonicClock())
+            warm_up()
         run_in_real_time(_serve(checked, arguments, risk))
     except (
         RiskFilesError,
@@ -110,7 +113,6 @@ async def _serve(checked: CheckedRobot, arguments: argparse.Namespace, risk: Ris
         None if arguments.no_real_time else RealTime(),
         runs=arguments.runs,
     )
-    warm_up()
     if dependencies.real_time is not None:
         dependencies.real_time.prepare()
     service = RobotService(checked.file, with_lab_ports(robot, directory), dependencies)

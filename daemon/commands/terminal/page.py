@@ -3,7 +3,7 @@
 import shutil
 import sys
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 from rich.console import Group
@@ -38,14 +38,13 @@ class Size:
         return cls(found.columns, found.lines - _PROMPT if found.lines else None)
 
 
-def page(size: Size, kinds: Sequence[Callable[[], list[Text]]]) -> Group:
+def page(size: Size, kinds: Sequence[list[Text]]) -> Group:
     """The first of these that is not too high; of the last one as much as there is room for.
 
     kinds: the same, told with less and less detail.
     """
     lines: list[Text] = []
-    for kind in kinds:
-        lines = kind()
+    for lines in kinds:
         if size.height is None or len(lines) <= size.height:
             return Group(*lines)
     assert size.height is not None

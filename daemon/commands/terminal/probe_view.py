@@ -23,19 +23,19 @@ def view(state: Json, events: Sequence[Json], size: Size | None = None) -> Rende
     head = [*_headline(state, room), *_tools(state["tracker"], room)]
     axes, buses = _axes(state["axes"], room), _buses(state["buses"], room)
     axes_briefly = _axes_briefly(state["axes"], room)
-    wrong, last = _conditions(state["conditions"], room), _events(events, room)
-    wrong_briefly = _conditions_briefly(state["conditions"], room)
+    conditions = state["conditions"]
+    wrong, last = _conditions(conditions, room), _events(events, room)
     few = last[-_FEW_EVENTS:]
-    return page(
-        room,
-        (
-            lambda: [*head, *axes, *buses, *wrong, *last],
-            lambda: [*head, *axes, *buses, *wrong, *few],
-            lambda: [*head, *axes_briefly, *buses, *wrong, *few],
-            lambda: [*head, *axes_briefly, *buses, *wrong_briefly, *few],
-            lambda: [*head, *wrong_briefly, *axes_briefly, *buses],
-        ),
-    )
+    kinds = [
+        [*head, *axes, *buses, *wrong, *last],
+        [*head, *axes, *buses, *wrong, *few],
+        [*head, *axes_briefly, *buses, *wrong, *few],
+    ]
+    for remedies in range(len(conditions) - 1, 0, -1):
+        fewer = _conditions(conditions, room, remedies)
+        kinds.append([*head, *axes_briefly, *buses, *fewer, *few])
+    kinds.append([*head, *_conditions(conditions, room, 1), *axes_briefly, *buses])
+    return page(room, kinds)
 
 
 def event_line(event: Json) -> str:
@@ -142,27 +142,22 @@ def _buses(buses: Mapping[str, Json], size: Size) -> list[Text]:
     return table(head, rows, (4, 5, 6, 7), width=size.width)
 
 
-def _conditions(conditions: Sequence[Json], size: Size) -> list[Text]:
-    """Each with what it means and what helps. The same about others is told once."""
+def _conditions(conditions: Sequence[Json], size: Size, remedies: int | None = None) -> list[Text]:
+    """Each with what it means and what helps. The same about others is told once.
+
+    remedies: of the first ones alone, and one line for each of the others.
+    """
     if not conditions:
         return [Text("nothing is wrong", style=GOOD)]
     lines = []
-    for (text, remedy), alike in _alike(conditions).items():
-        detail = alike[0]["detail"] if len(alike) == 1 else ""
-        told = f" ({detail})" if detail else ""
-        lines += paragraph(size, (f"{_subjects(alike)}: {text}", BAD), (told, ""))
-        lines += paragraph(size, (remedy, DIM), first=4)
-    return lines
-
-
-def _conditions_briefly(conditions: Sequence[Json], size: Size) -> list[Text]:
-    """The remedy of the first alone."""
-    if not conditions:
-        return _conditions(conditions, size)
-    lines = []
     for place, ((text, remedy), alike) in enumerate(_alike(conditions).items()):
-        lines.append(Text(cut(f"{_subjects(alike)}: {text}", size.width), style=BAD))
-        lines += paragraph(size, (remedy, DIM), first=4) if place == 0 else []
+        what = f"{_subjects(alike)}: {text}"
+        if remedies is not None and place >= remedies:
+            lines.append(Text(cut(what, size.width), style=BAD))
+            continue
+        detail = alike[0]["detail"] if len(alike) == 1 else ""
+        lines += paragraph(size, (what, BAD), (f" ({detail})" if detail else "", ""))
+        lines += paragraph(size, (remedy, DIM), first=4)
     return lines
 
 

@@ -32,28 +32,19 @@ def status_view(status: Status, size: Size | None = None) -> RenderableType:
     """The whole robot. size: of the page; what matters least goes where that is not enough."""
     room = Size(80) if size is None else size
 
-    def all_of_it() -> list[Text]:
-        return [
-            _banner(status),
-            *_causes(status, room),
-            *_figures(status, room),
-            *_axes(status.axes, room),
-        ]
-
-    def without_details() -> list[Text]:
-        shown = _figures(status, room, brief=True)
-        return [_banner(status), *_causes(status, room), *shown, *_axes(status.axes, room)]
-
-    def axes_in_a_grid() -> list[Text]:
-        shown = _figures(status, room, brief=True)
-        return [_banner(status), *_causes(status, room), *shown, *_axes_briefly(status.axes, room)]
-
-    def causes_briefly() -> list[Text]:
-        shown = _figures(status, room, brief=True)
-        few = _causes(status, room, brief=True)
-        return [_banner(status), *few, *shown, *_axes_briefly(status.axes, room)]
-
-    return page(room, (all_of_it, without_details, axes_in_a_grid, causes_briefly))
+    banner, causes = _banner(status), _causes(status, room)
+    few_causes = _causes(status, room, brief=True)
+    figures, few_figures = _figures(status, room), _figures(status, room, brief=True)
+    axes, axes_briefly = _axes(status.axes, room), _axes_briefly(status.axes, room)
+    return page(
+        room,
+        (
+            [banner, *causes, *figures, *axes],
+            [banner, *causes, *few_figures, *axes],
+            [banner, *causes, *few_figures, *axes_briefly],
+            [banner, *few_causes, *few_figures, *axes_briefly],
+        ),
+    )
 
 
 def gone_view(last: Status | None, why: str, since_s: float) -> RenderableType:
@@ -184,9 +175,9 @@ def _tracker(status: Status) -> str:
     tracker = status.tracker
     told = [tracker.state, f"{tracker.rate_hz:.1f} frames/s", f"{tracker.quality:.0%} good"]
     if tracker.age_s is not None:
-        told.append(f"{_ms(tracker.age_s)} old")
+        told.append(f"{_time(tracker.age_s)} old")
     if tracker.latency_s is not None:
-        told.append(f"{_ms(tracker.latency_s)} on its way")
+        told.append(f"{_time(tracker.latency_s)} on its way")
     return ", ".join(told)
 
 
@@ -268,5 +259,7 @@ def _with_unit(value: float | None, digits: int, unit: str) -> str:
     return "-" if value is None else f"{value:.{digits}f} {unit}"
 
 
-def _ms(seconds: float) -> str:
+def _time(seconds: float) -> str:
+    if seconds >= 1.0:
+        return f"{seconds:.1f} s"
     return f"{seconds * 1e3:.2f} ms" if seconds < 0.01 else f"{seconds * 1e3:.0f} ms"

@@ -67,7 +67,11 @@ async def nothing(rig: Rig) -> None:
 async def much(rig: Rig) -> None:
     """Three faults at once, while the robot moves."""
     await rig.running()
-    for fault in ("tracker.missing=20s", "drive.can0/3.heartbeat_stop=20s", "bus.can0.foreign_master=20s"):
+    for fault in (
+        "tracker.missing=20s",
+        "drive.can0/3.heartbeat_stop=20s",
+        "bus.can0.foreign_master=20s",
+    ):
         await rig.do(Inject, fault=fault)
     await rig.until_state(S.FAULT)
     await asyncio.sleep(5.0)
@@ -141,8 +145,8 @@ def test_however_many_causes_there_are_the_first_come_with_help_and_all_are_coun
     assert "more: " in text
     assert any(line.startswith("lease ") for line in lines)
     whole = printed(status_view(replace(broken, reasons=reasons), Size(80)), Size(80))
-    assert sum(line.strip() == reasons[0].remedy[:60].strip() for line in whole) <= len(whole)
     assert len(whole) > 2 * len(lines)
+    assert "more: " not in joined(whole)
 
 
 def test_a_long_text_is_broken_between_words_and_not_cut(healthy: Status) -> None:
@@ -230,7 +234,10 @@ def test_a_healthy_robot_is_probed_on_one_page(robot: Path) -> None:
 @pytest.mark.parametrize("robot", [SOFT_ARM, TENDON_ARM])
 def test_what_is_wrong_is_probed_with_its_remedies_on_one_page(robot: Path) -> None:
     told, events = probed(
-        robot, "tracker.missing=20s", "drive.can0/2.heartbeat_stop=20s", "drive.can0/3.emergency=0x8611"
+        robot,
+        "tracker.missing=20s",
+        "drive.can0/2.heartbeat_stop=20s",
+        "drive.can0/3.emergency=0x8611",
     )
     lines = printed(view(told, events[-6:], SMALL))
     text = joined(lines)
