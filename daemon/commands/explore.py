@@ -148,7 +148,7 @@ def _explored(
         _begin(parts)
     try:
         with all_like_ctrl_c():
-            parts.explore(lambda line: print(line, flush=True))
+            _explore(parts, real_time)
         dataset = parts.dataset()
         dataset.save(arguments.out)
     except BaseException:
@@ -156,6 +156,18 @@ def _explored(
         raise
     parts.end(arguments.run)
     return dataset
+
+
+def _explore(parts: "ExplorationParts", real_time: bool) -> None:
+    from daemon.commands.terminal.compiled import telling_progress
+    from daemon.commands.terminal.progress_line import Aside
+
+    with telling_progress() as progress:
+        if not real_time:
+            parts.explore(progress.tell, progress)
+            return
+        with Aside(progress) as aside:
+            parts.explore(aside.tell, aside)
 
 
 def _begin(parts: "ExplorationParts") -> None:

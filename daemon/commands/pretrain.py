@@ -53,11 +53,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     # What learns is compiled when it comes, and matplotlib is slow: `--help` does without.
+    from daemon.commands.terminal.compiled import telling_progress
     from daemon.files import check_can_be_made
     from daemon.learning.forward.pretrained_model import PretrainedModel
     from daemon.learning.forward.pretraining import PretrainingError, PretrainingSettings, pretrain
     from daemon.learning.samples.dataset import Dataset, DatasetError, joined
     from daemon.learning.samples.motion_samples import SamplingSettings
+    from daemon.workbench.pretraining.model_cache import epochs_told
     from daemon.workbench.pretraining.pretraining_table import print_table
 
     checked = robot_or_explain(arguments.robot)
@@ -79,7 +81,8 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         check_can_be_made(arguments.out)
         dataset = joined([Dataset.load(path, checked.file.robot) for path in arguments.data])
-        pretraining = pretrain(dataset, settings)
+        with telling_progress() as progress:
+            pretraining = pretrain(dataset, settings, epochs_told(settings, progress))
         model = PretrainedModel.of(pretraining, dataset)
         model.save(arguments.out)
         figures = [] if arguments.no_figures else _figures(pretraining, arguments.out)

@@ -36,11 +36,11 @@ def run(arguments: argparse.Namespace) -> int:
     if checked is None:
         return EXIT_FAILED
     # Matplotlib and the plant's compiled code are slow to come: `--help` does without.
+    from daemon.commands.terminal.compiled import telling_progress
     from daemon.host.processes import worker_processes
     from daemon.learning.samples.robot_fit import misfit_of
     from daemon.risk.model_file import read_model
     from daemon.workbench.body_model.clouds.collection import CollectionError
-    from daemon.workbench.body_model.clouds.collection_bar import CollectionBar
     from daemon.workbench.body_model.clouds.emulated_body import UnreachableError
     from daemon.workbench.body_model.evaluation.contact_calibration import (
         contact_calibration,
@@ -49,13 +49,15 @@ def run(arguments: argparse.Namespace) -> int:
     from daemon.workbench.body_model.evaluation.rollouts import roll_out
     from safety.risk.risk_model import RiskModelError
     from sim_backends.lab.lab import LabError
+    from sim_backends.plants.shooting import warm_up
 
     try:
         file = read_model(arguments.model)
         if misfit := misfit_of(file.about, checked.file.robot):
             raise RiskModelError(f"{arguments.model} does not fit this robot: {misfit}")
         arguments.out.mkdir(parents=True, exist_ok=True)
-        with CollectionBar() as bar, worker_processes(arguments.processes) as workers:
+        with telling_progress() as bar, worker_processes(arguments.processes) as workers:
+            warm_up()  # here, once, and not in each process
             rollouts = roll_out(
                 checked.file.robot,
                 arguments.configurations,

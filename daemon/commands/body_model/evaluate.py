@@ -43,6 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
     if checked is None or not torch_or_explain(arguments.threads):
         return EXIT_FAILED
     # Torch and matplotlib take seconds to come: `--help` does without.
+    from daemon.commands.terminal.compiled import telling_progress
     from daemon.learning.samples.robot_fit import misfit_of
     from daemon.risk.model_file import read_model
     from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset, CloudDatasetError
@@ -61,7 +62,8 @@ def run(arguments: argparse.Namespace) -> int:
             raise RiskModelError(f"{arguments.model} does not fit this robot: {misfit}")
         shape = NetworkShape(file.model.points.components)
         block = None if arguments.no_block else (shape, BodySettings().training)
-        made = evaluate(file, dataset, arguments.seed, arguments.references, block, _say)
+        with telling_progress() as progress:
+            made = evaluate(file, dataset, arguments.seed, arguments.references, block, progress)
         path = arguments.out / "evaluation.json"
         path.write_text(json.dumps(made.summary(), indent=2) + "\n", encoding="utf-8")
         figures = write_evaluation(made, file.model, dataset, arguments.out)
@@ -73,10 +75,6 @@ def run(arguments: argparse.Namespace) -> int:
     for written in (path, *figures):
         print(written)
     return EXIT_OK
-
-
-def _say(begins: str) -> None:
-    print(f"{begins} …", file=sys.stderr, flush=True)
 
 
 def _lines(made: "Evaluation") -> list[str]:

@@ -8,12 +8,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from daemon.commands.terminal.progress_line import ProgressLine
-from daemon.host.compilation import compilation_told
 
 
 @contextmanager
 def telling_progress() -> Iterator[ProgressLine]:
     """A line for long work, which also tells of what is compiled for it."""
+    # numba, which who asks for help alone does not wait for.
+    from daemon.host.compilation import compilation_told
+
     with ProgressLine() as line, compilation_told(line):
         yield line
 

@@ -86,7 +86,7 @@ def _place(place_mm: Sequence[float] | None) -> list[tuple[str, str]]:
 
 
 def _axes(axes: Sequence[Json], size: Size) -> list[Text]:
-    head = ("axis", "node", "drive is", "position", "volume mL", "torque %")
+    head = ["axis", "node", "drive is", "position", "volume mL", "torque %"]
     rows = [
         [
             (axis["name"], ""),
@@ -99,7 +99,7 @@ def _axes(axes: Sequence[Json], size: Size) -> list[Text]:
         for axis in axes
     ]
     if all(axis["volume_ml"] is None for axis in axes):
-        head, rows = (*head[:4], head[5]), [[*row[:4], row[5]] for row in rows]
+        head, rows = [*head[:4], head[5]], [[*row[:4], row[5]] for row in rows]
     return table(head, rows, (3, 4, 5), width=size.width)
 
 

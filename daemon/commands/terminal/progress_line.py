@@ -8,7 +8,7 @@ from queue import SimpleQueue
 from threading import Thread
 from typing import Final, TextIO
 
-from daemon.host.progress import Milestones, Pace, Progress
+from daemon.host.progress import Milestones, Pace
 
 _EACH_S: Final = 0.2
 """Between two lines on a terminal."""
@@ -63,10 +63,10 @@ class ProgressLine:
         self._pace.reach(done, now_s)
         self._show(self._pace, now_s)
 
-    def tell(self, text: str) -> None:
-        """Something that is to stay, on stdout, past the line that is written over."""
+    def tell(self, text: str, out: TextIO | None = None) -> None:
+        """Something that is to stay, past the line that is written over. out: instead of stdout."""
         self._take_away()
-        print(text, flush=True)
+        print(text, file=out, flush=True)
 
     def end(self) -> None:
         """Nothing is being done; the line goes."""
@@ -98,9 +98,9 @@ class ProgressLine:
 
 
 class Aside:
-    """A `Progress` for who must never wait: a thread of its own tells another one of it."""
+    """The same for who must never wait: a thread of its own tells it."""
 
-    def __init__(self, progress: Progress) -> None:
+    def __init__(self, progress: ProgressLine) -> None:
         self._progress = progress
         self._told: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
         self._thread = Thread(target=self._tell, name="progress", daemon=True)
@@ -121,6 +121,10 @@ class Aside:
 
     def reach(self, done: float, total: float = 0.0, what: str = "") -> None:
         self._told.put(lambda: self._progress.reach(done, total, what))
+
+    def tell(self, text: str) -> None:
+        """Something that is to stay."""
+        self._told.put(lambda: self._progress.tell(text))
 
     def _tell(self) -> None:
         while (told := self._told.get()) is not None:

@@ -212,9 +212,9 @@ def _lease(status: Status) -> str:
 
 def _axes(axes: Sequence[AxisStatus], size: Size) -> list[Text]:
     """A line for each."""
-    head = ("axis", "drive is", "actual", "target", "", "force", "volume")
+    head = ["axis", "drive is", "actual", "target", "", "force", "volume"]
     rows = [
-        (
+        [
             (axis.name, ""),
             _drive(axis),
             (_number(axis.actual, 3), ""),
@@ -222,7 +222,7 @@ def _axes(axes: Sequence[AxisStatus], size: Size) -> list[Text]:
             (axis.unit, ""),
             (_with_unit(axis.force, 2, axis.force_unit), ""),
             (_with_unit(axis.volume_ml, 3, "mL"), ""),
-        )
+        ]
         for axis in axes
     ]
     if all(axis.volume_ml is None for axis in axes):

@@ -6,6 +6,7 @@ from random import Random
 
 import msgspec
 
+from daemon.host.progress import Progress
 from daemon.host.real_time import collector_rarely
 from daemon.recording.direct_recorder import DirectRecorder
 from daemon.recording.result import Result, read_result, write_result
@@ -28,14 +29,15 @@ def carry_out_in_virtual_time(
     folder: Path,
     tell: Tell,
     hash_of_recording: Callable[[], str] | None = None,
+    progress: Progress | None = None,
 ) -> Result:
     """The same file and seed give the same recording, to the last bit. Raises TrialError, OSError.
 
     folder: an empty one, for the run. What was recorded before an error is there too.
-    hash_of_recording: from somebody who has read it already.
+    hash_of_recording: from somebody who has read it already. progress: hears how far it is.
     """
     with collector_rarely():
-        run_in_virtual_time(_carry_out(file, seed, folder, tell))
+        run_in_virtual_time(_carry_out(file, seed, folder, tell, progress))
     result = read_result(folder)
     if result is None:
         raise TrialError(f"{folder}: the run left no result")
@@ -45,7 +47,9 @@ def carry_out_in_virtual_time(
     return hashed
 
 
-async def _carry_out(file: ExperimentFile, seed: int, folder: Path, tell: Tell) -> None:
+async def _carry_out(
+    file: ExperimentFile, seed: int, folder: Path, tell: Tell, progress: Progress | None
+) -> None:
     clock = virtual_clock()
     lab = Lab(file.robot, file.file.path, clock, seed)
     lab.start()
@@ -56,7 +60,8 @@ async def _carry_out(file: ExperimentFile, seed: int, folder: Path, tell: Tell) 
 
     dependencies, truth = _dependencies(file, lab, clock, seed), _TruthOf(lab)
     try:
-        await carry_out(file, file.robot, dependencies, make_folder, lab, truth, seed, tell)
+        robot = file.robot
+        await carry_out(file, robot, dependencies, make_folder, lab, truth, seed, tell, progress)
     finally:
         lab.stop()
 

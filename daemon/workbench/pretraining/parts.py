@@ -13,6 +13,7 @@ import numpy as np
 
 from config.exploration import WaypointExploration
 from config.loader import RobotFile
+from daemon.host.progress import Progress
 from daemon.learning.samples.dataset import Dataset, DatasetError, joined
 from daemon.recording.recovery import recover_unfinished
 from daemon.recording.run_folder import RUN_FILES, write_whole
@@ -69,7 +70,7 @@ class ExplorationParts:
             done += max(len(np.unique(part.frames.line)) - _NOT_WHOLE, 0)
         return min(done, self._options.waypoints)
 
-    def explore(self, tell: Tell) -> None:
+    def explore(self, tell: Tell, progress: Progress | None = None) -> None:
         """Go along the lines that are missing. Raises TrialError, DatasetError, OSError."""
         left = self._options.waypoints - self.lines_done()
         if left <= 0:
@@ -86,6 +87,7 @@ class ExplorationParts:
             tell,
             tip_load_g=self._tip_load_g,
             real_time=self._real_time,
+            progress=progress,
         )
 
     def dataset(self) -> Dataset:

@@ -59,6 +59,7 @@ def test_standing_still_makes_it_longer() -> None:
     pace = Pace("learning", 100.0, now_s=0.0)
     now_s = worked(pace, 1.0, 50)
     before_s = pace.to_go_s(now_s)
+    assert before_s is not None
     assert before_s == pytest.approx(50.0, rel=0.1)
     for late_s in range(1, 121):
         after_s = pace.to_go_s(now_s + late_s)

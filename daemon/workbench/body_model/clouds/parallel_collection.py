@@ -12,13 +12,14 @@ from collections.abc import Callable
 from concurrent.futures import Executor, as_completed
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 
 from config.loader import RobotFile
 from config.robot import Robot
 from daemon.files import save_npz
+from daemon.host.progress import Progress
 from daemon.learning.samples.robot_fit import whose
 from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset
 from daemon.workbench.body_model.clouds.collection import (
@@ -47,18 +48,6 @@ _OF_PART: Final = (
     "forces",
     "radius_mm",
 )
-
-
-class Progress(Protocol):
-    """Hears how far it is."""
-
-    def begin(self, what: str, total: int, done: int) -> None:
-        """Something begins, of `total` configurations; `done` are there already."""
-        ...
-
-    def advance(self, by: int) -> None:
-        """So many more are there."""
-        ...
 
 
 def collect(

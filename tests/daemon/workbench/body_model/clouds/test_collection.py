@@ -35,15 +35,18 @@ class Silent:
     """A `Progress`."""
 
     def __init__(self) -> None:
-        self.begun: list[tuple[str, int, int]] = []
-        self.done = 0
+        self.begun: list[tuple[str, float, float]] = []
+        self.done = 0.0
 
-    def begin(self, what: str, total: int, done: int) -> None:
+    def begin(self, what: str, total: float, done: float = 0.0) -> None:
         self.begun.append((what, total, done))
         self.done = done
 
-    def advance(self, by: int) -> None:
+    def advance(self, by: float = 1.0) -> None:
         self.done += by
+
+    def reach(self, done: float, total: float = 0.0, what: str = "") -> None:
+        raise AssertionError("it is told in parts")
 
 
 @pytest.fixture
