@@ -23,7 +23,7 @@ from daemon.remote.server.server import RemoteOpenError, RemoteServer
 from daemon.risk.body_risk_source import RiskFilesError, make_risk_source
 from daemon.robot.checked_robot import CheckedRobot, add_robot_argument, robot_or_explain
 from daemon.robot.connections import RealConnections
-from daemon.robot.lab_connections import LabRefusedError, LabUnreachableError, ask
+from daemon.robot.lab_connections import LabListener, LabRefusedError, LabUnreachableError, ask
 from daemon.robot.runtime_directory import default_runtime_directory, uses_lab, with_lab_ports
 from daemon.service.dependencies import Dependencies
 from daemon.service.motion_loader import in_a_thread
@@ -130,12 +130,18 @@ async def _serve(checked: CheckedRobot, arguments: argparse.Namespace, risk: Ris
         version=service.version,
         robot_file_dir=checked.file.path.parent,
     )
+    lab = LabListener(
+        directory, lambda what: service.events.tell("note", "happening", what, subject="lab")
+    )
     await server.open()
     dependencies.subscribers.add(server.publish)
     try:
         check_buses_are_free(with_lab_ports(robot, directory).buses.values())
+        if simulated:
+            lab.start()
         await _live(service, recording, stop, f"{robot.robot} in {directory}")
     finally:
+        lab.end()
         await server.close()
 
 

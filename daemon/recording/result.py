@@ -146,7 +146,9 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     faults: list[str] = []
     """Names of the causes that led to HOLD, FAULT or ESTOP, in order."""
     timing: LoopStatus | None = None
-    """The loop's time keeping at the end."""
+    """The loop's time keeping at the end. None: in virtual time, in which nothing takes time."""
+    virtual_time: bool = False
+    """Whether durations are those of a clock that jumped."""
     reading_cycles: list[CycleError] = []
     """As `cycles`, of single readings of the tracker instead of the filtered tip."""
     true_cycles: list[CycleError] = []

@@ -9,10 +9,11 @@ from typing import Final
 from daemon.messages import Event, Message, Tip
 from daemon.recording.flight_recorder import RecordingError
 from daemon.recording.result import ErrorTable, Result, write_result
-from daemon.recording.run_folder import segment_file
+from daemon.recording.run_folder import VIRTUAL_TIME, segment_file
 from daemon.service.monitors import NO_TROUBLE, RecordingTrouble
 from daemon.service.motion_loader import OffTheLoop, at_once
 from daemon.service.robot_service import RobotService
+from drivers.clock import is_virtual
 from safety.causes import Severity, cause
 from safety.states import OperatingState
 
@@ -116,7 +117,10 @@ class RunRecording:
             recordings_dropped=self._recorder.status.dropped,
             final_state=service.supervisor.state.value,
             faults=self._faults,
-            timing=service.report.loop_status(service.clock.now_ns()),
+            timing=None
+            if is_virtual(service.clock)
+            else service.report.loop_status(service.clock.now_ns()),
+            virtual_time=is_virtual(service.clock),
         )
 
     def _end_soon(self) -> None:
@@ -139,6 +143,8 @@ class RunRecording:
         """Raises RecordingError."""
         clock, robot = self._service.clock, self._service.robot
         header = {"robot": robot.robot, "version": self._service.version, "seed": str(self._seed)}
+        if is_virtual(clock):
+            header["time"] = VIRTUAL_TIME
         if self._restarts:
             header["goes_on_after_gap"] = str(self._restarts)
         name = segment_file(self._segment)

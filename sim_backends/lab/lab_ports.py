@@ -47,6 +47,7 @@ class LabPorts:
                 "inject": self._inject,
                 "load": self._load,
                 "play": self._play,
+                "diary": self._diary,
             }
         )
 
@@ -165,6 +166,12 @@ class LabPorts:
             raise LabError(f"tip_load_g is a weight in g, not {mass_g!r}")
         self._lab.set_tip_load(float(mass_g))
         return {}
+
+    def _diary(self, request: Request) -> Mapping[str, Any]:
+        after = request.get("after")
+        if not isinstance(after, int):
+            raise LabError(f"after is the number of an entry, not {after!r}")
+        return {"count": self._lab.diary.count, "entries": self._lab.diary.after(after)}
 
     def _play(self, request: Request) -> Mapping[str, Any]:
         name = request.get("name")

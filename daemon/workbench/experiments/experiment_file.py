@@ -32,8 +32,11 @@ class ExperimentFile:
         """A problem at `location` of this file, found by a check that lives elsewhere."""
         return self.document.problem(location, message)
 
-    def describe(self, folder: Path, wall_ns: int, seed: int) -> None:
-        """Write into a run's folder what is run, with which model. Raises OSError."""
+    def describe(self, folder: Path, wall_ns: int | None, seed: int) -> None:
+        """Write into a run's folder what is run, with which model. Raises OSError.
+
+        wall_ns: None in virtual time.
+        """
         model = getattr(self.experiment.controller, "model", None)
         models = {} if model is None else {"controller": Path(model)}
         describe_run(folder, self.robot, self.file.path, wall_ns, seed, models)

@@ -55,7 +55,7 @@ async def _carry_out(
     lab.start()
 
     async def make_folder() -> Path:
-        file.describe(folder, clock.wall_time_ns(), seed)
+        file.describe(folder, None, seed)
         return folder
 
     dependencies, truth = _dependencies(file, lab, clock, seed), _TruthOf(lab)

@@ -8,7 +8,7 @@ from typing import Final
 from matplotlib.figure import Figure
 
 from daemon.messages import Event
-from daemon.recording.run_folder import REPORT_FILE, utc_text
+from daemon.recording.run_folder import REPORT_FILE, VIRTUAL_TIME, utc_text
 from daemon.workbench.report.report_body import body_figure
 from daemon.workbench.report.report_data import RunData, read_run
 from daemon.workbench.report.report_looks import PAGE_STYLE
@@ -124,7 +124,11 @@ def _header(run: RunData) -> str:
         badges.append(_badge(f"ended in {state.upper()}", _STATE_LOOKS.get(state, "")))
     followed = run.result or (run.status.reference if run.status is not None else None)
     controller = f"controller {followed.controller}" if followed and followed.controller else ""
-    about = [utc_text(run.started_ns).replace("T", " ").replace("Z", " UTC")]
+    about = [
+        VIRTUAL_TIME
+        if run.in_virtual_time
+        else utc_text(run.started_ns).replace("T", " ").replace("Z", " UTC")
+    ]
     about += [f"{run.duration_s:.1f} s", controller]
     return (
         f"<header><h1>{escape(_title(run))}{''.join(badges)}</h1>"
@@ -192,7 +196,7 @@ def _tiles(run: RunData) -> str:
     status = run.result.timing if run.result is not None else None
     if status is None and run.status is not None:
         status = run.status.loop
-    if status is not None:
+    if status is not None and not run.in_virtual_time:
         tiles.append((f"{status.step_p99_s * 1e3:.2f} ms", "frame to targets, p99"))
         tiles.append((f"{status.missed}", "bus cycles missed"))
     inner = "".join(

@@ -15,22 +15,30 @@ from daemon.recording.result import CycleError, ErrorTable, Result, read_result
 from daemon.recording.run_folder import (
     PROVENANCE_FILE,
     ROBOT_FILE,
+    VIRTUAL_TIME,
     Provenance,
 )
 from daemon.recording.run_parts import RunParts, run_files, segment_number
 from daemon.recording.run_reader import RunMessage, UnreadableRunError
 from daemon.recording.run_writer import HEADER
 from daemon.workbench.report.report_table import Array, Column, MessageTable, fitted, number
+from safety.risk_source import NoModel
 from safety.states import OperatingState
 
 _RUNNING: Final = OperatingState.RUNNING.value
 _NS: Final = 1e-9
 _DECODERS: Final = {topic: msgspec.json.Decoder(kind) for topic, kind in MESSAGES.items()}
 _WITH_STATE: Final = (Tip, Status)
+NO_MODEL: Final = NoModel().name
 
 
 def _flat(places: list[list[float]] | None) -> list[float] | None:
     return None if places is None else [number for place in places for number in place]
+
+
+def _no_model(risk: Risk) -> bool:
+    """What a stand-in says is no figure."""
+    return risk.source == NO_MODEL
 
 
 _COLUMNS: Final[dict[type[Message], dict[str, Column]]] = {
@@ -50,7 +58,7 @@ _COLUMNS: Final[dict[type[Message], dict[str, Column]]] = {
         "force": Column(lambda axes: axes.force),
     },
     Risk: {
-        "contact": number(lambda risk: risk.contact_risk),
+        "contact": number(lambda risk: None if _no_model(risk) else risk.contact_risk),
         "body_point": number(lambda risk: risk.body_point_risk),
         "threshold": number(lambda risk: risk.threshold),
         "scale": number(lambda risk: risk.scale),
@@ -130,9 +138,18 @@ class RunData:
     """When the robot came into which state."""
     events: list[tuple[float, Event]]
     cycles: list[CycleError]
+    risk_sources: tuple[str, ...] = ()
+    """Who told of the risk."""
     result: Result | None = None
     provenance: Provenance | None = None
     robot_yaml: str = ""
+
+    @property
+    def in_virtual_time(self) -> bool:
+        """Whether its clock jumped: it has no date, and what took how long says nothing."""
+        if self.result is not None and self.result.virtual_time:
+            return True
+        return self.header.get("time") == VIRTUAL_TIME
 
     @property
     def axis_status(self) -> list[AxisStatus]:
@@ -188,6 +205,7 @@ class _Gathered:
     status: tuple[int, Status] | None = None
     """The last one."""
     events: list[tuple[int, Event]] = field(default_factory=list)
+    risk_sources: set[str] = field(default_factory=set)
     errors: ErrorTable = field(default_factory=ErrorTable)
     tables: dict[type[Message], MessageTable] = field(
         default_factory=lambda: {kind: MessageTable(columns) for kind, columns in _COLUMNS.items()}
@@ -218,7 +236,9 @@ class _Gathered:
         table = self.tables.get(type(message))
         if table is not None:
             table.add(wall_ns, message)
-        if isinstance(message, Tip):
+        if isinstance(message, Risk):
+            self.risk_sources.add(message.source)
+        elif isinstance(message, Tip):
             self.errors.add(message)
         elif isinstance(message, Event):
             self.events.append((wall_ns, message))
@@ -256,6 +276,7 @@ class _Gathered:
                 key=lambda each: each[0],
             ),
             cycles=self.errors.rows(),
+            risk_sources=tuple(sorted(self.risk_sources)),
         )
 
     def _s(self, wall_ns: int) -> float:
