@@ -147,7 +147,7 @@ def duration(seconds: float) -> str:
 
 _EACH_SHARE: Final = 0.1
 _EACH_S: Final = 30.0
-_NOT_SOONER_S: Final = 2.0
+_NOT_SOONER_S: Final = 10.0
 
 
 class Milestones:

@@ -121,7 +121,7 @@ def test_a_duration_is_no_more_exact_than_a_guess(seconds: float, told: str) -> 
 
 def test_lines_that_stay_come_with_each_tenth_and_each_half_minute() -> None:
     tenths = Milestones(0.0)
-    due = [share for share in range(101) if tenths.due(share / 100, 3.0 * share)]
+    due = [share for share in range(101) if tenths.due(share / 100, 2.0 * share)]
     assert due == [10, 20, 30, 40, 50, 60, 70, 80, 90, 100]
     slow = Milestones(0.0)
     assert [t for t in range(200) if slow.due(0.001 * t / 200, float(t))] == [
@@ -133,6 +133,6 @@ def test_lines_that_stay_come_with_each_tenth_and_each_half_minute() -> None:
         180,
     ]
     short = Milestones(0.0)
-    assert not any(short.due(share / 100, 0.019 * share) for share in range(101))
+    assert not any(short.due(share / 100, 0.099 * share) for share in range(101))
     unknown = Milestones(0.0)
     assert [t for t in range(70) if unknown.due(None, float(t))] == [30, 60]

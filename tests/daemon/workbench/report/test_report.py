@@ -5,10 +5,12 @@ import asyncio
 import base64
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
 import pytest
+from matplotlib.figure import Figure
 
 from config.loader import load_robot
 from daemon.commands import recover, report
@@ -17,8 +19,9 @@ from daemon.messages import Event, Message, Risk, Status, Tip
 from daemon.recording.result import Result, write_result
 from daemon.recording.run_folder import describe_run
 from daemon.recording.run_writer import RunWriter
-from daemon.workbench.report.report import write_report
-from daemon.workbench.report.report_data import read_run
+from daemon.workbench.report.report import report_html, write_report
+from daemon.workbench.report.report_data import _COLUMNS, read_run
+from daemon.workbench.report.report_series import risk_figure, timing_figure
 from tests import SOFT_ARM
 from tests.daemon.recording.synthetic_run import (
     WALL_NS,
@@ -97,6 +100,53 @@ def test_a_whole_run_has_every_table_and_figure(page: str) -> None:
     assert "the tracker has lost the tip" in page
     assert 'class="notice"' not in page
     assert "<b>321</b>" in page
+
+
+def test_in_virtual_time_there_is_no_date_and_no_timing(whole: Path, tmp_path: Path) -> None:
+    run = read_run(whole)
+    virtual = replace(run, header={**run.header, "time": "virtual time"})
+    assert timing_figure(run) is not None
+    assert timing_figure(virtual) is None
+    for data, dated in ((run, True), (virtual, False)):
+        page = report_html(data)
+        assert ("2020-01-01" in page) is dated
+        assert ("bus cycles missed" in page) is dated
+        assert ("virtual time" in page) is not dated
+
+
+def test_no_model_of_the_risk_is_drawn_as_that(whole: Path) -> None:
+    run = read_run(whole)
+    assert run.risk_sources == ("mixture",)
+    assert "no model" not in words_of(risk_figure(run))
+    without = replace(run, risk_sources=("no model",))
+    assert "no model" in words_of(risk_figure(without))
+    assert without.risk is not None
+    lines = [line for axes in figure_of(risk_figure(without)).axes for line in axes.lines]
+    assert all("threshold" not in str(line.get_label()) for line in lines)
+
+
+def test_what_a_stand_in_says_of_the_risk_is_no_figure() -> None:
+    said = Risk(
+        sequence=1,
+        t_ns=0,
+        source="no model",
+        contact_risk=0.0,
+        threshold=0.05,
+        scale=1.0,
+        reasons=[],
+    )
+    contact = _COLUMNS[Risk]["contact"]
+    assert contact.of(said) is None
+    assert contact.of(msgspec.structs.replace(said, source="soft_arm.npz")) == (0.0,)
+
+
+def figure_of(made: Figure | None) -> Figure:
+    assert made is not None
+    return made
+
+
+def words_of(made: Figure | None) -> str:
+    return " ".join(text.get_text() for axes in figure_of(made).axes for text in axes.texts)
 
 
 def test_a_report_needs_nothing_from_outside(page: str) -> None:
