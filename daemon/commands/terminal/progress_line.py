@@ -2,13 +2,14 @@
 
 import shutil
 import sys
-import time
 from collections.abc import Callable
 from queue import SimpleQueue
 from threading import Thread
 from typing import Final, TextIO
 
+from daemon.host.clock import MonotonicClock
 from daemon.host.progress import Milestones, Pace
+from drivers.clock import Clock
 
 _EACH_S: Final = 0.2
 """Between two lines on a terminal."""
@@ -24,13 +25,11 @@ class ProgressLine:
     Where stderr is a terminal, its last line is ours, and is taken away in the end.
     """
 
-    def __init__(
-        self, out: TextIO | None = None, clock: Callable[[], float] = time.monotonic
-    ) -> None:
-        """out: instead of stderr."""
+    def __init__(self, out: TextIO | None = None, clock: Clock | None = None) -> None:
+        """out: instead of stderr. clock: instead of the machine's."""
         self._out = sys.stderr if out is None else out
         self._on_terminal = self._out.isatty()
-        self._clock = clock
+        self._clock = MonotonicClock() if clock is None else clock
         self._pace: Pace | None = None
         self._milestones = Milestones(0.0)
         self._shown_s = 0.0
@@ -46,7 +45,7 @@ class ProgressLine:
     def begin(self, what: str, total: float, done: float = 0.0) -> None:
         """Something else begins: what was before is over."""
         self.end()
-        now_s = self._clock()
+        now_s = self._now_s()
         self._pace, self._milestones = Pace(what, total, now_s, done), Milestones(now_s)
         self._shown_s = now_s + _SILENT_S - _EACH_S
 
@@ -57,7 +56,7 @@ class ProgressLine:
     def reach(self, done: float, total: float = 0.0, what: str = "") -> None:
         if self._pace is None:
             return
-        now_s = self._clock()
+        now_s = self._now_s()
         self._pace.total = total or self._pace.total
         self._pace.what = what or self._pace.what
         self._pace.reach(done, now_s)
@@ -88,6 +87,9 @@ class ProgressLine:
         if self._there:
             self._write(_CLEAR)
             self._there = False
+
+    def _now_s(self) -> float:
+        return self._clock.now_ns() * 1e-9
 
     def _write(self, text: str) -> None:
         try:

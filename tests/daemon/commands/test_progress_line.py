@@ -31,8 +31,8 @@ class Screen(io.StringIO):
 class Clock:
     now_s = 0.0
 
-    def __call__(self) -> float:
-        return self.now_s
+    def now_ns(self) -> int:
+        return round(self.now_s * 1e9)
 
 
 @pytest.fixture

@@ -86,7 +86,9 @@ def test_the_command_leaves_tables_files_and_no_process(tmp_path: Path) -> None:
     assert result.control_sha256 == control_hash(run / "run.mcap")
     assert (result.virtual_time, result.timing) == (True, None)
     assert '"started": "virtual time"' in (run / "provenance.json").read_text()
-    page = re.sub(r"data:image[^\"]*|<style>.*?</style>", "", (run / "report.html").read_text())
+    page = re.sub(
+        r"data:image[^\"]*|<style>.*?</style>", "", (run / "report.html").read_text(), flags=re.S
+    )
     assert "virtual time" in page
     assert "2020" not in page
     assert " ms<" not in page
