@@ -11,7 +11,7 @@ import asyncio
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -59,6 +59,8 @@ class Outcome:
         """The same from the last byte of the STOP on the wire."""
         self.from_hello_ms: list[float] = []
         """The same from the connection's first byte, where it was a new one."""
+        self.of_service_ms: list[float] = []
+        """Of that, what did not pass while the client had the next word."""
         self.at_rest: list[str] = []
         """A stall of this machine had stopped the drives before anybody asked: why, as it is told.
         Every one of these STOPs was answered."""
@@ -71,6 +73,7 @@ class Outcome:
             ("", self.to_bus_ms),
             ("from its last byte", self.from_wire_ms),
             ("from its first byte", self.from_hello_ms),
+            ("of that the service", self.of_service_ms),
         ):
             if values:
                 figures = percentiles(values)
@@ -95,12 +98,18 @@ def flooded(flood: str, stops: int, real_time: bool = True) -> dict[str, Outcome
     """By way: so many STOPs each, one way after the other, under this flood."""
     with lab_and_daemon(real_time) as (folder, port, stop_port), ExitStack() as stack:
         try:
-            tap = stack.enter_context(WireTap(stop_port))
-        except PermissionError:  # without it there are the client's own figures
-            tap = None
+            taps = [
+                stack.enter_context(WireTap(stop_port, answers=answers))
+                for answers in (False, True)
+            ]
+        except PermissionError:  # without them there are the client's own figures
+            taps = []
         outcomes, asked = asyncio.run(_stopped(folder, port, stop_port, flood, stops, stack))
         for one in asked:
-            _look_up(one, tap)
+            told_ns = _look_up(one)
+            if told_ns is not None and taps:
+                sent_ns, answered_ns = (tap.between(one.asked_ns, told_ns) for tap in taps)
+                _on_the_wire(one.outcome, sent_ns, answered_ns, told_ns)
         return outcomes
 
 
@@ -151,8 +160,8 @@ async def _stop_once(robot: RobotClient, stop: Any, outcome: Outcome) -> Asked |
     return Asked(outcome, recording, asked_ns, answered_ns, answer.confirmed)
 
 
-def _look_up(one: Asked, tap: WireTap | None) -> None:
-    """When the quick stop was on the bus; or what had stopped the drives before."""
+def _look_up(one: Asked) -> int | None:
+    """When the quick stop was on the bus; None: it was not, or the drives did not confirm it."""
     outcome, asked_ns = one.outcome, one.asked_ns
     told_ns = _first_quick_stop_ns(one.recording, asked_ns)
     if told_ns is None:
@@ -161,16 +170,25 @@ def _look_up(one: Asked, tap: WireTap | None) -> None:
             outcome.at_rest.append(why)
         else:
             outcome.lost.append("no quick stop in the recording, and nothing had stopped it before")
-        return
-    if not one.confirmed:
+    elif not one.confirmed:
         outcome.lost.append("not confirmed by the drives")
+        return None
+    else:
+        outcome.to_bus_ms.append((told_ns - asked_ns) * 1e-6)
+    return told_ns
+
+
+def _on_the_wire(
+    outcome: Outcome, sent_ns: Sequence[int], answered_ns: Sequence[int], told_ns: int
+) -> None:
+    """sent_ns, answered_ns: when bytes went to the service and from it, before the quick stop."""
+    if not sent_ns:
         return
-    outcome.to_bus_ms.append((told_ns - asked_ns) * 1e-6)
-    packets = [] if tap is None else tap.between(asked_ns, told_ns)
-    if packets:
-        outcome.from_wire_ms.append((told_ns - packets[-1].t_ns) * 1e-6)
-    if len(packets) > 1:
-        outcome.from_hello_ms.append((told_ns - packets[0].t_ns) * 1e-6)
+    outcome.from_wire_ms.append((told_ns - sent_ns[-1]) * 1e-6)
+    if len(sent_ns) > 1 and answered_ns:
+        outcome.from_hello_ms.append((told_ns - sent_ns[0]) * 1e-6)
+        of_client_ns = sent_ns[-1] - answered_ns[-1]
+        outcome.of_service_ms.append((told_ns - sent_ns[0] - of_client_ns) * 1e-6)
 
 
 def _stopped_before(recording: Path, asked_ns: int) -> str:

@@ -1,4 +1,4 @@
-"""When bytes for a port came over the loopback interface, as the kernel dates them.
+"""When bytes came over the loopback interface for a port, or from it, as the kernel dates them.
 
 What a client has to do before its first byte leaves is not in these times, and neither is how long
 it waits for its turn on a busy machine: they are what a client elsewhere would see.
@@ -12,7 +12,7 @@ import threading
 import time
 from contextlib import suppress
 from types import TracebackType
-from typing import Final, NamedTuple
+from typing import Final
 
 _INTERFACE: Final = "lo"
 _ALL_PROTOCOLS: Final = 0x0003
@@ -27,18 +27,11 @@ _BUFFER_BYTES: Final = 1 << 22
 _WHOLE_PACKET: Final = 0x40000
 
 
-class Packet(NamedTuple):
-    """One that carries bytes."""
+def _filter(port: int, answers: bool) -> bytes:
+    """TCP over IPv4 to that port, or from it, with bytes in it: for the kernel's packet filter.
 
-    t_ns: int
-    """On the monotonic clock."""
-    from_port: int
-
-
-def _filter(port: int) -> bytes:
-    """TCP over IPv4 to that port, with bytes in it, for the kernel's packet filter (linux/bpf.h).
-
-    Steps: code, operand, and whether the packet is dropped where a comparison fails, or holds.
+    Steps as linux/bpf.h has them: code, operand, and whether the packet is dropped where a
+    comparison fails, or holds.
     """
     half, byte, half_behind, header_length = 0x28, 0x30, 0x48, 0xB1  # loads; the last one into X
     equal, and_, shift_right, add_x, subtract_x = 0x15, 0x54, 0x74, 0x0C, 0x1C
@@ -49,7 +42,7 @@ def _filter(port: int) -> bytes:
         (byte, 23, ""),
         (equal, socket.IPPROTO_TCP, fails),
         (header_length, 14, ""),
-        (half_behind, 16, ""),
+        (half_behind, 14 if answers else 16, ""),
         (equal, port, fails),
         (0x50, 26, ""),  # a byte behind the IP header: the length of TCP's is in its upper half
         (and_, 0xF0, ""),
@@ -73,13 +66,14 @@ def _filter(port: int) -> bytes:
 class WireTap:
     """Listens from `with` to its end, in a thread. Raises PermissionError: it takes root."""
 
-    def __init__(self, port: int) -> None:
-        self._packets: list[Packet] = []
+    def __init__(self, port: int, *, answers: bool = False) -> None:
+        """answers: listens for what comes from the port, instead of what goes to it."""
+        self._packets_ns: list[int] = []
         self._ended = threading.Event()
         self._socket = socket.socket(
             socket.AF_PACKET, socket.SOCK_RAW, socket.htons(_ALL_PROTOCOLS)
         )
-        code = _filter(port)
+        code = _filter(port, answers)
         self._code = ctypes.create_string_buffer(code)
         program = struct.pack("HL", len(code) // 8, ctypes.addressof(self._code))
         self._socket.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, program)
@@ -102,9 +96,9 @@ class WireTap:
         self._thread.join()
         self._socket.close()
 
-    def between(self, from_ns: int, to_ns: int) -> list[Packet]:
-        """Those that came then, in order."""
-        return [packet for packet in tuple(self._packets) if from_ns <= packet.t_ns <= to_ns]
+    def between(self, from_ns: int, to_ns: int) -> list[int]:
+        """When those came that came then, in order, on the monotonic clock."""
+        return [t_ns for t_ns in tuple(self._packets_ns) if from_ns <= t_ns <= to_ns]
 
     def _listen(self) -> None:
         while not self._ended.is_set():
@@ -113,14 +107,11 @@ class WireTap:
                     self._take()
 
     def _take(self) -> None:
-        data, ancillary, _, address = self._socket.recvmsg(256, 256)
+        _, ancillary, _, address = self._socket.recvmsg(1, 256)
         if address[2] == _OUTGOING:
             return
         offset_ns = time.monotonic_ns() - time.time_ns()
         for level, kind, value in ancillary:
             if level == socket.SOL_SOCKET and kind == _SO_TIMESTAMPNS:
                 seconds, nanoseconds = _TIMESPEC.unpack(value[: _TIMESPEC.size])
-                header = 14 + (data[14] & 0x0F) * 4
-                (from_port,) = struct.unpack_from("!H", data, header)
-                t_ns = seconds * 1_000_000_000 + nanoseconds + offset_ns
-                self._packets.append(Packet(t_ns, from_port))
+                self._packets_ns.append(seconds * 1_000_000_000 + nanoseconds + offset_ns)
