@@ -9,7 +9,7 @@ from daemon.controllers.learning_controller import LearningController
 from daemon.controllers.learning_file import Arrays
 from daemon.controllers.learnt_jacobian import LearntJacobian
 from daemon.learning.forward.pretrained_model import PretrainedModel
-from daemon.learning.lwpr.memory import with_memory
+from daemon.learning.lwpr.model import with_memory
 from daemon.learning.samples.motion import MotionSample
 
 
