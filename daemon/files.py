@@ -1,18 +1,13 @@
-"""Files that somebody has named: regular ones only, of a bounded size, without waiting.
-
-And where those are kept that may be named.
-"""
+"""Files: read only where they are regular and not too large, written whole or not at all."""
 
 import os
 import stat
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from errno import EACCES, EFBIG, EINVAL, EISDIR, ENOTDIR
 from pathlib import Path
-from typing import Any, BinaryIO, Final
-
-import numpy as np
-from numpy.typing import NDArray
+from threading import get_native_id
+from typing import BinaryIO, Final
 
 MOST_MODEL_BYTES: Final = 1 << 28
 """A learnt model with 10 000 fields and as many samples has some 20 MB."""
@@ -73,29 +68,27 @@ def models_directory() -> Path:
     return (Path(base) if base else Path.home() / ".local" / "share") / "tentacled" / "models"
 
 
-# Arrays on disk: one npz, whole or not at all.
+# Writing: a reader sees the old file or the whole new one.
 
 
-_LINE: Final = 200
-"""Characters."""
+@contextmanager
+def whole_file(path: Path, mode: int | None = None) -> Iterator[BinaryIO]:
+    """A file to write, which is under its name once all of it is on the disk, and else never.
 
+    However many write it at the same time. mode: its permissions, from its first byte on; None:
+    what the umask leaves. Raises OSError.
+    """
+    partial = path.with_name(f".{path.name}.{get_native_id()}.partial")
+    partial.unlink(missing_ok=True)
 
-class ModelError(ValueError):
-    """A file that cannot be loaded: not a model, or not one of this robot's."""
+    def opened(name: str, flags: int) -> int:
+        return os.open(name, flags | os.O_CLOEXEC, 0o666 if mode is None else 0o600)
 
-
-def in_a_line(error: Exception) -> str:
-    """What a reader of files says that it has met, short enough to be told."""
-    words = " ".join(str(error).split())
-    return f"{type(error).__name__}: {words}"[:_LINE]
-
-
-def save_npz(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """A reader sees the old file or the whole new one, however many write it. Raises OSError."""
-    partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
     try:
-        with partial.open("wb") as file:
-            np.savez_compressed(file, allow_pickle=False, **arrays)
+        with open(partial, "xb", opener=opened) as file:
+            if mode is not None:
+                os.fchmod(file.fileno(), mode)
+            yield file
             file.flush()
             os.fsync(file.fileno())
         partial.replace(path)
@@ -103,15 +96,7 @@ def save_npz(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
         partial.unlink(missing_ok=True)
 
 
-def prefixed(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """The arrays of one part, under names that only this part has in its file."""
-    return {prefix + name: array for name, array in arrays.items()}
-
-
-def stripped(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """The arrays of one part again, out of all that a file holds."""
-    return {
-        name.removeprefix(prefix): array
-        for name, array in arrays.items()
-        if name.startswith(prefix)
-    }
+def write_whole(path: Path, data: bytes, mode: int | None = None) -> None:
+    """Write a file that is either there with all of `data`, or as it was before. Raises OSError."""
+    with whole_file(path, mode) as file:
+        file.write(data)

@@ -7,8 +7,9 @@ from typing import Final
 
 import msgspec
 
+from daemon.files import write_whole
 from daemon.messages import LoopStatus, Tip
-from daemon.recording.run_folder import RESULT_FILE, formatted_json, write_whole
+from daemon.recording.run_folder import RESULT_FILE, formatted_json
 from safety.states import OperatingState
 
 # The tip's error, cycle by cycle, as the papers' tables give it.

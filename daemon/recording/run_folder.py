@@ -1,7 +1,6 @@
 """A run's folder: made under a name that tells robot and date, with all that explains the run."""
 
 import hashlib
-import os
 import platform
 import shutil
 import subprocess
@@ -17,6 +16,7 @@ import yaml
 
 from config.paths import values_with_absolute_paths
 from config.robot import Robot
+from daemon.files import write_whole
 
 # The files of a run's folder: their names, and how they are written.
 
@@ -44,19 +44,6 @@ def unfinished(path: Path) -> Path:
 def finished(part: Path) -> Path:
     """Where an unfinished recording shall stand: the reverse of `unfinished`."""
     return part.with_name(part.name.removesuffix(_UNFINISHED))
-
-
-def write_whole(path: Path, data: bytes) -> None:
-    """Write a file that is either there with all of `data`, or not there. Raises OSError."""
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with beside.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        beside.replace(path)
-    finally:
-        beside.unlink(missing_ok=True)
 
 
 # How much room there is for recordings.

@@ -36,9 +36,10 @@ def run(arguments: argparse.Namespace) -> int:
     if checked is None:
         return EXIT_FAILED
     # Matplotlib and the plant's compiled code are slow to come: `--help` does without.
+    from daemon.array_files import misfit_of
     from daemon.commands.terminal.compiled import telling_progress
+    from daemon.files import write_whole
     from daemon.host.processes import worker_processes
-    from daemon.learning.samples.robot_fit import misfit_of
     from daemon.risk.model_file import read_model
     from daemon.workbench.body_model.clouds.collection import CollectionError
     from daemon.workbench.body_model.clouds.emulated_body import UnreachableError
@@ -77,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
                 bar.advance,
             )
         path, figure = arguments.out / "contact.json", arguments.out / "reliability.png"
-        path.write_text(json.dumps(found.summary(), indent=2) + "\n", encoding="utf-8")
+        write_whole(path, (json.dumps(found.summary(), indent=2) + "\n").encode())
         write_reliability(found, figure)
     except (
         RiskModelError,

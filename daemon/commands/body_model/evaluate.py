@@ -43,8 +43,9 @@ def run(arguments: argparse.Namespace) -> int:
     if checked is None or not torch_or_explain(arguments.threads):
         return EXIT_FAILED
     # Torch and matplotlib take seconds to come: `--help` does without.
+    from daemon.array_files import misfit_of
     from daemon.commands.terminal.compiled import telling_progress
-    from daemon.learning.samples.robot_fit import misfit_of
+    from daemon.files import write_whole
     from daemon.risk.model_file import read_model
     from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset, CloudDatasetError
     from daemon.workbench.body_model.evaluation.evaluation import evaluate
@@ -65,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
         with telling_progress() as progress:
             made = evaluate(file, dataset, arguments.seed, arguments.references, block, progress)
         path = arguments.out / "evaluation.json"
-        path.write_text(json.dumps(made.summary(), indent=2) + "\n", encoding="utf-8")
+        write_whole(path, (json.dumps(made.summary(), indent=2) + "\n").encode())
         figures = write_evaluation(made, file.model, dataset, arguments.out)
     except (CloudDatasetError, RiskModelError, TrainingError, ValueError, OSError) as error:
         print(in_words(error), file=sys.stderr)

@@ -16,7 +16,8 @@ from typing import Any, Final
 from config.experiment import Pretraining
 from config.exploration import WaypointExploration
 from config.loader import RobotFile
-from daemon.files import ModelError, models_directory
+from daemon.array_files import ModelError
+from daemon.files import models_directory
 from daemon.host.progress import Progress
 from daemon.learning.forward.pretrained_model import KIND, PretrainedModel
 from daemon.learning.forward.pretraining import EpochErrors, PretrainingSettings, pretrain

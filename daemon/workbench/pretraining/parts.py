@@ -13,10 +13,11 @@ import numpy as np
 
 from config.exploration import WaypointExploration
 from config.loader import RobotFile
+from daemon.files import write_whole
 from daemon.host.progress import Progress
 from daemon.learning.samples.dataset import Dataset, DatasetError, joined
 from daemon.recording.recovery import recover_unfinished
-from daemon.recording.run_folder import RUN_FILES, write_whole
+from daemon.recording.run_folder import RUN_FILES
 from daemon.workbench.experiments.trial import Tell
 from daemon.workbench.pretraining.explore import config_sha256, dataset_of_run, explore
 

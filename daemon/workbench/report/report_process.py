@@ -15,6 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
+from daemon.files import write_whole
 from daemon.host.processes import end_with_parent
 from daemon.recording.run_folder import REPORT_FILE
 from daemon.recording.run_parts import control_hash
@@ -125,7 +126,7 @@ class ReportProcess:
             self._run.catch_up()
             return self._fingerprint.hexdigest()
         page = report_html(self._run.data(), in_two_processes)
-        (self._folder / REPORT_FILE).write_text(page, encoding="utf-8")
+        write_whole(self._folder / REPORT_FILE, page.encode())
         return ""
 
 

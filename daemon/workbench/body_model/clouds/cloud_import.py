@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from config.robot import Robot
+from daemon.array_files import whose
 from daemon.host.progress import Progress
-from daemon.learning.samples.robot_fit import whose
 from daemon.robot.axes import AxisRanges
 from daemon.workbench.body_model.clouds.centreline_fit import (
     LEAST_POINTS,

@@ -18,9 +18,8 @@ import numpy as np
 
 from config.loader import RobotFile
 from config.robot import Robot
-from daemon.files import save_npz
+from daemon.array_files import load_npz, save_npz, whose
 from daemon.host.progress import Progress
-from daemon.learning.samples.robot_fit import whose
 from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset
 from daemon.workbench.body_model.clouds.collection import (
     FITTED,
@@ -34,6 +33,7 @@ from daemon.workbench.body_model.clouds.collection import (
 from safety.risk.mixture import FloatArray
 
 _VERSION: Final = 2
+_MOST_BYTES: Final = 1 << 32
 """Of what is collected, given the robot and the settings."""
 _CANDIDATES: Final = 500
 """At most, in a task."""
@@ -91,8 +91,7 @@ def _configurations(
     progress: Progress,
 ) -> FloatArray:
     if path.exists():
-        with np.load(path, allow_pickle=False) as content:
-            return np.asarray(content["parameters"])
+        return np.asarray(load_npz(path)["parameters"])
     parameters = first_possible(robot, settings.configurations, settings.seed, workers, progress)
     save_npz(path, {"parameters": parameters})
     return parameters
@@ -161,8 +160,8 @@ def _reader(settings: CollectionSettings) -> Callable[[Path, int], Arrays | None
     def read(path: Path, configurations: int) -> Arrays | None:
         """What is in a part's file; None where it is not there or not whole."""
         try:
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as content:
-                part = {name: content[name] for name in _OF_PART}
+            there = load_npz(path, _MOST_BYTES)
+            part = {name: there[name] for name in _OF_PART}
         except Exception:  # whatever a reader makes of bytes that are no part
             return None
         shape = (configurations, settings.starts, settings.points, 3)

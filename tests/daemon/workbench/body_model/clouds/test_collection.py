@@ -169,12 +169,12 @@ def test_an_interrupted_collection_goes_on_and_ends_the_same(
         if sum("plan" not in name for name in saved) == 2:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr("daemon.files.np.savez_compressed", stop_after_one)
+    monkeypatch.setattr("daemon.array_files.np.savez_compressed", stop_after_one)
     with pytest.raises(KeyboardInterrupt):
         collect(tendon_arm(), SETTINGS, path, at_once, Silent())
     assert not path.exists()
     assert len(list(parts.iterdir())) == 2  # the plan, and one part: the other was not whole
-    monkeypatch.setattr("daemon.files.np.savez_compressed", real)
+    monkeypatch.setattr("daemon.array_files.np.savez_compressed", real)
     heard = Silent()
     made = collect(tendon_arm(), SETTINGS, path, worker, heard)
     what, total, done = heard.begun[0]
