@@ -43,7 +43,11 @@ _TINY = 1e-10
 _FAST = {"contract", "reassoc", "nsz"}
 _kernel = njit(cache=True, error_model="numpy", fastmath=_FAST)
 _inlined = njit(cache=True, error_model="numpy", fastmath=_FAST, forceinline=True)
-"""What is called per output: counting references to its arrays would take as long as its work."""
+"""What is called per output: counting references to its arrays would take as long as its work.
+
+And whatever else is called: were it left to the compiler what to inline, it would decide by what
+lies in the cache already, and sums that may be reordered would come out differently by it.
+"""
 
 
 class Scales(NamedTuple):
@@ -554,7 +558,7 @@ def _project(
     return value
 
 
-@_kernel
+@_inlined
 def _step_diagonal(way: FloatArray, slopes: Slopes, mine: Root, rule: ShapeRule) -> None:
     w1, w2, pull, once, twice = slopes
     root, rate = mine.root, mine.rate
@@ -574,7 +578,7 @@ def _step_diagonal(way: FloatArray, slopes: Slopes, mine: Root, rule: ShapeRule)
             root[i] = m - step
 
 
-@_kernel
+@_inlined
 def _step_full(
     way: FloatArray, slopes: Slopes, matrices: Matrices, mine: Root, rule: ShapeRule
 ) -> None:
@@ -607,7 +611,7 @@ def _step_full(
             k += 1
 
 
-@_kernel
+@_inlined
 def _learn_rate(i: int, gradient: float, second: float, mine: Root, meta_rate: float) -> None:
     """Faster where gradients keep their sign (Sutton's incremental delta-bar-delta)."""
     rate, log_rate, meta_trace = mine.rate, mine.log_rate, mine.meta_trace
@@ -619,7 +623,7 @@ def _learn_rate(i: int, gradient: float, second: float, mine: Root, meta_rate: f
     meta_trace[i] = meta_trace[i] * keep - rate[i] * gradient
 
 
-@_kernel
+@_inlined
 def _too_long(step: float, largest: float, compat: bool) -> bool:
     if compat:
         # The reference library lets a field shrink as fast as it likes.
@@ -627,14 +631,14 @@ def _too_long(step: float, largest: float, compat: bool) -> bool:
     return not abs(step) <= _LARGEST_STEP * largest
 
 
-@_kernel
+@_inlined
 def _slow_down(i: int, mine: Root, compat: bool) -> None:
     mine.rate[i] *= 0.5
     if not compat:
         mine.log_rate[i] = np.log(mine.rate[i])
 
 
-@_kernel
+@_inlined
 def _unpack(root: FloatArray, m: FloatArray) -> None:
     """The upper triangle; below it m stays zero."""
     k = 0
@@ -644,7 +648,7 @@ def _unpack(root: FloatArray, m: FloatArray) -> None:
             k += 1
 
 
-@_kernel
+@_inlined
 def _square(m: FloatArray, d: FloatArray) -> None:
     """d = mᵀm of an upper triangular m; of d only the upper triangle."""
     size = m.shape[0]
@@ -655,7 +659,7 @@ def _square(m: FloatArray, d: FloatArray) -> None:
                 d[i, j] += m[a, i] * m[a, j]
 
 
-@_kernel
+@_inlined
 def _multiply_triangle(m: FloatArray, d: FloatArray, product: FloatArray) -> None:
     """The upper triangle of m d, of d only the upper triangle."""
     size = m.shape[0]
