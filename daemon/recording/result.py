@@ -42,11 +42,15 @@ class ErrorTable:
         error_mm = tip.error_mm
         if tip.state != _RUNNING or tip.cycle < 0 or error_mm is None:
             return
+        self.count(tip.cycle, error_mm)
+
+    def count(self, cycle: int, error_mm: float) -> None:
+        """Count one error of a cycle in, unless it is not finite."""
         if math.isfinite(error_mm):
-            cycle = self._cycles.get(tip.cycle)
-            if cycle is None:
-                cycle = self._cycles[tip.cycle] = _Accumulated()
-            cycle.add(error_mm)
+            accumulated = self._cycles.get(cycle)
+            if accumulated is None:
+                accumulated = self._cycles[cycle] = _Accumulated()
+            accumulated.add(error_mm)
 
     def rows(self) -> list[CycleError]:
         """One row for each cycle that has samples, in order."""

@@ -11,6 +11,7 @@ from daemon.messages import Event
 from daemon.recording.run_folder import REPORT_FILE, VIRTUAL_TIME, utc_text
 from daemon.workbench.report.report_body import body_figure
 from daemon.workbench.report.report_data import RunData, read_run
+from daemon.workbench.report.report_errors import error_tables
 from daemon.workbench.report.report_looks import PAGE_STYLE
 from daemon.workbench.report.report_paths import close_up_figure, path_figure
 from daemon.workbench.report.report_series import (
@@ -88,7 +89,7 @@ def report_html(
         _header(run),
         *(f'<div class="notice">{escape(text)}</div>' for text in _notices(run)),
         _tiles(run),
-        _error_table(run),
+        _section("Tip error by cycle", error_tables(run)),
         *draw(lambda place: _figure(run, place), len(_FIGURES)),
         _events(run),
         _provenance(run),
@@ -204,27 +205,6 @@ def _tiles(run: RunData) -> str:
         for value, name in tiles
     )
     return f'<div class="tiles">{inner}</div>' if inner else ""
-
-
-def _error_table(run: RunData) -> str:
-    if not run.cycles:
-        return _section("Tip error by cycle", "<p>No cycle was followed.</p>")
-    worst = max(row.mean_mm for row in run.cycles) or 1.0
-    rows = "".join(
-        f'<tr><td class="number">{row.cycle + 1}</td><td class="number">{row.samples}</td>'
-        f'<td class="number">{row.mean_mm:.3f}</td><td class="number">{row.std_mm:.3f}</td>'
-        f'<td class="number">{row.max_mm:.3f}</td>'
-        f'<td class="bar"><i style="width:{100 * row.mean_mm / worst:.1f}%"></i></td></tr>'
-        for row in run.cycles
-    )
-    heads = ("cycle", "samples", "mean / mm", "std / mm", "max / mm")
-    head = "".join(f'<th class="number">{name}</th>' for name in heads)
-    return _section(
-        "Tip error by cycle",
-        f"<table><tr>{head}<th></th></tr>{rows}</table>"
-        '<div class="note">Euclidean distance between filtered tip and reference, while '
-        "following. Bars show the mean.</div>",
-    )
 
 
 def _figure(run: RunData, place: int) -> str:

@@ -49,6 +49,7 @@ _COLUMNS: Final[dict[type[Message], dict[str, Column]]] = {
         "error_mm": number(lambda tip: tip.error_mm),
         "cycle": number(lambda tip: tip.cycle),
         "running": number(lambda tip: tip.state == _RUNNING),
+        "believed": number(lambda tip: tip.believed),
     },
     Axes: {
         "actual": Column(lambda axes: axes.actual),
@@ -126,7 +127,7 @@ class RunData:
     status: Status | None
     """The last one."""
     tip: Series | None
-    """tip_mm, measured_mm, reference_mm, error_mm, cycle, running."""
+    """tip_mm, measured_mm, reference_mm, error_mm, cycle, running, believed."""
     axes: Series | None
     """actual, target, proposed, permitted, force."""
     risk: Series | None

@@ -4,6 +4,7 @@ import argparse
 import asyncio
 import base64
 import re
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,15 +13,17 @@ import msgspec
 import pytest
 from matplotlib.figure import Figure
 
+from config.control import PoseFilterSettings
 from config.loader import load_robot
 from daemon.commands import recover, report
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 from daemon.messages import Event, Message, Risk, Status, Tip
-from daemon.recording.result import Result, write_result
+from daemon.recording.result import CycleError, Result, read_result, write_result
 from daemon.recording.run_folder import describe_run
 from daemon.recording.run_writer import RunWriter
 from daemon.workbench.report.report import report_html, write_report
 from daemon.workbench.report.report_data import _COLUMNS, read_run
+from daemon.workbench.report.report_errors import smoothed_cycles
 from daemon.workbench.report.report_series import risk_figure, timing_figure
 from tests import SOFT_ARM
 from tests.daemon.recording.synthetic_run import (
@@ -164,10 +167,51 @@ def test_the_same_run_gives_the_same_report(whole: Path, page: str, tmp_path: Pa
     assert write_report(whole, tmp_path / "again.html").read_text() == page
 
 
-def test_the_error_table_has_a_row_for_each_cycle(page: str) -> None:
-    rows = re.findall(r'<tr><td class="number">(\d+)</td><td class="number">(\d+)</td>', page)
-    assert [int(cycle) for cycle, _ in rows] == [1, 2]
-    assert all(int(samples) > 50 for _, samples in rows)
+def error_rows(page: str) -> list[tuple[int, int, float]]:
+    """Cycle, samples and mean error in mm, of one table after the other."""
+    cell = r'<td class="number">([\d.]+)</td>'
+    rows = re.findall(rf"<tr>{cell}{cell}{cell}", page)
+    return [(int(cycle), int(samples), float(mean)) for cycle, samples, mean in rows]
+
+
+def test_the_error_tables_have_a_row_for_each_cycle(page: str) -> None:
+    """What the loop saw, then the same smoothed: the emulated tip of this run was not recorded."""
+    rows = error_rows(page)
+    assert [cycle for cycle, _, _ in rows] == [1, 2, 1, 2]
+    assert all(samples > 50 for _, samples, _ in rows)
+    assert "The same of the smoothed tip" in page
+    for seen, smoothed in zip(rows[:2], rows[2:], strict=True):
+        assert smoothed[2] == pytest.approx(seen[2], abs=0.15)
+
+
+def test_where_the_true_tip_is_known_nothing_is_smoothed(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result = read_result(whole)
+    assert result is not None
+    row = CycleError(cycle=0, samples=99, mean_mm=0.125, std_mm=0.1, max_mm=0.5)
+    run = read_run(whole)
+    run.result = msgspec.structs.replace(result, true_cycles=[row])
+    monkeypatch.setitem(sys.modules, "filterpy.kalman", None)
+    page = report_html(run)
+    assert error_rows(page)[2:] == [(1, 99, 0.125)]
+    assert "The same of the true tip" in page
+
+
+def test_what_was_not_believed_is_not_smoothed(whole: Path) -> None:
+    """Wild readings change nothing as long as the loop has not believed them either."""
+    run = read_run(whole)
+    assert run.tip is not None
+    before = smoothed_cycles(run.tip, PoseFilterSettings())
+    wild = slice(100, 300, 20)
+    run.tip["measured_mm"][wild] += 1000.0
+    assert max(row.max_mm for row in smoothed_cycles(run.tip, PoseFilterSettings())) > 100.0
+    run.tip["believed"][wild] = 0.0
+    after = smoothed_cycles(run.tip, PoseFilterSettings())
+    assert [row.mean_mm for row in after] == pytest.approx(
+        [row.mean_mm for row in before], abs=0.05
+    )
+    assert sum(row.samples for row in before) > sum(row.samples for row in after)
 
 
 def test_a_run_without_a_tip_still_has_a_report(tmp_path: Path) -> None:
