@@ -58,8 +58,8 @@ def run() -> int:
     linted_s = time.monotonic()
     # Starting workers and collecting leave a core idle now and then: mypy takes it.
     with subprocess.Popen([_program("mypy")], cwd=ROOT, stdout=subprocess.PIPE, text=True) as types:
-        words = ("-n", str(_WORKERS), "--dist", "loadfile", "-m", _FAST, *quick_files())
-        tested = subprocess.run([_program("pytest"), *words], cwd=ROOT).returncode
+        tests = ("-n", str(_WORKERS), "--dist", "loadfile", "-m", _FAST, *quick_files())
+        tested = subprocess.run([_program("pytest"), *tests], cwd=ROOT).returncode
         tested_s = time.monotonic()
         said, _ = types.communicate()
     print(said, end="")
