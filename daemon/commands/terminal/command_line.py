@@ -103,7 +103,9 @@ class CommandParser(argparse.ArgumentParser):
 
 _REQUIRED: Final = "arguments are required"
 
-_CHOICE: Final = re.compile(r"(argument (\S+): )invalid choice: '(.*)' \(choose from (.*)\)", re.S)
+_CHOICE: Final = re.compile(
+    r"(argument (\S+): )invalid choice: (?:'|\")(.*)(?:'|\") \(choose from (.*)\)", re.S
+)
 _FEW_CHOICES: Final = 100
 """Characters: what is longer is not read, and stands in the help."""
 
@@ -125,16 +127,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Entry point of the console command. Returns the exit code."""
     # To look through all there is for garbage as the process ends would take tenths of a second.
     atexit.register(gc.freeze)
-    words = list(sys.argv[1:] if argv is None else argv)
-    wanted = next((word for word in words if not word.startswith("-")), None)
-    parser = CommandParser(prog="tentacled", description="The control daemon for continuum robots.")
-    parser.add_argument("--version", action="version", version=version("tentacled"))
-    subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for name, purpose in _COMMANDS.items():
-        subparser = subparsers.add_parser(name, help=purpose, description=purpose)
-        if name == wanted:
-            _command(name).add_arguments(subparser)
-    arguments = parser.parse_args(words)
+    arguments = parsed(sys.argv[1:] if argv is None else argv)
     try:
         return _command(arguments.command).run(arguments)
     except KeyboardInterrupt:
@@ -147,6 +140,19 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         print(in_words(error), file=sys.stderr)
         return EXIT_FAILED
+
+
+def parsed(words: Sequence[str]) -> argparse.Namespace:
+    """What the words after `tentacled` ask for. Explains wrong usage, and ends the process."""
+    wanted = next((word for word in words if not word.startswith("-")), None)
+    parser = CommandParser(prog="tentacled", description="The control daemon for continuum robots.")
+    parser.add_argument("--version", action="version", version=version("tentacled"))
+    subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for name, purpose in _COMMANDS.items():
+        subparser = subparsers.add_parser(name, help=purpose, description=purpose)
+        if name == wanted:
+            _command(name).add_arguments(subparser)
+    return parser.parse_args(words)
 
 
 def _command(name: str) -> CommandModule:

@@ -81,7 +81,8 @@ def _causes(status: Status, size: Size, *, brief: bool = False) -> list[Text]:
 def _group(group: ReasonGroup, size: Size, *, over: bool, brief: bool) -> list[Text]:
     reason = group.lead
     what = f"{'stopped by ' if over else ''}{group.subjects}: {reason.text}"
-    detail = f" ({reason.detail})" if reason.detail else ""
+    said = reason.detail.lower().removeprefix("the ") not in reason.text.lower()
+    detail = f" ({reason.detail})" if said else ""
     when = f"over, began {reason.since_s:.1f} s ago" if over else _since(reason)
     spans = ((what, "" if over else BAD), (detail, ""), (f"  {reason.severity}, {when}", DIM))
     if brief:
