@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from daemon.commands.terminal import command_line
 from daemon.commands.terminal.command_line import main
 
 SHIPPED = Path(str(files("config")))
@@ -115,3 +116,30 @@ def test_a_mistyped_robot_within_an_experiment_is_named(
         told[robot] = said(f"check {tmp_path}/round.yaml", capsys)
     assert "(did you mean 'builtin:soft_arm'?)" in told["builtin:soft_arn"]
     assert f"(did you mean '{tmp_path}/soft_arm.yaml'?)" in told["soft_arn.yaml"]
+
+
+PARTS = {
+    "mdn": ("collect", "train", "sweep", "evaluate", "calibrate"),
+    "risk": ("query",),
+}
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        words
+        for name in command_line._COMMANDS
+        for words in ([name], *([name, part] for part in PARTS.get(name, ())))
+    ],
+    ids=" ".join,
+)
+def test_the_help_of_a_command_fits_into_80_columns(
+    words: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    with pytest.raises(SystemExit) as ended:
+        main([*words, "--help"])
+    assert ended.value.code == 0
+    shown = capsys.readouterr().out.splitlines()
+    assert shown[0].startswith(f"usage: tentacled {' '.join(words)}")
+    assert max(map(len, shown)) <= 80
