@@ -8,7 +8,7 @@ from rich.text import Text
 
 from daemon.commands.terminal.page import BAD, DIM, GOOD, Size, cut, grid, page, paragraph, table
 from daemon.messages import AxisStatus, Reason, RiskStatus, Status
-from daemon.remote.reason_groups import ReasonGroup, grouped, subjects
+from daemon.remote.reason_groups import ReasonGroup, detail_of, grouped, subjects
 from safety.risk_source import NoModel
 
 _BANNER: Final = {
@@ -81,8 +81,7 @@ def _causes(status: Status, size: Size, *, brief: bool = False) -> list[Text]:
 def _group(group: ReasonGroup, size: Size, *, over: bool, brief: bool) -> list[Text]:
     reason = group.lead
     what = f"{'stopped by ' if over else ''}{group.subjects}: {reason.text}"
-    said = reason.detail.lower().removeprefix("the ") not in reason.text.lower()
-    detail = f" ({reason.detail})" if said else ""
+    detail = detail_of(reason.text, reason.detail)
     when = f"over, began {reason.since_s:.1f} s ago" if over else _since(reason)
     spans = ((what, "" if over else BAD), (detail, ""), (f"  {reason.severity}, {when}", DIM))
     if brief:

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from daemon.messages import Event
 from daemon.recording.run_folder import REPORT_FILE, VIRTUAL_TIME, utc_text
+from daemon.remote.reason_groups import detail_of
 from daemon.workbench.report.report_body import body_figure
 from daemon.workbench.report.report_data import RunData, read_run
 from daemon.workbench.report.report_errors import error_tables
@@ -240,7 +241,7 @@ def _event_row(t_s: float, event: Event) -> str:
     else:
         look = _SEVERITY_LOOKS.get(event.severity.lower(), "") if event.present else ""
     name = event.name if event.present else f"{event.name} (over)"
-    text = f"{event.text} ({event.detail})" if event.detail else event.text
+    text = f"{event.text}{detail_of(event.text, event.detail)}"
     cells = (event.kind, name, event.subject, text)
     text = "".join(f"<td>{escape(cell)}</td>" for cell in cells)
     return f'<tr class="{look}"><td class="number">{t_s:.2f}</td>{text}</tr>'
