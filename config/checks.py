@@ -11,7 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 from config.axis import Axis, Drive, Quantity
 from config.bus import Bus
 from config.control import Supervision
-from config.emulation import Emulation, SoftArmPlant, TendonArmPlant
+from config.emulation import ConcentricTubesPlant, Emulation, SoftArmPlant, TendonArmPlant
 from config.patience import impatience
 from config.problems import did_you_mean
 from config.schema_errors import location_in_file
@@ -120,6 +120,7 @@ def findings(parts: Parts) -> Iterator[Finding]:
             yield from _axis_findings(("axes", index), axis)
     yield from _cylinder_findings(parts)
     yield from _tendon_findings(parts)
+    yield from _tube_findings(parts)
     yield from _name_findings(parts)
     yield from _homing_findings(parts)
     yield from _node_findings(parts)
@@ -253,6 +254,38 @@ def _tendon_findings(parts: Parts) -> Iterator[Finding]:
                 f"emulation.plant.pretension_n, {plant.pretension_n:g} N, must lie between "
                 f"min_tension_n and max_tension_n ({axis.tension_range_n[1]:g} N)",
             )
+
+
+def _tube_findings(parts: Parts) -> Iterator[Finding]:
+    """An axis that turns each tube, then one for each carriage, and collars in their order."""
+    if parts.emulation is None or not isinstance(parts.emulation.plant, ConcentricTubesPlant):
+        return
+    plant = parts.emulation.plant
+    kinds = ["tube_rotation"] * len(plant.tubes) + ["tube_translation"] * plant.carriages
+    if len(parts.axes) != len(kinds):
+        yield (
+            ("axes",),
+            f"{len(parts.axes)} axes cannot move the {len(plant.tubes)} tubes and "
+            f"{plant.carriages} carriages of emulation.plant",
+        )
+    for index, (axis, kind) in enumerate(zip(parts.axes, kinds, strict=False)):
+        if axis is not None and axis.kind != kind:
+            text = f"must be a {kind}: the tubes' axes come first, then the carriages'"
+            yield ("axes", index, "kind"), text
+    at = ("emulation", "plant", "tubes")
+    used = {tube.carriage for tube in plant.tubes}
+    if used != set(range(plant.carriages)):
+        yield at, f"carriages are numbered from 0 without a gap, not {sorted(used)}"
+    for index, tube in enumerate(plant.tubes):
+        before = plant.tubes[index - 1]
+        if index and not tube.collar_mm < before.collar_mm:
+            yield (*at, index, "collar_mm"), "must be behind the collar of the tube round it"
+        if index and not tube.outer_radius_mm < before.outer_radius_mm:
+            yield (*at, index, "outer_radius_mm"), "must be less than that of the tube round it"
+    first = plant.tubes[0]
+    if plant.mouth == "first_collar" and (first.collar_mm != 0.0 or first.carriage != 0):
+        text = "the mouth is the first collar: its tube has collar_mm 0 and carriage 0"
+        yield (*at, 0, "collar_mm"), text
 
 
 def _name_findings(parts: Parts) -> Iterator[Finding]:

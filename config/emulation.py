@@ -59,6 +59,12 @@ def _not_zero(vector: Vector3) -> Vector3:
     return vector
 
 
+def _no_rotation(quaternion: tuple[float, ...]) -> tuple[float, ...]:
+    if not any(quaternion):
+        raise ValueError("zero is no rotation")
+    return quaternion
+
+
 Direction = Annotated[Vector3, AfterValidator(_not_zero)]
 
 
@@ -175,13 +181,124 @@ class TendonArmPlant(ConfigModel):
     after twice as much."""
 
 
-Plant = Annotated[SoftArmPlant | TendonArmPlant, Field(discriminator="kind")]
+class TubeSection(ConfigModel):
+    """A length of a tube that alone would be an arc."""
+
+    length_mm: Annotated[float, Field(gt=0, le=1000)]
+    curvature_per_mm: Annotated[float, Field(ge=-0.2, le=0.2)] = 0.0
+    """One over the radius of the arc, towards x with the tube's axis at zero; 0: straight."""
+
+
+class Tube(ConfigModel):
+    """One of several tubes in each other."""
+
+    sections: Annotated[tuple[TubeSection, ...], Field(strict=False, min_length=1, max_length=8)]
+    """From its collar, by which its axes hold it, to its end."""
+    bending_stiffness_n_mm2: Positive
+    """EI."""
+    torsion_stiffness_n_mm2: Positive
+    """GJ."""
+    mass_mg_mm: NotNegative = 0.0
+    """Of 1 mm of it; the same in g/m."""
+    outer_radius_mm: Positive
+    """The first tube's is that of the body, of what it may touch with."""
+    carriage: Annotated[int, Field(ge=0, le=7)]
+    """Which carriage its collar is on, from 0. Two tubes may share one."""
+    collar_mm: float
+    """Where its collar is with its carriage at zero, from the mouth; forward is positive."""
+
+
+_PAIR_CURVATURE = 3.7736e-3
+_INNER_CURVATURE = 14.29e-3
+
+
+class ConcentricTubesPlant(ConfigModel):
+    """Precurved tubes in each other, each turned by an axis and pushed by a carriage.
+
+    The tubes are those of Fagogenis, Bergeles and Dupont (IROS 2016, Table I): a balanced pair of
+    150 mm that shares a carriage, and a tube of which 87 mm are strongly curved. Collars that are
+    17 mm long keep the tubes apart in the drive unit, as in other robots of that laboratory, so
+    tubes 2 and 3 are longer by 17 and 34 mm. The paper gives stiffnesses relative to each other.
+    Nitinol of 60 GPa makes them absolute with tubes of 2.80/2.58, 2.40/2.01 and 1.80/1.54 mm:
+    EI = 0.05, 0.05 and 0.0143 N·m², and ν = 0.3. Friction is judged: 2 % of what twists the pair.
+    """
+
+    kind: Literal["concentric_tubes"]
+    tubes: Annotated[tuple[Tube, ...], Field(strict=False, min_length=1, max_length=6)] = (
+        Tube(
+            sections=(TubeSection(length_mm=150.0, curvature_per_mm=_PAIR_CURVATURE),),
+            bending_stiffness_n_mm2=50_000.0,
+            torsion_stiffness_n_mm2=38_461.5,
+            mass_mg_mm=5.93,
+            outer_radius_mm=1.4,
+            carriage=0,
+            collar_mm=0.0,
+        ),
+        Tube(
+            sections=(
+                TubeSection(length_mm=17.0),
+                TubeSection(length_mm=150.0, curvature_per_mm=_PAIR_CURVATURE),
+            ),
+            bending_stiffness_n_mm2=50_000.0,
+            torsion_stiffness_n_mm2=38_461.5,
+            mass_mg_mm=8.79,
+            outer_radius_mm=1.2,
+            carriage=0,
+            collar_mm=-17.0,
+        ),
+        Tube(
+            sections=(
+                TubeSection(length_mm=184.0),
+                TubeSection(length_mm=87.0, curvature_per_mm=_INNER_CURVATURE),
+            ),
+            bending_stiffness_n_mm2=14_285.0,
+            torsion_stiffness_n_mm2=10_988.5,
+            mass_mg_mm=4.37,
+            outer_radius_mm=0.9,
+            carriage=1,
+            collar_mm=-121.0,
+        ),
+    )
+    """Outermost first. Its axes are one that turns each, in this order, then the carriages."""
+    mouth: Literal["first_collar", "plate"] = "first_collar"
+    """Where the tubes are free to bend: in front of the first one's collar, which carries the whole
+    body with it, or of a plate that stands still."""
+    twisting_transmissions: bool = True
+    """Whether tubes twist between their collars and the mouth, too."""
+    gravity_direction: Direction = (0.0, -1.0, 0.0)
+    """In the base frame, whose z axis points out of the mouth: as it stands, the robot lies."""
+    friction_nmm: NotNegative = 1.0
+    """Torque that turns a tube in its neighbour where a section of one of them ends."""
+    presliding_rad: Annotated[float, Field(ge=0.001)] = 0.02
+    """What two tubes turn against each other there before they slip."""
+    friction_fades_mm: Positive = 1.0
+    """How far a tube is pushed until two thirds of a torque that rubbing held are gone."""
+
+    @property
+    def carriages(self) -> int:
+        """How many there are."""
+        return 1 + max(tube.carriage for tube in self.tubes)
+
+    @property
+    def body_radius_mm(self) -> float:
+        """Of what the body may touch with."""
+        return self.tubes[0].outer_radius_mm
+
+    @property
+    def length_mm(self) -> float:
+        """The body is never longer than its longest tube."""
+        return max(sum(section.length_mm for section in tube.sections) for tube in self.tubes)
+
+
+Plant = Annotated[SoftArmPlant | TendonArmPlant | ConcentricTubesPlant, Field(discriminator="kind")]
 
 
 # The emulated Aurora: its tools, its place and its errors.
 
 
-Quaternion = Annotated[tuple[float, float, float, float], Field(strict=False)]
+Quaternion = Annotated[
+    tuple[float, float, float, float], Field(strict=False), AfterValidator(_no_rotation)
+]
 
 
 class EmulatedTool(ConfigModel):
@@ -196,6 +313,10 @@ class EmulatedTool(ConfigModel):
     part_number: Annotated[str, StringConstraints(max_length=20)] = "610061"
     blank_memory: bool = False
     """Its memory chip is not programmed: initialising it fails with error 13."""
+    position_mm: Vector3 = (0.0, 0.0, 0.0)
+    """Where it sits in the frame of what it is attached to."""
+    quaternion: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    """How it is turned there, scalar first."""
 
 
 class EmulatedTracker(ConfigModel):

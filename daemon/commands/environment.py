@@ -7,7 +7,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from config.problems import in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 
 if TYPE_CHECKING:
@@ -57,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"{arguments.out}: {error}", file=sys.stderr)
         return EXIT_FAILED
     except OSError as error:
-        print(in_words(error, arguments.out), file=sys.stderr)
+        print(f"{error.filename or arguments.out}: {error.strerror}", file=sys.stderr)
         return EXIT_FAILED
     summary = {
         "mesh": str(arguments.out),

@@ -4,16 +4,14 @@ Nothing here is connected to the outside; `lab_ports` does that for other proces
 in-process links of the devices do it for virtual time.
 """
 
-from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
 from config.axis import Axis
-from config.emulation import Emulation, TendonArmPlant
+from config.emulation import ConcentricTubesPlant, Emulation, TendonArmPlant
 from config.paths import eds_path
 from config.robot import Robot
 from drivers.clock import Clock
@@ -28,6 +26,7 @@ from sim_backends.devices.drive.drive import EmulatedDrive
 from sim_backends.faults import FaultyDevice, inject
 from sim_backends.lab.body import Body
 from sim_backends.lab.play import PLAYS
+from sim_backends.plants.concentric.concentric_tubes import ConcentricTubes
 from sim_backends.plants.plant import Plant, PlantError, TipLoad
 from sim_backends.plants.shooting import warm_up
 from sim_backends.plants.soft_arm import SoftArm
@@ -35,9 +34,6 @@ from sim_backends.plants.tendon_arm import TendonArm
 
 _BEYOND_TRAVEL = 0.02
 """End stops and their switches lie this share of the travel beyond its ends."""
-
-_REMEMBERED: Final = 1000
-"""Entries of a diary."""
 
 
 class LabError(ValueError):
@@ -86,7 +82,6 @@ class Lab:
             **{f"bus.{name}": BusFaults(bus) for name, bus in self.buses.items()},
             **{f"drive.{name}": drive for name, drive in self.drives.items()},
         }
-        self.diary = Diary()
         self.pumps: dict[str, Pump] = {}
         self._stop_heart: Callable[[], None] = lambda: None
 
@@ -112,14 +107,12 @@ class Lab:
     def inject(self, order: str) -> None:
         """Carry out a fault order now. Raises FaultError."""
         inject(self.devices, order, self._clock.now_ns())
-        self.diary.note(order)
         self._touch()
 
     def set_tip_load(self, mass_g: float) -> None:
         """Hang another weight on the tip."""
         self.body.advance(self._clock.now_ns())
         self.body.load = TipLoad(mass_g)
-        self.diary.note(f"{mass_g:g} g at the tip")
 
     def play(self, name: str | None) -> None:
         """Begin a scripted actuation of the axes that no motor holds; None ends it.
@@ -144,24 +137,6 @@ class Lab:
         return self.drives[f"{axis.drive.bus}/{axis.drive.node}"].axes[axis.drive.axis]
 
 
-class Diary:
-    """What was done to a lab from outside: the last of it, numbered from 1."""
-
-    def __init__(self) -> None:
-        self.count = 0
-        self._entries: deque[str] = deque(maxlen=_REMEMBERED)
-
-    def note(self, text: str) -> None:
-        """It was done now."""
-        self.count += 1
-        self._entries.append(text)
-
-    def after(self, number: int) -> list[tuple[int, str]]:
-        """What came after the entry of this number, as far as it is remembered."""
-        first = self.count - len(self._entries) + 1
-        return [(at, text) for at, text in enumerate(self._entries, first) if at > number]
-
-
 class _Heart:
     """Keeps the body moving while no tracker looks at it. A `Device`."""
 
@@ -181,6 +156,8 @@ def plant_of(emulation: Emulation, robot: Robot) -> Plant:
     """The body of this robot, at rest. Raises LabError where its axes cannot move it."""
     if isinstance(emulation.plant, TendonArmPlant):
         return _tendon_arm(emulation.plant, robot)
+    if isinstance(emulation.plant, ConcentricTubesPlant):
+        return _concentric_tubes(emulation.plant, robot)
     pistons_mm2 = [axis.piston_area_mm2 for axis in robot.axes]
     if None in pistons_mm2:
         raise LabError("a soft arm needs linear_stepper axes with a bore_mm: they push its gas")
@@ -200,6 +177,19 @@ def _tendon_arm(plant: TendonArmPlant, robot: Robot) -> Plant:
         return TendonArm(plant)
     except (ValueError, PlantError) as error:
         raise LabError(f"this tendon arm cannot be at rest: {error}") from None
+
+
+def _concentric_tubes(plant: ConcentricTubesPlant, robot: Robot) -> Plant:
+    units = ["rad"] * len(plant.tubes) + ["mm"] * plant.carriages
+    if [axis.unit for axis in robot.axes] != units:
+        raise LabError(
+            f"concentric tubes need a tube_rotation axis for each of the {len(plant.tubes)} tubes, "
+            f"then a tube_translation axis for each of the {plant.carriages} carriages"
+        )
+    try:
+        return ConcentricTubes(plant)
+    except (ValueError, PlantError) as error:
+        raise LabError(f"these tubes cannot be at rest: {error}") from None
 
 
 def _drives(

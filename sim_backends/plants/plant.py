@@ -31,13 +31,16 @@ class BodyState(NamedTuple):
     centreline_mm: (n, 3) from base to tip. tip: placement of the tip's frame.
     actuator_forces: (m,) N that each actuator must hold (N·mm for a rotation), positive where
     the body pushes the actuator back towards lower positions. radius_mm: nothing of the body is
-    further from its centreline.
+    further from its centreline. stability: 0 where the shape is about to give way to another one
+    that is far from it; bodies that never do that have 1. snaps: how often this has happened.
     """
 
     centreline_mm: FloatArray
     tip: Pose
     actuator_forces: FloatArray
     radius_mm: float
+    stability: float = 1.0
+    snaps: int = 0
 
 
 class PlantError(RuntimeError):

@@ -11,7 +11,6 @@ import msgspec
 from rich.console import Console
 from rich.live import Live
 
-from daemon.commands.terminal.page import Size
 from daemon.commands.terminal.status_view import status_view
 from daemon.host.stop_signals import StopSignals
 from daemon.messages import Status
@@ -81,5 +80,5 @@ class _Reader:
                     line = {"kind": "status", **msgspec.to_builtins(status)}
                     print(json.dumps(line), flush=True)
                 else:
-                    self._live.update(status_view(status, Size.of_terminal()), refresh=True)
+                    self._live.update(status_view(status), refresh=True)
                 await asyncio.sleep(every_s)

@@ -15,11 +15,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from daemon.files import write_whole
 from daemon.host.processes import end_with_parent
-from daemon.recording.run_folder import REPORT_FILE
-from daemon.recording.run_parts import control_hash
-from daemon.recording.run_reader import Fingerprint, UnreadableRunError
+from daemon.recording.run_folder import REPORT_FILE, RUN_FILE
+from daemon.recording.run_reader import Fingerprint, UnreadableRunError, control_hash
 from daemon.workbench.report.report import report_html
 from daemon.workbench.report.report_data import GrowingRun
 from daemon.workbench.report.two_processes import in_two_processes
@@ -59,7 +57,7 @@ class ReportBeside:
     def control_hash(self) -> str:
         """Of the recording, which is complete. Raises UnreadableRunError, OSError."""
         digest = self._answer(HASH)
-        return digest or control_hash(self._folder)
+        return digest or control_hash(self._folder / RUN_FILE)
 
     def write(self) -> Path:
         """Write the report. Returns where it is. Raises UnreadableRunError, OSError."""
@@ -126,7 +124,7 @@ class ReportProcess:
             self._run.catch_up()
             return self._fingerprint.hexdigest()
         page = report_html(self._run.data(), in_two_processes)
-        write_whole(self._folder / REPORT_FILE, page.encode())
+        (self._folder / REPORT_FILE).write_text(page, encoding="utf-8")
         return ""
 
 

@@ -10,13 +10,13 @@ from typing import Final, Literal
 
 import msgspec
 
-from config.emulation import SoftArmPlant
+from config.emulation import ConcentricTubesPlant, SoftArmPlant
 from config.study import Variant
-from daemon.files import write_whole
 from daemon.recording.result import Result
-from daemon.recording.run_folder import formatted_json
+from daemon.recording.run_folder import formatted_json, write_whole
 from daemon.workbench.experiments.experiment_file import ExperimentFile
 from daemon.workbench.studies.study_file import StudyFile, merged
+from sim_backends.plants.concentric import concentric_tubes
 from sim_backends.plants.plant import variation
 
 
@@ -87,11 +87,16 @@ def _prepared(file: ExperimentFile, variant: Variant, plant: int) -> ExperimentF
     emulation = file.robot.emulation
     if plant == 0 or emulation is None:
         return replace(file, experiment=experiment)
-    if not isinstance(emulation.plant, SoftArmPlant):
+    body: SoftArmPlant | ConcentricTubesPlant
+    if isinstance(emulation.plant, SoftArmPlant):
+        body = variation(emulation.plant, plant)
+    elif isinstance(emulation.plant, ConcentricTubesPlant):
+        body = concentric_tubes.variation(emulation.plant, plant)
+    else:
         raise PlanError(
             f"{file.robot.robot} has one body only (a {emulation.plant.kind}): --plants 0"
         )
-    other = emulation.model_copy(update={"plant": variation(emulation.plant, plant)})
+    other = emulation.model_copy(update={"plant": body})
     robot = file.robot.model_copy(update={"emulation": other})
     return replace(file, experiment=experiment, robot=robot)
 

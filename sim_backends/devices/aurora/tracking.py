@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from config.emulation import EmulatedTracker
+from config.emulation import EmulatedTool, EmulatedTracker
 from drivers.aurora.codec.status_bits import HandleState, PortStatus
 from drivers.aurora.codec.tracking_data import FRAME_MODULUS, ToolReading
 from drivers.pose import PlainPose, Pose, Vector
@@ -106,8 +106,10 @@ class Tracking:
         self._sensing = Sensing(config, seed)
         turn = np.array(config.base_quaternion)
         self._base = Pose(np.array(config.base_position_mm), turn / np.linalg.norm(turn)).plain()
-        self._true_poses: dict[str, tuple[Pose, PlainPose]] = {}
-        """The last one of each sensor, in the robot's frame and in the field generator's."""
+        self._mounts = {(tool.port, tool.channel): _mount(tool) for tool in config.tools}
+        self._true_poses: dict[tuple[int, int], tuple[Pose, PlainPose]] = {}
+        """By port and channel, the last pose of what a sensor sits on, and where it was itself in
+        the field generator's frame."""
         self._outliers: dict[str, Vector] = {}
         self._run = 0
         self._measure_next: Callable[[], None] = partial(self._measure, self._run)
@@ -167,21 +169,24 @@ class Tracking:
         for number, handle in self._rack.handles.items():
             if handle.enabled:
                 tool = handle.socket.tool
-                true = self._seen(tool.attached_to, poses)
+                true = self._seen(tool, poses)
                 measured = self._sensing.measure(tool, true, period_s, fast)
                 if disturbed:
                     measured = self._with_faults(measured, handle.socket.name, t_ns)
                 found[number] = measured
         return found
 
-    def _seen(self, attached_to: str, poses: Mapping[str, Pose]) -> PlainPose:
+    def _seen(self, tool: EmulatedTool, poses: Mapping[str, Pose]) -> PlainPose:
         """In the field generator's frame; what does not move is not worked out again."""
-        pose = poses.get(attached_to)
+        pose = poses.get(tool.attached_to)
         if pose is None:
             return _BESIDE_THE_GENERATOR
-        last = self._true_poses.get(attached_to)
+        plug = tool.port, tool.channel
+        last = self._true_poses.get(plug)
         if last is None or last[0] is not pose:
-            last = self._true_poses[attached_to] = (pose, self._base @ pose.plain())
+            true = self._base @ pose.plain()
+            mount = self._mounts[plug]
+            last = self._true_poses[plug] = (pose, true if mount is None else true @ mount)
         return last[1]
 
     def _with_faults(self, measured: Measured, who: str, t_ns: int) -> Measured:
@@ -217,3 +222,12 @@ def _reading(number: int, handle: Handle, frame: Frame, out_of_volume_too: bool)
         return ToolReading(number, _MISSING, None, None, 0.0, status, frame.number)
     position_mm, quaternion = pose
     return ToolReading(number, _VALID, quaternion, position_mm, indicator, status, frame.number)
+
+
+def _mount(tool: EmulatedTool) -> PlainPose | None:
+    """Where a sensor sits on what it is attached to; None: at its very frame."""
+    turn = np.array(tool.quaternion)
+    turn /= np.linalg.norm(turn)
+    if not any(tool.position_mm) and turn[0] == 1.0:
+        return None
+    return Pose(np.array(tool.position_mm), turn).plain()

@@ -1,0 +1,101 @@
+"""The concentric tubes' robot file: what tubes, carriages and axes must be to each other."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from config.emulation import ConcentricTubesPlant
+from config.loader import load_robot
+from config.problems import ConfigError
+from sim_backends.plants.concentric.concentric_tubes import ConcentricTubes
+from sim_backends.plants.plant import TipLoad
+from tests import SHIPPED_ROBOTS
+
+TUBES = SHIPPED_ROBOTS / "concentric_tubes.yaml"
+
+
+def problems_of(tmp_path: Path, old: str, new: str) -> list[str]:
+    """The problems of the shipped file with `old` replaced, without the file's name."""
+    file = tmp_path / "robot.yaml"
+    text = TUBES.read_text()
+    assert old in text
+    file.write_text(text.replace(old, new, 1))
+    with pytest.raises(ConfigError) as raised:
+        load_robot(file)
+    return [str(problem).removeprefix(f"{file}:") for problem in raised.value.problems]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        (
+            "  - {<<: *rotation, name: rotation_3, drive: {<<: *drive, node: 3}}\n",
+            "",
+            "axes: 4 axes cannot move the 3 tubes and 2 carriages of emulation.plant",
+        ),
+        (
+            "{<<: *carriage, name: carriage_inner, drive: {<<: *drive, node: 5}, "
+            "travel_mm: [-23.5, 23.5]}",
+            "{<<: *rotation, name: carriage_inner, drive: {<<: *drive, node: 5}}",
+            "axes[4].kind: must be a tube_translation: the tubes' axes come first",
+        ),
+        (
+            "collar_mm: -17.0",
+            "collar_mm: 0.0",
+            "tubes[1].collar_mm: must be behind the collar of the tube round it",
+        ),
+        (
+            "outer_radius_mm: 1.2",
+            "outer_radius_mm: 1.5",
+            "tubes[1].outer_radius_mm: must be less than that of the tube round it",
+        ),
+        (
+            "{carriage: 0, collar_mm: 0.0",
+            "{carriage: 0, collar_mm: 1.0",
+            "tubes[0].collar_mm: the mouth is the first collar",
+        ),
+        (
+            "{carriage: 1, collar_mm: -67.5",
+            "{carriage: 2, collar_mm: -67.5",
+            "emulation.plant.tubes: carriages are numbered from 0 without a gap, not [0, 2]",
+        ),
+        (
+            "quaternion: [1.0, 0.008, 0.006, 0.0]",
+            "quaternion: [0.0, 0.0, 0.0, 0.0]",
+            "emulation.tracker.tools[0].quaternion: zero is no rotation",
+        ),
+    ],
+)
+def test_what_does_not_fit_is_told(tmp_path: Path, old: str, new: str, expected: str) -> None:
+    problems = problems_of(tmp_path, old, new)
+    assert any(expected in problem for problem in problems), problems
+
+
+def test_wherever_the_axes_go_no_collar_meets_another_and_no_tube_snaps() -> None:
+    """The box of the axes' travels is safe without anybody who watches them together: turned once
+    round at each of its corners, drawn out as far as it goes and back."""
+    robot = load_robot(TUBES).robot
+    assert robot.emulation is not None
+    assert isinstance(robot.emulation.plant, ConcentricTubesPlant)
+    plant = ConcentricTubes(robot.emulation.plant)
+    pair, inner = (axis.travel for axis in robot.axes[3:])
+    for pair_mm in pair:
+        for inner_mm in inner:
+            for turned in np.linspace(0.0, 2.0 * np.pi, 60):
+                for rotations in ((0.0, 0.0, turned), (0.0, turned, 0.5 * turned)):
+                    at = np.array([*rotations, pair_mm, inner_mm])
+                    state = plant.step(at, TipLoad(), 0.1)
+                    assert state.snaps == 0
+                    assert state.stability > 0.05
+
+
+def test_the_defaults_are_the_shipped_tubes_but_for_their_zero() -> None:
+    robot = load_robot(TUBES).robot
+    assert robot.emulation is not None
+    shipped = robot.emulation.plant
+    assert isinstance(shipped, ConcentricTubesPlant)
+    plain = ConcentricTubesPlant(kind="concentric_tubes")
+    assert shipped.tubes[:2] == plain.tubes[:2]
+    inner = plain.tubes[2].model_copy(update={"collar_mm": -67.5, "torsion_stiffness_n_mm2": 1.0})
+    assert shipped.tubes[2].model_copy(update={"torsion_stiffness_n_mm2": 1.0}) == inner
