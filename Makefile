@@ -39,10 +39,13 @@ run: $(RUNTIME)
 quick: $(DEVELOPMENT)
 	@$(BIN)/python -m tests.quick
 
+# Three on two cores: tests of processes in real time wait more than they compute.
+WORKERS ?= 3
+
 # What numba compiles is kept: tests with a clock of their own must not wait for it.
 test: lint
-	@$(BIN)/python -c "from daemon.controllers.make_controller import warm_up; warm_up()"
-	@$(BIN)/pytest -n 2 --dist loadgroup -m "not long"
+	@$(BIN)/python -m daemon.commands.terminal.compiled
+	@$(BIN)/pytest -n $(WORKERS) --dist loadgroup -m "not long"
 
 hil: $(DEVELOPMENT)
 	@$(BIN)/pytest -n 2 --dist loadgroup -m long

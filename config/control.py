@@ -150,7 +150,8 @@ class Supervision(ConfigModel):
 
     tracking_patience_s: Positive = 4.0
     """So long it may stay farther away and come no nearer: HOLD; half of it where it goes away. An
-    abrupt load on a body with a dead time of 0.25 s and a lag of 0.5 s takes 3 s of it."""
+    abrupt load on a body with a dead time of 0.25 s and a lag of 0.5 s takes 3 s of it. A tip that
+    is led away, as fast or faster all the time, is not waited for so long, but 1 s."""
 
     arm_within_s: Positive = 5.0
     """The drives must be enabled this long after `arm`."""

@@ -12,7 +12,7 @@ from pathlib import Path
 import yaml
 from yaml.constructor import ConstructorError
 
-from config.problems import Key, Problem, key_path
+from config.problems import Key, Problem, did_you_mean_file, key_path
 
 Location = tuple[Key, ...]
 
@@ -54,6 +54,8 @@ def read_yaml(path: Path) -> YamlDocument:
     """Read a file of one YAML document. Never raises for a bad file: see `problems`."""
     try:
         text = path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        return _unreadable(path, f"{error.strerror}{did_you_mean_file(path)}")
     except OSError as error:
         return _unreadable(path, error.strerror or str(error))
     except UnicodeDecodeError as error:

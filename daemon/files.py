@@ -1,18 +1,13 @@
-"""Files that somebody has named: regular ones only, of a bounded size, without waiting.
-
-And where those are kept that may be named.
-"""
+"""Files: read only where they are regular and not too large, written whole or not at all."""
 
 import os
 import stat
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
-from errno import EFBIG, EINVAL
+from errno import EACCES, EFBIG, EINVAL, EISDIR, ENOTDIR
 from pathlib import Path
-from typing import Any, BinaryIO, Final
-
-import numpy as np
-from numpy.typing import NDArray
+from threading import get_native_id
+from typing import BinaryIO, Final
 
 MOST_MODEL_BYTES: Final = 1 << 28
 """A learnt model with 10 000 fields and as many samples has some 20 MB."""
@@ -25,13 +20,23 @@ def open_regular(path: Path, most_bytes: int) -> Iterator[BinaryIO]:
     Raises OSError, also for what is not a regular file and for what is larger than `most_bytes`.
     """
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY)
-    with os.fdopen(descriptor, "rb") as file:
+    try:
         found = os.fstat(descriptor)
+        if stat.S_ISDIR(found.st_mode):
+            raise IsADirectoryError(EISDIR, os.strerror(EISDIR), str(path))
         if not stat.S_ISREG(found.st_mode):
             raise OSError(EINVAL, "not a regular file", str(path))
         if found.st_size > most_bytes:
             raise OSError(EFBIG, f"more than {most_bytes} bytes", str(path))
-        yield file
+    except OSError:
+        os.close(descriptor)
+        raise
+    with os.fdopen(descriptor, "rb") as file:
+        try:
+            yield file
+        except OSError as error:  # a descriptor does not know its name
+            error.filename = error.filename or str(path)
+            raise
 
 
 def read_regular(path: Path, most_bytes: int) -> bytes:
@@ -43,35 +48,47 @@ def read_regular(path: Path, most_bytes: int) -> bytes:
     return content
 
 
+def check_can_be_made(path: Path) -> None:
+    """Before long work whose result shall be the file `path`. Raises OSError."""
+    try:
+        if stat.S_ISDIR(path.stat().st_mode):
+            raise IsADirectoryError(EISDIR, os.strerror(EISDIR), str(path))
+    except FileNotFoundError:
+        pass
+    folder = path.parent
+    if not stat.S_ISDIR(folder.stat().st_mode):
+        raise NotADirectoryError(ENOTDIR, os.strerror(ENOTDIR), str(folder))
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise PermissionError(EACCES, os.strerror(EACCES), str(folder))
+
+
 def models_directory() -> Path:
     """Where learnt models are kept, and whatever else a client may name."""
     base = os.environ.get("XDG_DATA_HOME")
     return (Path(base) if base else Path.home() / ".local" / "share") / "tentacled" / "models"
 
 
-# Arrays on disk: one npz, whole or not at all.
+# Writing: a reader sees the old file or the whole new one.
 
 
-_LINE: Final = 200
-"""Characters."""
+@contextmanager
+def whole_file(path: Path, mode: int | None = None) -> Iterator[BinaryIO]:
+    """A file to write, which is under its name once all of it is on the disk, and else never.
 
+    However many write it at the same time. mode: its permissions, from its first byte on; None:
+    what the umask leaves. Raises OSError.
+    """
+    partial = path.with_name(f".{path.name}.{get_native_id()}.partial")
+    partial.unlink(missing_ok=True)
 
-class ModelError(ValueError):
-    """A file that cannot be loaded: not a model, or not one of this robot's."""
+    def opened(name: str, flags: int) -> int:
+        return os.open(name, flags | os.O_CLOEXEC, 0o666 if mode is None else 0o600)
 
-
-def in_a_line(error: Exception) -> str:
-    """What a reader of files says that it has met, short enough to be told."""
-    words = " ".join(str(error).split())
-    return f"{type(error).__name__}: {words}"[:_LINE]
-
-
-def save_npz(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """A reader sees the old file or the whole new one, however many write it. Raises OSError."""
-    partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
     try:
-        with partial.open("wb") as file:
-            np.savez_compressed(file, allow_pickle=False, **arrays)
+        with open(partial, "xb", opener=opened) as file:
+            if mode is not None:
+                os.fchmod(file.fileno(), mode)
+            yield file
             file.flush()
             os.fsync(file.fileno())
         partial.replace(path)
@@ -79,15 +96,7 @@ def save_npz(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
         partial.unlink(missing_ok=True)
 
 
-def prefixed(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """The arrays of one part, under names that only this part has in its file."""
-    return {prefix + name: array for name, array in arrays.items()}
-
-
-def stripped(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """The arrays of one part again, out of all that a file holds."""
-    return {
-        name.removeprefix(prefix): array
-        for name, array in arrays.items()
-        if name.startswith(prefix)
-    }
+def write_whole(path: Path, data: bytes, mode: int | None = None) -> None:
+    """Write a file that is either there with all of `data`, or as it was before. Raises OSError."""
+    with whole_file(path, mode) as file:
+        file.write(data)

@@ -11,6 +11,12 @@ class Clock(Protocol):
         ...
 
 
+def is_virtual(clock: Clock) -> bool:
+    """Whether its time is that of an event loop that jumps: its date, and how long something took
+    by it, are nobody's."""
+    return getattr(clock, "virtual", False) is True
+
+
 class WallClock(Clock, Protocol):
     """A clock that also knows the date, for files that people read."""
 

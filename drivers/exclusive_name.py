@@ -9,6 +9,7 @@ filled by anybody.
 
 import os
 import socket
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from hashlib import blake2b
@@ -17,6 +18,8 @@ from typing import Final
 
 _SOCKETS: Final = Path("/proc/net/unix")
 _PROCESSES: Final = Path("/proc")
+_OURS: Final = "\0tentacled."
+_MEANS: Final = ".is."
 _DIGEST_BYTES: Final = 16  # names may be long, and an abstract one has 107 bytes
 _LONGEST_COMMAND: Final = 120
 
@@ -66,6 +69,26 @@ class ExclusiveName:
         self._sockets.clear()
 
 
+class OtherName:
+    """Says that one name stands for another, until `release` or the end of the process.
+
+    Whoever asks for the one asks for the other, so that a thing with several names has one holder.
+    """
+
+    def __init__(self, name: str, meaning: str) -> None:
+        """Raises NameTakenError where just this has been said already."""
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        try:
+            self._socket.bind(f"{_own_address(name)}{_MEANS}{_digest(meaning)}")
+        except OSError:
+            self._socket.close()
+            raise NameTakenError(name, None) from None
+
+    def release(self) -> None:
+        """The name stands for itself again. Safe to call twice."""
+        self._socket.close()
+
+
 def is_taken(name: str) -> bool:
     """Whether somebody has the name now."""
     try:
@@ -77,17 +100,34 @@ def is_taken(name: str) -> bool:
 
 def holder_of(name: str) -> Holder | None:
     """Who has the name, as far as that can be seen."""
-    marked = f"@{_address(name)[1:]}."
-    with suppress(OSError):
-        for line in _SOCKETS.read_text(errors="replace").splitlines():
-            _, found, pid = line.rpartition(marked)
-            if found and pid.isdigit():
-                return Holder(int(pid), _command(int(pid)))
+    for pid in _said_behind(f"{_address(name)}."):
+        if pid.isdigit():
+            return Holder(int(pid), _command(int(pid)))
     return None
 
 
 def _address(name: str) -> str:
-    return f"\0tentacled.{blake2b(name.encode(), digest_size=_DIGEST_BYTES).hexdigest()}"
+    """Of the name, or of what it stands for."""
+    own = _own_address(name)
+    return next((f"{_OURS}{digest}" for digest in _said_behind(f"{own}{_MEANS}")), own)
+
+
+def _own_address(name: str) -> str:
+    return f"{_OURS}{_digest(name)}"
+
+
+def _digest(name: str) -> str:
+    return blake2b(name.encode(), digest_size=_DIGEST_BYTES).hexdigest()
+
+
+def _said_behind(beginning: str) -> Iterator[str]:
+    """How the addresses go on that begin like this, of all sockets that can be seen."""
+    marked = f" @{beginning[1:]}"
+    with suppress(OSError):
+        for line in _SOCKETS.read_text(errors="replace").splitlines():
+            _, found, rest = line.rpartition(marked)
+            if found:
+                yield rest
 
 
 def _command(pid: int) -> str:

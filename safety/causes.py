@@ -151,7 +151,8 @@ CAUSES: Final[tuple[Cause, ...]] = (
           "stop, and bring it back by hand or by a reference that leads inside"),
     Cause("tendon_slack", _H, 0.2, _SELF,
           "a tendon has gone slack",
-          "check that it is on its spool; tension it, then resume"),
+          "disarm: the drives hold their spools; put it back on its spool and wind it up by hand "
+          "until it is tight, then arm, and start again"),
     Cause("not_recorded", _H, 0.0, _SELF,
           "the motion is not recorded, and the recorder could not be started again",
           "disarm, see to what the detail says, and arm: that begins a new recording"),

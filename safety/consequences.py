@@ -89,6 +89,12 @@ LEADS_TO: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """From what is nearest to the origin to what is farthest: of several leads the first one counts."""
 
+LEADS_LATER_TO: Final[Mapping[str, tuple[str, ...]]] = {
+    "node_lost": ("bus_queue_full", "bus_degraded"),
+}
+"""What may be the origin of a cause also comes of it, if it comes much later: where no drive is
+left to acknowledge them, frames stay in the queue, and it fills as slowly as they are sent."""
+
 _RANK: Final = {name: rank for rank, name in enumerate(LEADS_TO)}
 
 _Key = tuple[str, str]
@@ -185,7 +191,10 @@ def _may_lead(lead: _Known, name: str, since_ns: int, subject: str) -> bool:
     if leads == name:
         earlier = (began_ns, lead.reason.subject) < (since_ns, subject)
         return earlier and since_ns - began_ns <= _TOGETHER_NS
-    if name not in LEADS_TO.get(leads, ()) or since_ns < began_ns - _BEFORE_NS:
+    if name in LEADS_LATER_TO.get(leads, ()):
+        if since_ns <= began_ns + _BEFORE_NS:
+            return False
+    elif name not in LEADS_TO.get(leads, ()) or since_ns < began_ns - _BEFORE_NS:
         return False
     return lead.over_ns is None or since_ns <= lead.over_ns + _AFTER_NS
 

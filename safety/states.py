@@ -61,14 +61,22 @@ class Request(Enum):
 
 
 def next_state(
-    state: OperatingState, request: Request | None, severity: Severity, blocked: bool
+    state: OperatingState,
+    request: Request | None,
+    severity: Severity,
+    blocked: bool,
+    coming_to_rest: bool = False,
 ) -> OperatingState:
     """Where the robot goes from `state`; `state` itself where it stays.
 
     severity: of the worst reason there is now, after a request to clear or resume has had its
     effect on the reasons. blocked: some reason is NOT_READY or worse, and is not what the request
-    takes out of the way.
+    takes out of the way. coming_to_rest: the drives were told to stop, and are not off yet: a fault
+    counts as it would have a moment before, so that it does not matter which of a drive's messages
+    came first.
     """
+    if state is OperatingState.STANDBY and coming_to_rest and severity >= Severity.FAULT:
+        return OperatingState.ESTOP if severity >= Severity.ESTOP else OperatingState.FAULT
     if state.energised:
         return _while_energised(state, request, severity)
     if state is OperatingState.ESTOP:

@@ -12,8 +12,8 @@ import pytest
 ROOT = Path(__file__).parents[1]
 FLOORS = {"config": 1, "safety": 2, "drivers": 3, "sim_backends": 4, "daemon": 5, "tests": 6}
 INSIDE_DAEMON = (
-    *("messages", "files", "host", "robot", "estimation", "learning", "reference", "control"),
-    *("controllers", "risk", "supervision", "loop", "recording", "service", "remote"),
+    *("messages", "files", "array_files", "host", "robot", "estimation", "learning", "reference"),
+    *("control", "controllers", "risk", "supervision", "loop", "recording", "service", "remote"),
     *("workbench", "commands"),
 )
 """Lowest first."""

@@ -8,7 +8,9 @@ from importlib.resources import files
 from pathlib import Path
 
 from config.loader import load_robot
+from config.problems import in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+from daemon.commands.terminal.compiled import compile_all, telling_progress
 from daemon.commands.terminal.tour import Tour, TourError
 from daemon.host.clock import run_in_real_time
 from daemon.host.processes import OwnProcesses, ProcessError
@@ -32,14 +34,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     robot = Path(str(files("config") / "robots" / "soft_arm.yaml"))
-    print("what is known of the arm is learnt once; the first time takes a minute", flush=True)
     try:
-        model = pretrained(load_robot(robot), tell=lambda text: print(f"  {text}", flush=True))
+        model = _prepared(robot)
     except (TrialError, PretrainingError, OSError) as error:
-        print(f"the arm cannot be explored: {error}", file=sys.stderr)
+        print(f"the arm cannot be explored: {in_words(error)}", file=sys.stderr)
         return EXIT_FAILED
     with tempfile.TemporaryDirectory(prefix="tentacled-") as directory:
         return run_in_real_time(_demonstrate(robot, Path(directory), model, arguments))
+
+
+def _prepared(robot: Path) -> Path:
+    """What is known of the arm, learnt where it is not yet; and everything compiled, before
+    processes start that are waited for. Raises TrialError, PretrainingError, OSError."""
+    with telling_progress() as progress:
+        model = pretrained(load_robot(robot), tell=progress.tell, progress=progress)
+        compile_all()
+    return model
 
 
 async def _demonstrate(
@@ -71,7 +81,7 @@ async def _demonstrate(
 
 async def _guide(processes: OwnProcesses, directory: Path, cycle_s: float, model: Path) -> str:
     """Returns the folder of the recording."""
-    print("starting the emulated lab and the daemon (the first time, physics is compiled: 10 s)")
+    print("starting the emulated lab and the daemon", flush=True)
     await processes.start()
     controller = {"kind": "reward_weighted", "model": str(model)}
     return await Tour(directory, cycle_s, controller).run()

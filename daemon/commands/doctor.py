@@ -85,7 +85,7 @@ def _compiled_code() -> Finding:
     return Finding(
         False,
         False,
-        f"{folder} cannot be written: every start compiles for 10 s; set NUMBA_CACHE_DIR",
+        f"{folder} cannot be written: every start compiles for a minute; set NUMBA_CACHE_DIR",
     )
 
 

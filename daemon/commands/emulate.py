@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Final
 
 from config.patience import patient
-from config.problems import ConfigError
+from config.problems import ConfigError, in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+from daemon.commands.terminal.compiled import telling_progress
 from daemon.host.clock import MonotonicClock, run_in_real_time
 from daemon.host.resident_memory import give_back_compiler
 from daemon.host.stop_signals import StopSignals
@@ -41,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         run_in_real_time(_emulate(checked, arguments))
     except (LabError, ConfigError, OSError) as error:
-        print(error, file=sys.stderr)
+        print(in_words(error), file=sys.stderr)
         return EXIT_FAILED
     return EXIT_OK
 
@@ -50,7 +51,8 @@ async def _emulate(checked: CheckedRobot, arguments: argparse.Namespace) -> None
     stop = StopSignals()
     robot, clock = patient(checked.file.robot), MonotonicClock()
     directory = arguments.runtime_dir or default_runtime_directory(robot.robot)
-    lab = Lab(robot, checked.file.path, clock, arguments.seed)
+    with telling_progress():
+        lab = Lab(robot, checked.file.path, clock, arguments.seed)
     scenario = load_scenario(arguments.scenario, lab) if arguments.scenario else None
     ports = LabPorts(lab, directory, clock)
     lab.start()

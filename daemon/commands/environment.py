@@ -7,6 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from config.problems import in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"{arguments.out}: {error}", file=sys.stderr)
         return EXIT_FAILED
     except OSError as error:
-        print(f"{error.filename or arguments.out}: {error.strerror}", file=sys.stderr)
+        print(in_words(error, arguments.out), file=sys.stderr)
         return EXIT_FAILED
     summary = {
         "mesh": str(arguments.out),

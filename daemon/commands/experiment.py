@@ -4,8 +4,10 @@ import argparse
 import sys
 from pathlib import Path
 
-from config.problems import ConfigError
+from config.problems import ConfigError, in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
+from daemon.commands.terminal.compiled import telling_progress
+from daemon.commands.terminal.progress_line import Aside, ProgressLine
 from daemon.host.real_time import imported_for_good
 from daemon.host.stop_signals import all_like_ctrl_c
 from daemon.recording.result import Result, table_text
@@ -37,8 +39,8 @@ def run(arguments: argparse.Namespace) -> int:
     seed = file.experiment.seed if arguments.seed is None else arguments.seed
     try:
         arguments.out.mkdir(parents=True)
-        with all_like_ctrl_c():
-            _experiment(file, seed, arguments)
+        with all_like_ctrl_c(), telling_progress() as progress:
+            _experiment(file, seed, arguments, progress)
     except FileExistsError:
         print(f"{arguments.out} is there already: name a new folder", file=sys.stderr)
         return EXIT_FAILED
@@ -48,27 +50,32 @@ def run(arguments: argparse.Namespace) -> int:
     except BrokenPipeError:  # of our output: no matter of the experiment's
         raise
     except (TrialError, UnreadableRunError, OSError) as error:
-        print(error, file=sys.stderr)
+        print(in_words(error), file=sys.stderr)
         return EXIT_FAILED
     return EXIT_OK
 
 
-def _experiment(file: ExperimentFile, seed: int, arguments: argparse.Namespace) -> None:
+def _experiment(
+    file: ExperimentFile, seed: int, arguments: argparse.Namespace, progress: ProgressLine
+) -> None:
     """Raises TrialError, UnreadableRunError, OSError."""
     report = ReportBeside(arguments.out)
     try:
         if not (arguments.no_report or arguments.real_time):  # which has a use for every core
             report.begin()
-        file = with_model(file, seed, _tell)
+        file = with_model(file, seed, progress.tell, progress)
         if arguments.real_time:
-            result = _in_real_time(file, seed, arguments.out)
+            result = _in_real_time(file, seed, arguments.out, progress)
         else:
-            result = _in_virtual_time(file, seed, arguments.out, report)
+            result = _in_virtual_time(file, seed, arguments.out, report, progress)
+        progress.end()
         print(table_text(result.cycles))
         if result.true_cycles:
             print(f"the same of the true tip:\n{table_text(result.true_cycles)}")
         if not arguments.no_report:
-            print(report.write())
+            progress.begin("drawing the report", 0.0)
+            written = report.write()
+            progress.tell(str(written))
     finally:
         report.end()
 
@@ -76,18 +83,19 @@ def _experiment(file: ExperimentFile, seed: int, arguments: argparse.Namespace) 
 # Neither kind of time waits for what only the other needs.
 
 
-def _in_real_time(file: ExperimentFile, seed: int, folder: Path) -> Result:
+def _in_real_time(file: ExperimentFile, seed: int, folder: Path, progress: ProgressLine) -> Result:
     from daemon.workbench.experiments.in_real_time import carry_out_in_real_time
 
-    return carry_out_in_real_time(file, seed, folder, _tell)
+    with Aside(progress) as aside:
+        return carry_out_in_real_time(file, seed, folder, aside.tell, aside)
 
 
-def _in_virtual_time(file: ExperimentFile, seed: int, folder: Path, report: ReportBeside) -> Result:
+def _in_virtual_time(
+    file: ExperimentFile, seed: int, folder: Path, report: ReportBeside, progress: ProgressLine
+) -> Result:
     with imported_for_good():
         from daemon.workbench.experiments.in_virtual_time import carry_out_in_virtual_time
 
-    return carry_out_in_virtual_time(file, seed, folder, _tell, report.control_hash)
-
-
-def _tell(line: str) -> None:
-    print(line, flush=True)
+    return carry_out_in_virtual_time(
+        file, seed, folder, progress.tell, report.control_hash, progress
+    )

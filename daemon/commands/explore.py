@@ -14,6 +14,7 @@ from pydantic import ValidationError
 
 from config.exploration import WaypointExploration
 from config.loader import RobotFile
+from config.problems import in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
 from daemon.host.stop_signals import all_like_ctrl_c
 from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     from daemon.workbench.pretraining.parts import ExplorationParts
 
 _DEFAULT = WaypointExploration(kind="waypoint_exploration")
+_OPTIONS = {"waypoints": "waypoints", "travel_share": "share", "dither_share": "dither"}
+"""What is called otherwise on the command line."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -92,18 +95,15 @@ def run(arguments: argparse.Namespace) -> int:
             raise ValueError("neither a load nor a seed is below 0")
     except ValidationError as error:
         for problem in error.errors():
-            print(f"{problem['loc'][0]}: {problem['msg']}", file=sys.stderr)
+            print(f"--{_OPTIONS[str(problem['loc'][0])]}: {problem['msg']}", file=sys.stderr)
         return EXIT_USAGE
     except ValueError as error:
         print(error, file=sys.stderr)
         return EXIT_USAGE
     try:
         dataset = _seen(checked.file, options, arguments)
-    except FileExistsError:
-        print(f"{arguments.run} is there already: name a new folder", file=sys.stderr)
-        return EXIT_FAILED
     except (TrialError, DatasetError, OSError) as error:
-        print(error, file=sys.stderr)
+        print(in_words(error, arguments.recorded or arguments.out), file=sys.stderr)
         return EXIT_FAILED
     frames = dataset.frames
     print(f"{arguments.out}: {len(frames)} frames, {frames.duration_s:.0f} s of motion")
@@ -113,9 +113,12 @@ def run(arguments: argparse.Namespace) -> int:
 def _seen(
     file: RobotFile, options: WaypointExploration, arguments: argparse.Namespace
 ) -> "Dataset":
+    from daemon.files import check_can_be_made
     from daemon.workbench.experiments.trial import TrialError
     from daemon.workbench.pretraining.explore import dataset_of_run
 
+    arguments.out.parent.mkdir(parents=True, exist_ok=True)
+    check_can_be_made(arguments.out)
     if arguments.recorded is not None:
         dataset = dataset_of_run(arguments.recorded, file, {"run": str(arguments.recorded)})
         dataset.save(arguments.out)
@@ -131,12 +134,13 @@ def _explored(
     file: RobotFile, options: WaypointExploration, arguments: argparse.Namespace
 ) -> "Dataset":
     """What is interrupted, or fails on the way, is kept to go on from."""
+    from daemon.learning.samples.dataset import DatasetError
     from daemon.workbench.pretraining.parts import ExplorationParts
 
     load_g, real_time = arguments.tip_load, arguments.real_time
     parts = ExplorationParts(arguments.out, file, options, arguments.seed, load_g, real_time)
     if arguments.run is not None and arguments.run.exists():
-        raise FileExistsError
+        raise DatasetError(f"{arguments.run} is there already: name a new folder")
     if arguments.resume:
         parts.check()
         print(f"{parts.lines_done()} of {options.waypoints} lines are there already", flush=True)
@@ -144,7 +148,7 @@ def _explored(
         _begin(parts)
     try:
         with all_like_ctrl_c():
-            parts.explore(lambda line: print(line, flush=True))
+            _explore(parts, real_time)
         dataset = parts.dataset()
         dataset.save(arguments.out)
     except BaseException:
@@ -152,6 +156,18 @@ def _explored(
         raise
     parts.end(arguments.run)
     return dataset
+
+
+def _explore(parts: "ExplorationParts", real_time: bool) -> None:
+    from daemon.commands.terminal.compiled import telling_progress
+    from daemon.commands.terminal.progress_line import Aside
+
+    with telling_progress() as progress:
+        if not real_time:
+            parts.explore(progress.tell, progress)
+            return
+        with Aside(progress) as aside:
+            parts.explore(aside.tell, aside)
 
 
 def _begin(parts: "ExplorationParts") -> None:

@@ -1,11 +1,17 @@
 """`tentacled inject tracker.missing=0.5s`: make an emulated device misbehave."""
 
 import argparse
+import shutil
 import sys
+import textwrap
 from pathlib import Path
+from typing import Final
 
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 from daemon.robot.lab_connections import LabRefusedError, LabUnreachableError, ask, the_running_lab
+
+_USAGE_WIDTH: Final = 34
+"""What is longer pushes its text to the right."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,7 +36,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _list(directory: Path) -> None:
+    width = shutil.get_terminal_size().columns
     for device, faults in ask(directory, {"do": "faults"})["faults"].items():
         print(device)
         for usage, text in faults.items():
-            print(f"  .{usage:<42} {text}")
+            word = f"  .{usage}"
+            first = word.ljust(_USAGE_WIDTH) if len(word) < _USAGE_WIDTH else f"{word}  "
+            indent = " " * _USAGE_WIDTH
+            print(textwrap.fill(text, width, initial_indent=first, subsequent_indent=indent))

@@ -110,13 +110,16 @@ def _pretrained(path: Path) -> dict[str, str] | str:
     Found, or made in virtual time first.
     """
     # Nobody else who loads a trajectory has to wait for what learns.
+    from daemon.commands.terminal.compiled import telling_progress
     from daemon.workbench.experiments.experiment_file import load_experiment
     from daemon.workbench.experiments.trial import TrialError
     from daemon.workbench.pretraining.model_cache import with_model
 
     try:
         file = load_experiment(path)
-        file = with_model(file, file.experiment.seed, lambda text: print(text, file=sys.stderr))
+        with telling_progress() as progress:
+            seed = file.experiment.seed
+            file = with_model(file, seed, lambda text: progress.tell(text, sys.stderr), progress)
     except (ConfigError, TrialError, OSError) as error:
         return str(error)
     model = getattr(file.experiment.controller, "model", None)

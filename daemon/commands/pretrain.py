@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from config.problems import in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
 from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
 
@@ -39,6 +40,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="MM",
         help="how far the tip goes in a motion (default: 1)",
     )
+    parser.add_argument(
+        "--lag",
+        type=float,
+        metavar="S",
+        help="how much later than its axes the body moves (default: found in the data)",
+    )
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="default: %(default)s")
     parser.add_argument("--no-figures", action="store_true", help="the model only")
     parser.add_argument("--json", action="store_true", help="the errors as one JSON object")
@@ -46,10 +53,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     # What learns is compiled when it comes, and matplotlib is slow: `--help` does without.
+    from daemon.commands.terminal.compiled import telling_progress
+    from daemon.files import check_can_be_made
     from daemon.learning.forward.pretrained_model import PretrainedModel
     from daemon.learning.forward.pretraining import PretrainingError, PretrainingSettings, pretrain
     from daemon.learning.samples.dataset import Dataset, DatasetError, joined
     from daemon.learning.samples.motion_samples import SamplingSettings
+    from daemon.workbench.pretraining.model_cache import epochs_told
     from daemon.workbench.pretraining.pretraining_table import print_table
 
     checked = robot_or_explain(arguments.robot)
@@ -63,18 +73,21 @@ def run(arguments: argparse.Namespace) -> int:
             arguments.test_share,
             arguments.seed,
             SamplingSettings(**sampling),
+            arguments.lag,
         )
     except ValueError as error:
         print(error, file=sys.stderr)
         return EXIT_USAGE
     try:
+        check_can_be_made(arguments.out)
         dataset = joined([Dataset.load(path, checked.file.robot) for path in arguments.data])
-        pretraining = pretrain(dataset, settings)
+        with telling_progress() as progress:
+            pretraining = pretrain(dataset, settings, epochs_told(settings, progress))
         model = PretrainedModel.of(pretraining, dataset)
         model.save(arguments.out)
         figures = [] if arguments.no_figures else _figures(pretraining, arguments.out)
     except (DatasetError, PretrainingError, OSError) as error:
-        print(error, file=sys.stderr)
+        print(in_words(error), file=sys.stderr)
         return EXIT_FAILED
     if arguments.json:
         print(json.dumps(dict(model.metadata), sort_keys=True))

@@ -15,7 +15,9 @@ from typing import Final
 from rich.console import Console
 from rich.live import Live
 
+from config.problems import in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+from daemon.commands.terminal.page import Size
 from daemon.commands.terminal.probe_beside_daemon import folder_of_master, show_what_it_says
 from daemon.commands.terminal.probe_snapshot import Json, ProbeSession
 from daemon.commands.terminal.probe_view import event_line, view
@@ -60,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         healthy = run_in_real_time(_probe(checked, arguments))
     except (EdsError, ClientError, OSError) as error:
-        print(error, file=sys.stderr)
+        print(in_words(error), file=sys.stderr)
         return EXIT_FAILED
     return EXIT_OK if healthy else EXIT_FAILED
 
@@ -138,4 +140,5 @@ class _LiveTable:
         with Live(console=self._console, auto_refresh=False, transient=False) as live:
             while True:
                 await asyncio.sleep(_SHOW_EVERY_S)
-                live.update(view(session.snapshot(), self._events), refresh=True)
+                shown = view(session.snapshot(), self._events, Size.of_terminal())
+                live.update(shown, refresh=True)

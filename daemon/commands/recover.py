@@ -1,8 +1,11 @@
 """`tentacled recover [DIR]`: recordings that a crash has left unfinished are made whole."""
 
 import argparse
+import os
+import sys
 from pathlib import Path
 
+from config.problems import in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 from daemon.recording.recovery import recover_unfinished
 
@@ -19,6 +22,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
+    try:
+        os.listdir(arguments.directory)  # noqa: PTH208 - it raises at once, iterdir only later
+    except OSError as error:
+        print(in_words(error), file=sys.stderr)
+        return EXIT_FAILED
     outcomes = recover_unfinished(arguments.directory)
     for outcome in outcomes:
         print(outcome)

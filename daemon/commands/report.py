@@ -4,12 +4,13 @@ import argparse
 import sys
 from pathlib import Path
 
+from config.problems import in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "run", type=Path, metavar="RUN", help="a run's folder, or its run.mcap (or run.mcap.part)"
+        "run", type=Path, metavar="RUN", help="a run's folder, or one recording in it (run.mcap)"
     )
     parser.add_argument(
         "--out", type=Path, metavar="FILE", help="default: report.html in the run's folder"
@@ -27,6 +28,6 @@ def run(arguments: argparse.Namespace) -> int:
         print(error, file=sys.stderr)
         return EXIT_FAILED
     except OSError as error:
-        print(f"{error.filename or arguments.run}: {error.strerror}", file=sys.stderr)
+        print(in_words(error, arguments.run), file=sys.stderr)
         return EXIT_FAILED
     return EXIT_OK

@@ -21,11 +21,13 @@ _EXPLAINED = """\
 MIXTURE.json is of this form:
 
 {form}
-The mesh must be closed, and no body in it overlap another. Its normals point into free space;
---free says otherwise. Printed are:
+The mesh must be closed, and no body in it overlap another. Its normals point
+into free space; --free says otherwise. Printed are:
 
-printed_bound    equation 9: over each component's free region, Σ (1 − Φ(b)), at most one
-certified_bound  the same regions, integrated: never below the truth, at most the printed bound
+printed_bound    equation 9: over each component's free region, Σ (1 − Φ(b)),
+                 at most one
+certified_bound  the same regions, integrated: never below the truth, at most
+                 the printed bound
 near_exact       the value itself, to about four digits
 """
 

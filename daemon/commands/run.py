@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+from daemon.commands.terminal.compiled import telling_progress
 from daemon.controllers.make_controller import warm_up
 from daemon.files import models_directory
 from daemon.host.clock import MonotonicClock, run_in_real_time
@@ -22,7 +23,7 @@ from daemon.remote.server.server import RemoteOpenError, RemoteServer
 from daemon.risk.body_risk_source import RiskFilesError, make_risk_source
 from daemon.robot.checked_robot import CheckedRobot, add_robot_argument, robot_or_explain
 from daemon.robot.connections import RealConnections
-from daemon.robot.lab_connections import LabRefusedError, LabUnreachableError, ask
+from daemon.robot.lab_connections import LabListener, LabRefusedError, LabUnreachableError, ask
 from daemon.robot.runtime_directory import default_runtime_directory, uses_lab, with_lab_ports
 from daemon.service.dependencies import Dependencies
 from daemon.service.motion_loader import in_a_thread
@@ -74,7 +75,9 @@ def run(arguments: argparse.Namespace) -> int:
     for recovered in recover_unfinished(arguments.runs):
         print(recovered)
     try:
-        risk = make_risk_source(checked.file, MonotonicClock())
+        with telling_progress():
+            risk = make_risk_source(checked.file, MonotonicClock())
+            warm_up()
         run_in_real_time(_serve(checked, arguments, risk))
     except (
         RiskFilesError,
@@ -110,12 +113,11 @@ async def _serve(checked: CheckedRobot, arguments: argparse.Namespace, risk: Ris
         None if arguments.no_real_time else RealTime(),
         runs=arguments.runs,
     )
-    warm_up()
     if dependencies.real_time is not None:
         dependencies.real_time.prepare()
     service = RobotService(checked.file, with_lab_ports(robot, directory), dependencies)
     make_folder = _folder_maker(checked, arguments.runs, clock, arguments.seed)
-    recording = RunRecording(service, make_folder, arguments.seed)
+    recording = RunRecording(service, make_folder, arguments.seed, in_a_thread)
     inject = _injector(directory) if simulated else None
     files = arguments.files or models_directory()
     operator = Operator(service, recording, arguments.seed, inject, files, in_a_thread)
@@ -128,12 +130,18 @@ async def _serve(checked: CheckedRobot, arguments: argparse.Namespace, risk: Ris
         version=service.version,
         robot_file_dir=checked.file.path.parent,
     )
+    lab = LabListener(
+        directory, lambda what: service.events.tell("note", "happening", what, subject="lab")
+    )
     await server.open()
     dependencies.subscribers.add(server.publish)
     try:
         check_buses_are_free(with_lab_ports(robot, directory).buses.values())
+        if simulated:
+            lab.start()
         await _live(service, recording, stop, f"{robot.robot} in {directory}")
     finally:
+        lab.end()
         await server.close()
 
 

@@ -46,9 +46,11 @@ def _show_once(status: Status, as_json: bool) -> None:
         return
     from rich.console import Console
 
+    from daemon.commands.terminal.page import Size
     from daemon.commands.terminal.status_view import status_view
 
-    Console().print(status_view(status))
+    size = Size.of_terminal()
+    Console(width=size.width).print(status_view(status, size))
 
 
 def _print_json(status: Status) -> None:
@@ -66,6 +68,7 @@ async def _watch(client: RobotClient, every_s: float) -> None:
     """Goes on while the daemon is away: the connection comes back by itself."""
     from rich.live import Live
 
+    from daemon.commands.terminal.page import Size
     from daemon.commands.terminal.status_view import gone_view, status_view
 
     stopping = asyncio.create_task(StopSignals().wait(None))
@@ -75,7 +78,7 @@ async def _watch(client: RobotClient, every_s: float) -> None:
         while not stopping.done():
             try:
                 last, last_s = await client.status(), loop.time()
-                live.update(status_view(last), refresh=True)
+                live.update(status_view(last, Size.of_terminal()), refresh=True)
             except ClientError as error:
                 live.update(gone_view(last, str(error), loop.time() - last_s), refresh=True)
             await asyncio.wait((stopping,), timeout=every_s)

@@ -5,7 +5,7 @@ Every function that is cached on disk stands in this one file: numba notices a c
 file of the cached function itself.
 """
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -21,6 +21,14 @@ _SWEEPS: Final = 20
 def in_rows(array: ArrayLike) -> FloatArray:
     """The kernels are compiled for one type of number and one layout of memory."""
     return np.ascontiguousarray(array, dtype=np.float64)
+
+
+class StepBounds(NamedTuple):
+    """Of m axes in their own units: the step that the rest is drawn to, the lowest, the highest."""
+
+    drawn: FloatArray
+    lowest: FloatArray
+    highest: FloatArray
 
 
 _kernel = njit(cache=True, error_model="numpy")
@@ -143,15 +151,14 @@ def slowed(step: FloatArray, max_velocity: FloatArray, dt_s: float) -> FloatArra
 def axis_step(
     jacobian: FloatArray,
     wanted: FloatArray,
-    drawn: FloatArray,
-    lowest: FloatArray,
-    highest: FloatArray,
+    bounds: StepBounds,
     unit: FloatArray,
     max_velocity: FloatArray,
     dt_s: float,
     damping: float,
 ) -> FloatArray:
     """(m,) the bounded step of axes that are measured in `unit`, (m,), then slowed down."""
+    drawn, lowest, highest = bounds
     count = unit.shape[0]
     scaled, toward = np.empty((3, count)), np.empty(count)
     low, high = np.empty(count), np.empty(count)

@@ -88,9 +88,7 @@ class TipFollower:
             kernels.axis_step(
                 in_rows(jacobian),
                 in_rows(tip_step),
-                in_rows(drawn),
-                lowest,
-                highest,
+                kernels.StepBounds(in_rows(drawn), lowest, highest),
                 self.unit,
                 self.axes.max_velocity,
                 step_time(observation),
@@ -167,7 +165,8 @@ def warm_up() -> None:
     """Compile the kernels, or load them from numba's cache: seconds once, then tenths of one."""
     jacobian, axes, ones = np.eye(3), np.zeros(3), np.ones(3)
     damped_solution(jacobian, axes, 1.0)
-    kernels.axis_step(jacobian, axes, axes, axes, axes, ones, ones, 1.0, 1.0)
+    bounds = kernels.StepBounds(axes, axes, axes)
+    kernels.axis_step(jacobian, axes, bounds, ones, ones, 1.0, 1.0)
     kernels.condition(jacobian)
     kernels.corrected(jacobian, jacobian, axes, axes, 1.0, 1.0, 1.0, 1.0)
     bounded_step(jacobian, axes, axes, axes, axes, 1.0)

@@ -12,12 +12,12 @@ import numpy as np
 
 from config.controllers import Broyden
 from config.robot import Robot
+from daemon.array_files import ModelError
 from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.control.tip_following import TipFollower, step_time
 from daemon.controllers.fixed_model_file import load_model, model_metadata, save_model
 from daemon.controllers.jacobian_estimate import JacobianEstimate
 from daemon.controllers.learnt_jacobian import FIRST_STD_MM
-from daemon.files import ModelError
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
 

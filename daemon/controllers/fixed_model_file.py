@@ -1,7 +1,5 @@
-"""Learnt models on disk: one npz with arrays and a JSON text that says whose they are."""
+"""Learnt models of a fixed shape on disk: an `ArrayFile` that says which controller's it is."""
 
-import json
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -9,11 +7,8 @@ from typing import Any
 import numpy as np
 
 from config.robot import Robot
-from daemon.files import MOST_MODEL_BYTES, ModelError, open_regular, save_npz
-from daemon.learning.samples.robot_fit import whose
+from daemon.array_files import ArrayFile, ModelError, read_as, whose
 from drivers.pose import Vector
-
-_METADATA = "metadata"
 
 
 def model_metadata(controller: str, robot: Robot) -> dict[str, Any]:
@@ -22,9 +17,8 @@ def model_metadata(controller: str, robot: Robot) -> dict[str, Any]:
 
 
 def save_model(path: Path, metadata: Mapping[str, Any], arrays: Mapping[str, Vector]) -> None:
-    """Write a model; a reader sees the old file or the whole new one."""
-    text = json.dumps(metadata, sort_keys=True)
-    save_npz(path, {_METADATA: np.array(text), **arrays})
+    """Write a model; a reader sees the old file or the whole new one. Raises OSError."""
+    ArrayFile(dict(metadata), dict(arrays)).save(path)
 
 
 def load_model(
@@ -34,20 +28,14 @@ def load_model(
 
     Raises ModelError that names what does not fit, OSError for a file that cannot be opened.
     """
-    try:
-        with (
-            open_regular(path, MOST_MODEL_BYTES) as file,
-            np.load(file, allow_pickle=False) as stored,
-        ):
-            text = str(stored[_METADATA])
-            arrays = {name: np.asarray(stored[name], dtype=np.float64) for name in shapes}
-        found = json.loads(text)
-    except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise ModelError(f"{path} is not a model of this kind: {error}") from None
+    with read_as(path, "a model of this kind"):
+        file = ArrayFile.load(path)
     for key, expected in metadata.items():
-        actual = found.get(key) if isinstance(found, dict) else None
+        actual = file.about.get(key)
         if actual != expected:
             raise ModelError(f"{path} does not fit: its {key} is {actual!r}, not {expected!r}")
+    with read_as(path, "a model of this kind"):
+        arrays = {name: np.asarray(file.arrays[name], dtype=np.float64) for name in shapes}
     for name, shape in shapes.items():
         if arrays[name].shape != shape:
             raise ModelError(f"{path} does not fit: {name} is {arrays[name].shape}, not {shape}")

@@ -4,12 +4,12 @@ import numpy as np
 
 from config.controllers import ForwardJacobian
 from config.robot import Robot
+from daemon.array_files import Arrays
 from daemon.control.controller import Observation, Proposal
 from daemon.controllers.learning_controller import LearningController
-from daemon.controllers.learning_file import Arrays
 from daemon.controllers.learnt_jacobian import LearntJacobian
 from daemon.learning.forward.pretrained_model import PretrainedModel
-from daemon.learning.lwpr.memory import with_memory
+from daemon.learning.lwpr.model import with_memory
 from daemon.learning.samples.motion import MotionSample
 
 

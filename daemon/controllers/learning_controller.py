@@ -14,12 +14,12 @@ import numpy as np
 from config.controllers import Learner
 from config.exploration import MotorBabbling
 from config.robot import Robot
+from daemon.array_files import Arrays, ModelError
 from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.control.tip_following import TipFollower, step_time
-from daemon.controllers.learning_file import Arrays, LearntFile, load_learnt, save_learnt
+from daemon.controllers.learning_file import LearntFile, load_learnt, save_learnt
 from daemon.controllers.learnt_jacobian import LearntJacobian
 from daemon.controllers.waypoint_exploration import WaypointWalk
-from daemon.files import ModelError
 from daemon.learning.forward.pretrained_model import PretrainedModel
 from daemon.learning.samples.motion import MotionSample
 from daemon.learning.samples.motion_samples import MotionSampler, SamplingSettings

@@ -14,9 +14,8 @@ from daemon.learning.inverse.engines import make_local_controllers
 from daemon.learning.inverse.local_controller_settings import LocalControllerSettings
 from daemon.learning.inverse.local_controllers import LocalControllers
 from daemon.learning.inverse.prior import Prior
-from daemon.learning.inverse.regressors import Regressors
 from daemon.learning.inverse.reward import attractor_step
-from daemon.learning.inverse.window import Window
+from daemon.learning.inverse.window import Regressors, Window
 from daemon.learning.samples.motion import MotionSample
 from daemon.learning.samples.receptive_fields import ReceptiveFields
 from daemon.robot.axes import AxisRanges

@@ -22,8 +22,7 @@ from daemon.control import tip_following
 from daemon.control.controller import Controller
 from daemon.learning.forward.forward_model import forward_settings, slopes_by_step
 from daemon.learning.inverse import engines
-from daemon.learning.lwpr.memory import with_memory
-from daemon.learning.lwpr.model import Lwpr
+from daemon.learning.lwpr.model import Lwpr, with_memory
 from daemon.learning.samples.motion import MotionSample, MotionTable
 
 _MODULES: Final = (

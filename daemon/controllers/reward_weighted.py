@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from config.controllers import RewardWeighted
 from config.robot import Robot
+from daemon.array_files import Arrays
 from daemon.control.controller import Observation, Proposal
 from daemon.control.tip_following import step_time
 from daemon.controllers.learning_controller import LearningController
-from daemon.controllers.learning_file import Arrays
 from daemon.controllers.learnt_jacobian import LearntJacobian
 from daemon.controllers.local_law import LocalLaw, window_arrays, window_samples
 from daemon.learning.forward.pretrained_model import PretrainedModel

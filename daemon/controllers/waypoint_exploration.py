@@ -14,9 +14,9 @@ import numpy as np
 from config.control import Workspace
 from config.exploration import RandomMotion, WaypointExploration
 from config.robot import Robot
+from daemon.array_files import ModelError
 from daemon.control.controller import Observation, Proposal
 from daemon.control.tip_following import step_time
-from daemon.files import ModelError
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
 

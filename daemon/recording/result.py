@@ -7,8 +7,9 @@ from typing import Final
 
 import msgspec
 
+from daemon.files import write_whole
 from daemon.messages import LoopStatus, Tip
-from daemon.recording.run_folder import RESULT_FILE, formatted_json, write_whole
+from daemon.recording.run_folder import RESULT_FILE, formatted_json
 from safety.states import OperatingState
 
 # The tip's error, cycle by cycle, as the papers' tables give it.
@@ -41,11 +42,15 @@ class ErrorTable:
         error_mm = tip.error_mm
         if tip.state != _RUNNING or tip.cycle < 0 or error_mm is None:
             return
+        self.count(tip.cycle, error_mm)
+
+    def count(self, cycle: int, error_mm: float) -> None:
+        """Count one error of a cycle in, unless it is not finite."""
         if math.isfinite(error_mm):
-            cycle = self._cycles.get(tip.cycle)
-            if cycle is None:
-                cycle = self._cycles[tip.cycle] = _Accumulated()
-            cycle.add(error_mm)
+            accumulated = self._cycles.get(cycle)
+            if accumulated is None:
+                accumulated = self._cycles[cycle] = _Accumulated()
+            accumulated.add(error_mm)
 
     def rows(self) -> list[CycleError]:
         """One row for each cycle that has samples, in order."""
@@ -146,7 +151,9 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     faults: list[str] = []
     """Names of the causes that led to HOLD, FAULT or ESTOP, in order."""
     timing: LoopStatus | None = None
-    """The loop's time keeping at the end."""
+    """The loop's time keeping at the end. None: in virtual time, in which nothing takes time."""
+    virtual_time: bool = False
+    """Whether durations are those of a clock that jumped."""
     reading_cycles: list[CycleError] = []
     """As `cycles`, of single readings of the tracker instead of the filtered tip."""
     true_cycles: list[CycleError] = []

@@ -1,7 +1,6 @@
 """A run's folder: made under a name that tells robot and date, with all that explains the run."""
 
 import hashlib
-import os
 import platform
 import shutil
 import subprocess
@@ -17,6 +16,7 @@ import yaml
 
 from config.paths import values_with_absolute_paths
 from config.robot import Robot
+from daemon.files import write_whole
 
 # The files of a run's folder: their names, and how they are written.
 
@@ -46,19 +46,6 @@ def finished(part: Path) -> Path:
     return part.with_name(part.name.removesuffix(_UNFINISHED))
 
 
-def write_whole(path: Path, data: bytes) -> None:
-    """Write a file that is either there with all of `data`, or not there. Raises OSError."""
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with beside.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        beside.replace(path)
-    finally:
-        beside.unlink(missing_ok=True)
-
-
 # How much room there is for recordings.
 
 
@@ -82,12 +69,16 @@ _GIT_WITHIN_S: Final = 5.0
 _PACKAGES: Final = ("numpy", "scipy", "numba", "mcap", "eclipse-zenoh")
 
 
+VIRTUAL_TIME: Final = "virtual time"
+"""Instead of a date: of a run whose clock jumped from one deadline to the next."""
+
+
 class Provenance(msgspec.Struct, frozen=True, kw_only=True):
     """`provenance.json`: what made the run, as far as it can be told."""
 
     robot: str
     started: str
-    """Date and time, UTC."""
+    """Date and time, UTC; or that it was in virtual time."""
     version: str
     commit: str | None
     """Of the checkout that the code ran from; None: it was installed."""
@@ -121,20 +112,21 @@ def describe_run(
     folder: Path,
     robot: Robot,
     robot_path: Path,
-    wall_ns: int,
+    wall_ns: int | None,
     seed: int | None = None,
     models: Mapping[str, Path] | None = None,
 ) -> Provenance:
     """Write `robot.yaml` and `provenance.json`. Raises OSError.
 
-    robot_path: of the file that `robot` was read from. models: files by name.
+    robot_path: of the file that `robot` was read from. wall_ns: None in virtual time, which has no
+    date. models: files by name.
     """
     text = robot_yaml(robot, robot_path).encode()
     write_whole(folder / ROBOT_FILE, text)
     commit, modified = _checkout()
     provenance = Provenance(
         robot=robot.robot,
-        started=utc_text(wall_ns),
+        started=VIRTUAL_TIME if wall_ns is None else utc_text(wall_ns),
         version=version("tentacled"),
         commit=commit,
         modified=modified,

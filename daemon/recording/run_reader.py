@@ -210,15 +210,3 @@ class Fingerprint:
         for topic, one in self._hashes.items():
             whole.update(topic.encode() + b"\0" + one.digest())
         return whole.hexdigest()
-
-
-def control_hash(path: Path, topics: Iterable[str] = CONTROL_TOPICS) -> str:
-    """A fingerprint of what happened: topic, time and content of the control channels' messages.
-
-    How messages were cut into chunks, and how channels are mixed, does not matter.
-    Raises UnreadableRunError, OSError.
-    """
-    fingerprint = Fingerprint(topics)
-    for message in RunReader(path).messages(fingerprint.topics):
-        fingerprint.take(message)
-    return fingerprint.hexdigest()

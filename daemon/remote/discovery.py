@@ -11,6 +11,8 @@ from typing import Final
 
 import msgspec
 
+from daemon.files import write_whole
+
 DAEMON_FILE: Final = "daemon.json"
 LOCK_FILE: Final = "daemon.lock"
 UNIX_SOCKET: Final = "zenoh.sock"
@@ -77,10 +79,8 @@ class RuntimeFolder:
 
     def announce(self, daemon: RunningDaemon) -> None:
         """Let it be found."""
-        new = self.path / f".{DAEMON_FILE}.new"
-        new.write_bytes(msgspec.json.format(msgspec.json.encode(daemon)) + b"\n")
-        new.chmod(0o640 if self._group else 0o600)
-        new.replace(self.path / DAEMON_FILE)
+        told = msgspec.json.format(msgspec.json.encode(daemon)) + b"\n"
+        write_whole(self.path / DAEMON_FILE, told, 0o640 if self._group else 0o600)
 
     def give_back(self) -> None:
         """Let another daemon have it."""

@@ -46,11 +46,17 @@ def subjects(reasons: Sequence[Reason]) -> str:
     return f"{', '.join(named[:_SUBJECTS])} and {len(named) - _SUBJECTS} more"
 
 
+def detail_of(text: str, detail: str) -> str:
+    """The detail in brackets behind a text, unless the text says the same."""
+    same = detail.lower().removeprefix("the ") in text.lower()
+    return "" if same else f" ({detail})"
+
+
 def reason_lines(reasons: Iterable[Reason]) -> Iterator[str]:
     """One line for what is to be mended, with its remedy; below it one for each that follows."""
     for group in grouped(reasons):
         lead = group.lead
-        detail = f" ({lead.detail})" if lead.detail else ""
+        detail = detail_of(lead.text, lead.detail)
         yield f"  {group.subjects}: {lead.text}{detail}; {lead.remedy}"
         for alike in group.follow.values():
             yield f"    from that: {subjects(alike)}: {alike[0].text}"

@@ -4,15 +4,17 @@ import hashlib
 import os
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
+from daemon.array_files import load_npz, save_npz
 from safety.risk.distance_grid import DistanceGrid, distance_grid
 from safety.risk.environment import Environment
 
 _VERSION: Final = 1
 """Of what the numbers mean: what was kept by another version is made again."""
+_MOST_BYTES: Final = 1 << 33
 _NUMBERS: Final = ("spacing_mm", "exact_to_mm", "margin_mm", "solid_around")
 
 
@@ -53,10 +55,10 @@ def _key(environment: Environment, spacing_mm: float, exact_to_mm: float) -> str
 
 def _read(path: Path) -> DistanceGrid | None:
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-            spacing, exact_to, margin, around = (arrays[name].item() for name in _NUMBERS)
-            values = np.ascontiguousarray(arrays["values_mm"], np.float32)
-            origin = np.asarray(arrays["origin_mm"], np.float64)
+        arrays = load_npz(path, _MOST_BYTES)
+        spacing, exact_to, margin, around = (arrays[name].item() for name in _NUMBERS)
+        values = np.ascontiguousarray(arrays["values_mm"], np.float32)
+        origin = np.asarray(arrays["origin_mm"], np.float64)
     except Exception:  # whatever a reader makes of bytes that are no grid
         return None
     if values.ndim != 3 or min(values.shape) < 2 or origin.shape != (3,):
@@ -66,13 +68,7 @@ def _read(path: Path) -> DistanceGrid | None:
 
 def _write(path: Path, grid: DistanceGrid) -> None:
     """Another process may read or write the same at the same time: it is put there whole."""
-    partly = path.with_suffix(f".{os.getpid()}.part")
-    try:
+    arrays = {name: getattr(grid, name) for name in (*_NUMBERS, "origin_mm", "values_mm")}
+    with suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
-        with partly.open("wb") as file:
-            numbers: dict[str, Any] = {name: getattr(grid, name) for name in _NUMBERS}
-            np.savez(file, origin_mm=grid.origin_mm, values_mm=grid.values_mm, **numbers)
-        partly.replace(path)
-    except OSError:
-        with suppress(OSError):
-            partly.unlink(missing_ok=True)
+        save_npz(path, arrays, compressed=False)

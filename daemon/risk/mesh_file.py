@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.files import in_a_line
+from daemon.array_files import in_a_line
 from safety.risk.environment import (
     MM_PER,
     Environment,

@@ -5,7 +5,6 @@ Beside the arrays of `safety.risk.risk_model` there is `about`, a JSON object: `
 """
 
 import json
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.files import in_a_line
+from daemon.array_files import ArrayFile, in_a_line, load_npz
 from safety.risk.mixture import FloatArray
 from safety.risk.risk_model import RiskModel, RiskModelError, risk_model
 
@@ -69,21 +68,12 @@ def write_model(path: Path, arrays: Mapping[str, NDArray[Any]], about: Mapping[s
     metadata = {"format": FORMAT, **about}
     _check(metadata)
     risk_model(arrays, *(metadata[name] for name in _SAID[1:]))
-    partly = path.with_suffix(f".{os.getpid()}.part")
-    content: dict[str, Any] = {**arrays, _ABOUT: np.array(json.dumps(metadata, sort_keys=True))}
-    try:
-        with partly.open("wb") as file:
-            np.savez_compressed(file, **content)
-        partly.replace(path)
-    except OSError:
-        partly.unlink(missing_ok=True)
-        raise
+    ArrayFile(metadata, dict(arrays)).save(path, _ABOUT)
 
 
 def _read(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as content:
-            arrays = {name: content[name] for name in content.files}
+        arrays = load_npz(path)
     except OSError as error:
         raise RiskModelError(error.strerror or "cannot be read") from None
     except Exception as error:  # whatever a reader makes of bytes that are no model

@@ -1,9 +1,12 @@
 """Devices in the same process, for virtual time: the same bytes, passed as calls."""
 
+import asyncio
 import json
 import socket
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
+from threading import Event, Thread
 from typing import Any, Final
 
 from config.robot import Robot
@@ -22,6 +25,7 @@ from sim_backends.lab.lab import Lab
 
 
 _ANSWERS_WITHIN_S: Final = 10.0
+_LISTENS_EACH_S: Final = 0.25
 _LONGEST_ANSWER_BYTES: Final = 1 << 20
 
 
@@ -85,6 +89,50 @@ def _read_line(connection: socket.socket) -> bytes:
             raise ConnectionResetError(0, "it hung up")
         line += piece
     return line
+
+
+class LabListener:
+    """Hears what is done to a running lab: by a scenario, a tour, another program.
+
+    In a thread of its own, which nobody waits for: a lab may stand still.
+    """
+
+    def __init__(self, directory: Path, heard: Callable[[str], None]) -> None:
+        """heard: is called in the event loop that `start` is called in."""
+        self._directory = directory
+        self._heard = heard
+        self._ended = Event()
+
+    def start(self) -> None:
+        """What was done before is not told."""
+        loop = asyncio.get_running_loop()
+        Thread(target=self._listen, args=(loop,), name="lab", daemon=True).start()
+
+    def end(self) -> None:
+        """From now on nothing is told."""
+        self._ended.set()
+
+    def _listen(self, loop: asyncio.AbstractEventLoop) -> None:
+        known: int | None = None
+        while not self._ended.is_set():
+            try:
+                told = ask(self._directory, {"do": "diary", "after": known or 0})
+            except (LabUnreachableError, LabRefusedError, ValueError):
+                known = 0 if known is not None else None  # another lab may come: all of its own
+            else:
+                if known is not None and told["count"] >= known:
+                    for _, text in told["entries"]:
+                        self._tell(loop, text)
+                known = told["count"]
+            self._ended.wait(_LISTENS_EACH_S)
+
+    def _tell(self, loop: asyncio.AbstractEventLoop, text: str) -> None:
+        def tell() -> None:
+            if not self._ended.is_set():
+                self._heard(text)
+
+        with suppress(RuntimeError):  # the loop has ended
+            loop.call_soon_threadsafe(tell)
 
 
 class LabConnections:

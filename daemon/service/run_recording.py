@@ -2,15 +2,18 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 from daemon.messages import Event, Message, Tip
 from daemon.recording.flight_recorder import RecordingError
 from daemon.recording.result import ErrorTable, Result, write_result
-from daemon.recording.run_folder import segment_file
+from daemon.recording.run_folder import VIRTUAL_TIME, segment_file
 from daemon.service.monitors import NO_TROUBLE, RecordingTrouble
+from daemon.service.motion_loader import OffTheLoop, at_once
 from daemon.service.robot_service import RobotService
+from drivers.clock import is_virtual
 from safety.causes import Severity, cause
 from safety.states import OperatingState
 
@@ -28,7 +31,14 @@ MakeFolder = Callable[[], Awaitable[Path]]
 class RunRecording:
     """Records from `begin` to `end`. Listens to everything that is published meanwhile."""
 
-    def __init__(self, service: RobotService, make_folder: MakeFolder, seed: int) -> None:
+    def __init__(
+        self,
+        service: RobotService,
+        make_folder: MakeFolder,
+        seed: int,
+        off_the_loop: OffTheLoop = at_once,
+    ) -> None:
+        """off_the_loop: how the result is written, for which a disk may take its time."""
         self.table = ErrorTable()
         self.folder: Path | None = None
         """Of the present run, or of the last one."""
@@ -36,6 +46,7 @@ class RunRecording:
         self._recorder = service.dependencies.recorder
         self._make_folder = make_folder
         self._seed = seed
+        self._off_the_loop = off_the_loop
         self._recording = False
         self._faults: list[str] = []
         self._steps = self._refused_before = self._held_before = 0
@@ -106,7 +117,10 @@ class RunRecording:
             recordings_dropped=self._recorder.status.dropped,
             final_state=service.supervisor.state.value,
             faults=self._faults,
-            timing=service.report.loop_status(service.clock.now_ns()),
+            timing=None
+            if is_virtual(service.clock)
+            else service.report.loop_status(service.clock.now_ns()),
+            virtual_time=is_virtual(service.clock),
         )
 
     def _end_soon(self) -> None:
@@ -121,14 +135,16 @@ class RunRecording:
         await self._recorder.stop()
         assert self.folder is not None
         try:
-            write_result(self.folder, result)
-        except OSError as error:  # somebody has removed the folder, or the disk is full
+            await self._off_the_loop(partial(write_result, self.folder, result))
+        except OSError as error:  # the folder is gone, the disk is full, or takes too long
             self._tell("no_result", f"the run's result cannot be written: {error}")
 
     async def _start(self, folder: Path) -> None:
         """Raises RecordingError."""
         clock, robot = self._service.clock, self._service.robot
         header = {"robot": robot.robot, "version": self._service.version, "seed": str(self._seed)}
+        if is_virtual(clock):
+            header["time"] = VIRTUAL_TIME
         if self._restarts:
             header["goes_on_after_gap"] = str(self._restarts)
         name = segment_file(self._segment)

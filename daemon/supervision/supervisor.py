@@ -155,12 +155,13 @@ class Supervisor:
         if verdict is not self._verdict:
             self._verdict = verdict
             self._reasons = self._consequences.ordered(verdict.reasons, t_ns)
-        blocked = bool(self._blocking(request)) or self.comes_to_rest
+        rests = self.comes_to_rest
+        blocked = bool(self._blocking(request)) or rests
         if self.arming and self._verdict.severity >= Severity.DISARM:
             self.arming = False
             self.power.stop(t_ns)
         while (
-            after := next_state(self.state, request, self._verdict.severity, blocked)
+            after := next_state(self.state, request, self._verdict.severity, blocked, rests)
         ) is not self.state:
             before, self.state = self.state, after
             request = None
@@ -170,7 +171,8 @@ class Supervisor:
             self._on_state(before, after, t_ns)
 
     def _keep_reasons(self, before: OperatingState, after: OperatingState) -> None:
+        fails = after in (OperatingState.FAULT, OperatingState.ESTOP)
         if after is OperatingState.RUNNING:
             self.stopped_by = ()
-        elif after is OperatingState.HOLD or (before.energised and not after.energised):
+        elif after is OperatingState.HOLD or (before.energised and not after.energised) or fails:
             self.stopped_by = with_leads(self._reasons, Severity.HOLD) or self.stopped_by

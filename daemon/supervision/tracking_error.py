@@ -4,7 +4,10 @@ An error is explained where the reference itself has only just gone on: of a tip
 some time it is the way that the reference went meanwhile. What is left is to be worked off. A clock
 runs while the tip does not come nearer, twice as fast while it goes away, and back while it comes.
 So a load that is hung on makes a large error and no alarm. A tip that swings about its reference
-comes nearer half of the time, and is told by swings that do not get smaller.
+comes nearer half of the time, and is told by swings that do not get smaller. A tip that goes
+away from its reference by its own motion, for longer than it goes on after a reference that has
+turned round, and not slower and slower as a load pushes it, is led the wrong way: the clock is not
+waited for.
 """
 
 import math
@@ -25,6 +28,16 @@ creep add to it, the tip is where its reference was 0.95 s ago."""
 _OVER_NS: Final = 500_000_000
 """The tip's way is measured over this: of its noise of 0.2 mm, 0.5 mm/s are left."""
 _GOES_AWAY: Final = 2.0
+_LED_AWAY_NS: Final = 800_000_000
+"""So long in one go: a tip that is 0.95 s late goes on for half of that after a reference that has
+turned round."""
+_NOT_SLOWER: Final = 0.75
+"""In the second half of that time it goes so much of what it went in the first. A load pushes a
+body with a lag of 0.5 s there 0.45 of it; who is led goes as fast, or faster."""
+_LED_AWAY_OVER_NS: Final = 250_000_000
+"""The tip's own motion is measured over this: of its noise of 0.2 mm, 1 mm/s are left."""
+_AWAY_MM_S: Final = 2.0
+"""Below, it stands."""
 _SWING_SHARE: Final = 0.6
 """An error that falls to this share of its peak has ended a swing."""
 _NOT_SMALLER: Final = 0.95
@@ -48,6 +61,13 @@ class _Seen(NamedTuple):
     """That the reference has gone since the beginning."""
 
 
+class _Away(NamedTuple):
+    """When the tip began to go away from its reference, and how far it was from it."""
+
+    t_ns: int
+    error_mm: float
+
+
 class TrackingError:
     """Judges one motion after the other; `begin` comes before each."""
 
@@ -64,6 +84,7 @@ class TrackingError:
         self._way_mm = 0.0
         self._waited_s = 0.0
         self._swings = _Swings()
+        self._away: _Away | None = None
 
     @classmethod
     def of(cls, robot: Robot) -> "TrackingError":
@@ -84,10 +105,12 @@ class TrackingError:
         self._reference_mm = None
         self._way_mm = self._waited_s = 0.0
         self._swings = _Swings()
+        self._away = None
 
     def hinder(self) -> None:
         """No progress was possible in this step: the clock stands still."""
         self._seen.clear()
+        self._away = None
         self._reference_mm = None
 
     def look(self, t_ns: int, tip_mm: Place, reference_mm: Place) -> str:
@@ -96,6 +119,8 @@ class TrackingError:
             return ""  # who measures and who proposes such things is held for that
         dt_s = self._remember(t_ns, tip_mm, reference_mm)
         error_mm = math.dist(tip_mm, reference_mm)
+        if self._led_away(t_ns, error_mm, reference_mm):
+            return f"the tip goes away from its reference, {error_mm:.0f} mm by now"
         allowed_mm = self._allowed_mm + self._explained_mm()
         if self._swings.go_on(t_ns, error_mm, allowed_mm, self._way_mm):
             peaks = ", ".join(f"{peak:.0f}" for peak in self._swings.peaks_mm)
@@ -120,6 +145,27 @@ class TrackingError:
         while t_ns - self._seen[0].t_ns > _LATE_NS:
             self._seen.popleft()
         return min(max(t_ns - before_ns, 0), _LONGEST_STEP_NS) * 1e-9
+
+    def _led_away(self, t_ns: int, error_mm: float, reference_mm: Place) -> bool:
+        """Whether it is the tip that goes, far enough, for too long, and does not slow down."""
+        lately_mm = error_mm - self._distance_mm(t_ns - _LED_AWAY_OVER_NS, reference_mm)
+        if lately_mm < _AWAY_MM_S * _LED_AWAY_OVER_NS * 1e-9:
+            self._away = None
+            return False
+        if self._away is None:
+            self._away = _Away(t_ns, error_mm - lately_mm)
+        if t_ns - self._away.t_ns < _LED_AWAY_NS:
+            return False
+        half_mm = self._distance_mm(t_ns - _LED_AWAY_NS // 2, reference_mm)
+        first_mm = half_mm - self._distance_mm(t_ns - _LED_AWAY_NS, reference_mm)
+        second_mm = error_mm - half_mm
+        far_mm = min(first_mm + second_mm, error_mm - self._away.error_mm)
+        return far_mm >= self._allowed_mm and second_mm >= _NOT_SLOWER * first_mm
+
+    def _distance_mm(self, t_ns: int, reference_mm: Place) -> float:
+        """From where the tip was then to where the reference is now."""
+        seen = next(seen for seen in self._seen if seen.t_ns >= t_ns)
+        return math.dist(seen.tip_mm, reference_mm)
 
     def _explained_mm(self) -> float:
         return self._way_mm - self._seen[0].reference_way_mm

@@ -14,7 +14,14 @@ from typing import Final
 
 from config.bus import Bus
 from drivers.can.link import LinkError
-from drivers.exclusive_name import ExclusiveName, Holder, NameTakenError, holder_of, is_taken
+from drivers.exclusive_name import (
+    ExclusiveName,
+    Holder,
+    NameTakenError,
+    OtherName,
+    holder_of,
+    is_taken,
+)
 
 _WITHIN_THE_PROCESS: Final = "virtual"
 """python-can's interface between threads of one process: two processes have two of them."""
@@ -57,12 +64,23 @@ def bus_name(bus: Bus) -> str:
     """What is really opened: the same name for the same bus, by whatever path."""
     if bus.interface == "socketcan":
         return f"bus socketcan {_interface_index(bus.channel)}"
-    path = Path(bus.channel.split("@")[0])
     try:
-        status = path.stat()
+        return _name_of_file(Path(bus.channel.split("@")[0]))
     except (OSError, ValueError):
         own = f" of process {os.getpid()}" if bus.interface == _WITHIN_THE_PROCESS else ""
         return f"bus {bus.interface} {bus.channel}{own}"
+
+
+def door_of(path: Path, bus: str) -> OtherName:
+    """Say that what is opened at `path` is one of several ways to `bus`, a name for it that nobody
+    else uses: then it has one master, whichever way that one comes. Raises OSError.
+    """
+    return OtherName(_name_of_file(path), bus)
+
+
+def _name_of_file(path: Path) -> str:
+    """Raises OSError, ValueError."""
+    status = path.stat()
     if stat.S_ISCHR(status.st_mode):
         # Nodes of one port may stand in several folders. Pseudo-terminals are numbered anew in
         # each file system of them.

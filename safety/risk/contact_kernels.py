@@ -220,7 +220,7 @@ def _clearance(grid, port, skin, positions, s, scratch):  # type: ignore[no-unty
         room = at_node[i] + at_node[i + 1] - _TWO * (thick + enough)
         if not (room > _ZERO and x * x + y * y + z * z < room * room):
             ends = at_node[i], at_node[i + 1]
-            between, _ = _between(grid, port, positions, s, i, thick, ends, enough, False, pieces)
+            between, _ = _between(grid, port, (positions, s, i), thick, ends, enough, False, pieces)
             if between < best:
                 best, node = between, i
     return best, node
@@ -263,7 +263,7 @@ def _surely(grid, port, skin, positions, s, clearance, scratch):  # type: ignore
         before = there if looked_at == i else _at_least(grid, x, y, z)
         looked_at, there = i + 1, _at_least(grid, u, v, w)
         ends = before, there
-        _, between = _between(grid, port, positions, s, i, thick, ends, cap, True, pieces)
+        _, between = _between(grid, port, (positions, s, i), thick, ends, cap, True, pieces)
         least = min(least, between)
         if not least > _ZERO:
             return least
@@ -271,13 +271,14 @@ def _surely(grid, port, skin, positions, s, clearance, scratch):  # type: ignore
 
 
 @_kernel
-def _between(grid, port, positions, s, i, thick, ends, enough, surely, pieces):  # type: ignore[no-untyped-def]
-    """From node i to node i + 1, cut until no piece is open: the smallest clearance found, and
-    what it is not below.
+def _between(grid, port, segment, thick, ends, enough, surely, pieces):  # type: ignore[no-untyped-def]
+    """From a shape's node to the next, cut until no piece is open: the smallest clearance found,
+    and what it is not below.
 
-    ends: distances there. enough: a piece with so much clearance is not cut. surely: distances are
-    lower bounds.
+    segment: positions, number of the shape, and of the node. ends: distances there. enough: a
+    piece with so much clearance is not cut. surely: distances are lower bounds.
     """
+    positions, s, i = segment
     x0, y0, z0 = positions[s, 3 * i], positions[s, 3 * i + 1], positions[s, 3 * i + 2]
     x, y, z = positions[s, 3 * i + 3], positions[s, 3 * i + 4], positions[s, 3 * i + 5]
     if _is_in_port(port, x0, y0, z0) and _is_in_port(port, x, y, z):

@@ -4,9 +4,11 @@ Nothing here is connected to the outside; `lab_ports` does that for other proces
 in-process links of the devices do it for virtual time.
 """
 
+from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -34,6 +36,9 @@ from sim_backends.plants.tendon_arm import TendonArm
 
 _BEYOND_TRAVEL = 0.02
 """End stops and their switches lie this share of the travel beyond its ends."""
+
+_REMEMBERED: Final = 1000
+"""Entries of a diary."""
 
 
 class LabError(ValueError):
@@ -82,6 +87,7 @@ class Lab:
             **{f"bus.{name}": BusFaults(bus) for name, bus in self.buses.items()},
             **{f"drive.{name}": drive for name, drive in self.drives.items()},
         }
+        self.diary = Diary()
         self.pumps: dict[str, Pump] = {}
         self._stop_heart: Callable[[], None] = lambda: None
 
@@ -107,12 +113,14 @@ class Lab:
     def inject(self, order: str) -> None:
         """Carry out a fault order now. Raises FaultError."""
         inject(self.devices, order, self._clock.now_ns())
+        self.diary.note(order)
         self._touch()
 
     def set_tip_load(self, mass_g: float) -> None:
         """Hang another weight on the tip."""
         self.body.advance(self._clock.now_ns())
         self.body.load = TipLoad(mass_g)
+        self.diary.note(f"{mass_g:g} g at the tip")
 
     def play(self, name: str | None) -> None:
         """Begin a scripted actuation of the axes that no motor holds; None ends it.
@@ -135,6 +143,24 @@ class Lab:
 
     def _shaft(self, axis: Axis) -> DriveAxis:
         return self.drives[f"{axis.drive.bus}/{axis.drive.node}"].axes[axis.drive.axis]
+
+
+class Diary:
+    """What was done to a lab from outside: the last of it, numbered from 1."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._entries: deque[str] = deque(maxlen=_REMEMBERED)
+
+    def note(self, text: str) -> None:
+        """It was done now."""
+        self.count += 1
+        self._entries.append(text)
+
+    def after(self, number: int) -> list[tuple[int, str]]:
+        """What came after the entry of this number, as far as it is remembered."""
+        first = self.count - len(self._entries) + 1
+        return [(at, text) for at, text in enumerate(self._entries, first) if at > number]
 
 
 class _Heart:

@@ -10,6 +10,7 @@ from typing import Any, Final
 from drivers.clock import WallClock
 from drivers.exclusive_name import ExclusiveName, NameTakenError
 from sim_backends.devices.aurora.wires import PtyAurora
+from sim_backends.devices.can.bus import CanBus
 from sim_backends.devices.can.slcan_adapter import SlcanAdapter
 from sim_backends.devices.can.socket_server import SocketServer
 from sim_backends.lab.control_server import ControlServer, Request
@@ -46,6 +47,7 @@ class LabPorts:
                 "inject": self._inject,
                 "load": self._load,
                 "play": self._play,
+                "diary": self._diary,
             }
         )
 
@@ -61,15 +63,20 @@ class LabPorts:
         self._take_directory()
         self._aurora = PtyAurora(self._lab.tracker, self._clock, self._directory / AURORA)
         for name, bus in self._lab.buses.items():
-            pump = self._lab.pumps[name]
-            bus.standstill_ns = _STANDSTILL_NS
-            self._sockets[name] = SocketServer(
-                bus, pump, self._clock, self._directory / f"{name}.sock"
-            )
-            self._adapters[name] = SlcanAdapter(bus, pump, self._clock, self._directory / name)
+            self._open_bus(name, bus)
         (self._directory / CONTROL_SOCKET).unlink(missing_ok=True)
         await self._control.listen(self._directory / CONTROL_SOCKET)
         _write_whole(self._directory / LAB_FILE, json.dumps(self._description(), indent=2) + "\n")
+
+    def _open_bus(self, name: str, bus: CanBus) -> None:
+        """Two ways to one bus, which has one master all the same."""
+        pump, path = self._lab.pumps[name], self._directory / name
+        bus.standstill_ns = _STANDSTILL_NS
+        door_of_bus = f"emulated {name} of process {os.getpid()} in {self._directory.absolute()}"
+        self._sockets[name] = SocketServer(
+            bus, pump, self._clock, path.with_name(f"{name}.sock"), door_of_bus=door_of_bus
+        )
+        self._adapters[name] = SlcanAdapter(bus, pump, self._clock, path, door_of_bus)
 
     async def close(self) -> None:
         """Take everything away again, unless the folder is another lab's."""
@@ -161,6 +168,12 @@ class LabPorts:
             raise LabError(f"tip_load_g is a weight in g, not {mass_g!r}")
         self._lab.set_tip_load(float(mass_g))
         return {}
+
+    def _diary(self, request: Request) -> Mapping[str, Any]:
+        after = request.get("after")
+        if not isinstance(after, int):
+            raise LabError(f"after is the number of an entry, not {after!r}")
+        return {"count": self._lab.diary.count, "entries": self._lab.diary.after(after)}
 
     def _play(self, request: Request) -> Mapping[str, Any]:
         name = request.get("name")

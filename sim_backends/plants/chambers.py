@@ -6,7 +6,14 @@ import numpy as np
 
 from sim_backends.plants.gas import ATMOSPHERE_MPA, GasLines
 from sim_backends.plants.hysteresis import StopOperators
-from sim_backends.plants.rod_kernels import ChamberDrive, FloatArray, March, settle_chambers
+from sim_backends.plants.rod_kernels import (
+    ChamberDrive,
+    FloatArray,
+    March,
+    NewtonRule,
+    Start,
+    settle_chambers,
+)
 from sim_backends.plants.shooting import CLOSE, ITERATIONS, Equilibrium, Problem, Solver, stable
 
 
@@ -65,13 +72,8 @@ class ChamberSolver(Solver):
             rod.loaded(tension, problem.force, problem.stiffness, problem.rest),
             drive.for_kernels(),
             self._scale,
-            start.unknowns + ahead,
-            start.march.strain,
-            start.response,
-            CLOSE,
-            self._tolerance,
-            ITERATIONS,
-            rod.foundation(problem.force),
+            Start(start.unknowns + ahead, start.march.strain, start.response),
+            NewtonRule(CLOSE, self._tolerance, ITERATIONS, rod.foundation(problem.force)),
         )
         if not settled.converged:  # it takes more than good steps
             return super()._guess(problem, start, ahead)

@@ -81,6 +81,27 @@ class ChamberDrive(NamedTuple):
     slider_mm: FloatArray
 
 
+class Start(NamedTuple):
+    """Where Newton's method begins: unknowns (3+m,), the strains of a march, and the response
+    (3+m, 3+m) of its tip moment and route lengths to them."""
+
+    unknowns: FloatArray
+    strain: FloatArray
+    response: FloatArray
+
+
+class NewtonRule(NamedTuple):
+    """It begins no further off than `close`, and ends below `tolerance` or after `iterations`.
+
+    foundation: as for `unstable_directions`, N·mm/rad per mm.
+    """
+
+    close: float
+    tolerance: float
+    iterations: int
+    foundation: float
+
+
 class Settled(NamedTuple):
     """What `settle_chambers` has arrived at, all of it finite.
 
@@ -460,20 +481,33 @@ def _wrench_by_turn(n: FloatArray, m: FloatArray, out: FloatArray) -> None:
         out[a, a] = 1.0
 
 
+class Middle(NamedTuple):
+    """In the middle of an interval, in the base frame: quaternion and rotation (3, 3), force,
+    moment and tangent (3,), and what the routes push (6, m); along (6,) is room for one of them."""
+
+    quaternion: FloatArray
+    rotation: FloatArray
+    force: FloatArray
+    moment: FloatArray
+    tangent: FloatArray
+    along: FloatArray
+    pushes: FloatArray
+
+
+class Section(NamedTuple):
+    """Of an interval: kind (m,) of its routes, what they push (6, m), how the strain answers to a
+    turn and a moment (6, 6), and to what they push (6, m)."""
+
+    kind: NDArray[np.int8]
+    pushes: FloatArray
+    strains: FloatArray
+    answers: FloatArray
+
+
 @_kernel
-def _middle(
-    rod: LoadedRod,
-    k: int,
-    path: March,
-    q: FloatArray,
-    r: FloatArray,
-    n: FloatArray,
-    m: FloatArray,
-    v: FloatArray,
-    along: FloatArray,
-    pushes: FloatArray,
-) -> None:
-    """Frame, force, moment, tangent and what the routes push, mid-interval, in the base frame."""
+def _middle(rod: LoadedRod, k: int, path: March, middle: Middle) -> None:
+    """What `Middle` holds of interval k."""
+    q, r, n, m, v, along, pushes = middle
     for a in range(4):
         q[a] = path.quaternion[k, a] + path.quaternion[k + 1, a]
     _rotation(q, r)
@@ -525,10 +559,7 @@ def _exponential(h: float, a: FloatArray, scratch: FloatArray, out: FloatArray) 
 @_kernel
 def _add_lengthening(
     h: float,
-    kind: NDArray[np.int8],
-    pushes: FloatArray,
-    strains: FloatArray,
-    answers: FloatArray,
+    section: Section,
     spread: FloatArray,
     integral: FloatArray,
     columns: int,
@@ -536,6 +567,7 @@ def _add_lengthening(
     response: FloatArray,
 ) -> None:
     """Lengthening of the routes over an interval: what each pushes, times the change of strain."""
+    kind, pushes, strains, answers = section
     _multiply(strains, integral, columns, change)
     for i in range(columns - 3):
         for a in range(6):
@@ -566,6 +598,7 @@ def tangent(
     wrench, unused, scratch = np.zeros(6), np.empty(6), np.empty((6, width))
     strains, generator = np.empty((6, 6)), np.empty((6, 6))
     pushes, answers = np.empty((6, routes)), np.zeros((6, routes))
+    middle = Middle(q, r, n, m, v, along, pushes)
     state, source = np.zeros((6, width)), np.zeros((6, width))
     slope, integral = np.zeros((6, width)), np.empty((6, width))
     state[3, 0] = state[4, 1] = state[5, 2] = 1.0
@@ -575,7 +608,7 @@ def tangent(
         for i in range(columns - 3, routes):
             if rod.kind[k, i] != ABSENT:
                 columns = 4 + i
-        _middle(rod, k, path, q, r, n, m, v, along, pushes)
+        _middle(rod, k, path, middle)
         _imbalance(rod, k, 1, wrench, path.strain[k, 1], along, unused, h)
         if not _factor(h):
             return False
@@ -594,18 +627,8 @@ def tangent(
         _multiply(generator, integral, columns, slope)
         _add(state, 1.0, slope)
         _add(state, rod.step[k], source)
-        _add_lengthening(
-            rod.step[k],
-            rod.kind[k],
-            pushes,
-            strains,
-            answers,
-            spread[k],
-            integral,
-            columns,
-            slope,
-            response,
-        )
+        section = Section(rod.kind[k], pushes, strains, answers)
+        _add_lengthening(rod.step[k], section, spread[k], integral, columns, slope, response)
     _copy(state[3:], response[:3])
     return True
 
@@ -805,23 +828,18 @@ def settle_chambers(
     rod: LoadedRod,
     drive: ChamberDrive,
     scale: FloatArray,
-    start: FloatArray,
-    guess: FloatArray,
-    response: FloatArray,
-    close: float,
-    tolerance: float,
-    iterations: int,
-    foundation: float,
+    start: Start,
+    rule: NewtonRule,
 ) -> Settled:
-    """Newton's method from the unknowns `start` (3+m,) and the strains `guess`, as in
-    `shooting.Solver`, as long as every step is a good one.
+    """Newton's method as in `shooting.Solver`, as long as every step is a good one.
 
-    It begins no further off than `close`, with `response` (3+m, 3+m), which Broyden's formula
-    keeps up to date. rod.tension is overwritten.
+    Broyden's formula keeps the response up to date. rod.tension is overwritten.
     """
-    size, routes = start.shape[0], rod.kind.shape[1]
+    unknowns, guess, response = start
+    close, tolerance, iterations, foundation = rule
+    size, routes = unknowns.shape[0], rod.kind.shape[1]
     here, there = _room_for(rod), _room_for(rod)
-    unknowns, change = start, np.empty(size)
+    change = np.empty(size)
     residual, moved = np.empty(size), np.empty(size)
     by_length, moved_by_length = np.zeros((routes, routes)), np.zeros((routes, routes))
     by_pull = np.eye(routes)

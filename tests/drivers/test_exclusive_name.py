@@ -10,7 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from drivers.exclusive_name import ExclusiveName, NameTakenError, holder_of, is_taken
+from drivers.exclusive_name import (
+    ExclusiveName,
+    NameTakenError,
+    OtherName,
+    holder_of,
+    is_taken,
+)
 
 _HOLDS = """
 import sys
@@ -116,3 +122,30 @@ def test_our_own_commands_are_told_as_an_operator_types_them(
     assert found is not None
     assert found.command == ""
     held.release()
+
+
+def test_a_thing_with_several_names_has_one_holder(name: str) -> None:
+    thing, first, second = name, f"{name} first", f"{name} second"
+    said = [OtherName(one, thing) for one in (first, second)]
+    with pytest.raises(NameTakenError):
+        OtherName(first, thing)
+    held = ExclusiveName(first)
+    for one in (thing, first, second):
+        assert is_taken(one)
+        with pytest.raises(NameTakenError, match="is taken by this very process"):
+            ExclusiveName(one)
+    assert not is_taken(f"{name} third")
+    held.release()
+    assert not is_taken(second)
+    for saying in said:
+        saying.release()
+    ExclusiveName(first).release()
+
+
+def test_who_has_a_name_is_said_also_of_what_it_stood_for_before(name: str) -> None:
+    said = OtherName(f"{name} door", name)
+    with another_process(f"{name} door") as process:
+        said.release()
+        found = holder_of(name)
+        assert found is not None
+        assert found.pid == process.pid

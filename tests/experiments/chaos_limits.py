@@ -8,7 +8,7 @@ import struct
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import pi
+from math import inf, pi
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -31,6 +31,8 @@ _LAGS: Final = (1, 2, 3, 5, 10, 20)
 _SHAFT_BEYOND: Final = 1.25
 """A shaft that catches up with its target after a lost frame is faster than the target was."""
 _SHAFT_OVERSHOOT_MM: Final = 0.2
+_CATCHES_UP_S: Final = 0.05
+"""One that was jammed closes its following error within some lags of its drive, 4 ms each."""
 
 
 class AxisLimits(NamedTuple):
@@ -207,20 +209,21 @@ class ShaftWitness:
         self._limits = limits
         self._before: tuple[float, Sequence[float]] | None = None
         self._found: dict[tuple[str, str], Outside] = {}
-        self._was_free: list[bool] = []
+        self._jammed_s: dict[int, float] = {}
+        """By place: when it was last held by something."""
 
     def look(self, t_s: float, shafts: Sequence[float], jammed: Sequence[bool] = ()) -> None:
         """shafts: counts, in the order of the axes. jammed: whether something holds them.
 
-        One that comes free jumps to its target, which is no farther than its following error.
+        One that comes free goes to its target, which is no farther than its following error, as
+        fast as its motor can.
         """
-        free = [not now for now in jammed] or [True] * len(shafts)
-        was_free, self._was_free = self._was_free or free, free
+        self._jammed_s |= {place: t_s for place, now in enumerate(jammed) if now}
         for place, (limits, counts) in enumerate(zip(self._limits, shafts, strict=True)):
             at = counts / limits.counts_per_mm
             self._note(t_s, limits, "shaft", at, limits.highest + _SHAFT_OVERSHOOT_MM)
             self._note(t_s, limits, "shaft below", -at, _SHAFT_OVERSHOOT_MM - limits.lowest)
-            loose = free[place] and was_free[place]
+            loose = t_s - self._jammed_s.get(place, -inf) > _CATCHES_UP_S
             if loose and self._before is not None and t_s > self._before[0]:
                 before_s, before = self._before
                 moved = abs(counts - before[place]) / abs(limits.counts_per_mm)

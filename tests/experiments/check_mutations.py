@@ -66,7 +66,7 @@ def _line_gone(text: str, chance: random.Random) -> str:
 
 
 def _line_twice(text: str, chance: random.Random) -> str:
-    lines = text.splitlines(keepends=True)
+    lines = text.splitlines(keepends=True) or ["\n"]
     lines.insert(chance.randrange(len(lines) + 1), chance.choice(lines))
     return "".join(lines)
 
@@ -81,7 +81,9 @@ def _key(text: str, chance: random.Random) -> str:
 
 
 def _cut(text: str, chance: random.Random) -> str:
-    return text[: chance.randrange(1, len(text))] if chance.random() < 0.2 else text
+    if len(text) < 2 or chance.random() >= 0.2:
+        return text
+    return text[: chance.randrange(1, len(text))]
 
 
 def tried(folder: Path, kind: str, source: Path, text: str) -> bool:

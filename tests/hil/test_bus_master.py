@@ -2,10 +2,14 @@
 
 import json
 import os
+import select
 import signal
+import socket
 import subprocess
+import threading
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -99,15 +103,81 @@ def test_a_second_daemon_in_another_folder_is_refused_the_bus(robot: Rig) -> Non
     assert not robot.events("state", S.FAULT.value)
 
 
+def by_another_door(robot: Rig, interface: str, channel: Path) -> str:
+    """The same robot, with a bus that is opened elsewhere: its file."""
+    text = robot.robot.read_text().replace("lab:can0.sock", str(channel))
+    assert "interface: tentacled" in text
+    other = robot.folder / "other.yaml"
+    other.write_text(text.replace("interface: tentacled", f"interface: {interface}"))
+    return str(other)
+
+
+def test_a_second_master_by_the_other_door_of_an_emulated_bus_is_refused_it(robot: Rig) -> None:
+    robot.running()
+    for door in (robot.folder / "can0", (robot.folder / "can0").resolve()):
+        other = by_another_door(robot, "slcan", door)
+        with short_folder() as elsewhere:
+            (elsewhere / "aurora").symlink_to(robot.folder / "aurora")
+            where = ["--runtime-dir", str(elsewhere)]
+            daemon = ["run", other, *where, "--no-real-time", "--runs", str(elsewhere / "runs")]
+            wants_frames = ["probe", other, *where, "--capture", str(elsewhere / "bus.pcap")]
+            for words in (daemon, wants_frames):
+                frames, said, code = frames_of_a_master(robot, words)
+                assert (frames, code) == ([], 1)
+                assert f"{door} is taken: process {robot.daemon.pid} (tentacled run " in said
+                assert "Traceback" not in said
+    assert robot.state is S.RUNNING
+    assert not robot.events("state", S.FAULT.value)
+
+
+@contextmanager
+def another_adapter(bus: Path) -> Iterator[Path]:
+    """Plugged into an emulated bus: a socket that hands everything on, one client at a time."""
+    path = bus.with_name("other.sock")
+    ended = threading.Event()
+
+    def relay() -> None:
+        while not ended.is_set():
+            with suppress(OSError), listening.accept()[0] as client, _connected(bus) as there:
+                _hand_on(client, there)
+
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listening:
+        listening.bind(str(path))
+        listening.listen()
+        listening.settimeout(0.1)
+        thread = threading.Thread(target=relay)
+        thread.start()
+        try:
+            yield path
+        finally:
+            ended.set()
+            thread.join()
+
+
+def _connected(bus: Path) -> socket.socket:
+    there = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    there.connect(str(bus))
+    return there
+
+
+def _hand_on(one: socket.socket, other: socket.socket) -> None:
+    """Until either hangs up."""
+    ends = {one: other, other: one}
+    while True:
+        for end in select.select(list(ends), [], [])[0]:
+            packet = end.recv(64)
+            if not packet:
+                return
+            ends[end].send(packet)
+
+
 def test_a_master_that_comes_by_another_adapter_hears_us_and_keeps_silent(robot: Rig) -> None:
     """No lock can know that both adapters are plugged into one bus."""
     robot.running()
-    text = robot.robot.read_text().replace("lab:can0.sock", str(robot.folder / "can0"))
-    assert "interface: tentacled" in text
-    other = robot.folder / "other.yaml"
-    other.write_text(text.replace("interface: tentacled", "interface: slcan"))
-    probe = ["probe", str(other), "--runtime-dir", str(robot.folder), "--json", "--duration", "4"]
-    frames, said, code = frames_of_a_master(robot, probe)
+    with another_adapter(robot.folder / "can0.sock") as door:
+        other = by_another_door(robot, "tentacled", door)
+        probe = ["probe", other, "--runtime-dir", str(robot.folder), "--json", "--duration", "4"]
+        frames, said, code = frames_of_a_master(robot, probe)
     assert (frames, code) == ([], 1)
     lines = [json.loads(line) for line in said.splitlines() if line.startswith("{")]
     told = [line for line in lines if line.get("name") == "bus_foreign_master"]

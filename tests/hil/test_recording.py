@@ -19,7 +19,8 @@ from daemon.recording import flight_recorder
 from daemon.recording.channels import read_can_payload, read_tracker_payload
 from daemon.recording.flight_recorder import FlightRecorder, RecordingError
 from daemon.recording.recovery import Recovered, recover
-from daemon.recording.run_reader import RunReader, control_hash
+from daemon.recording.run_parts import control_hash
+from daemon.recording.run_reader import RunReader
 from drivers.can.frame import CanFrame
 from tests.daemon.recording.synthetic_run import (
     BOOT_NS,

@@ -23,6 +23,7 @@ S = OperatingState
 
 STALL_S = 0.3
 STALLS = 4
+STALLED = {"loop_stalled", "loop_late"}
 CYCLE_S = 12.0
 
 
@@ -84,20 +85,25 @@ def test_the_tour_goes_on_after_stalls_of_a_third_of_a_second(whose: str) -> Non
         assert not one.events("state", S.FAULT.value)
 
 
-@pytest.mark.parametrize("whose", ["daemon", "lab"])
-def test_after_a_long_stall_one_cause_leads_and_clear_and_arm_lead_back(whose: str) -> None:
+@pytest.mark.parametrize(
+    ("whose", "for_s"), [("daemon", 1.2), ("lab", 1.2), ("lab", 3.0)], ids=["daemon", "lab", "gone"]
+)
+def test_after_a_long_stall_one_cause_leads_and_clear_and_arm_lead_back(
+    whose: str, for_s: float
+) -> None:
     with as_shipped() as one:
         one.running()
         with stood_still(one.daemon.pid if whose == "daemon" else one.lab.process.pid):
-            time.sleep(1.2)
+            time.sleep(for_s)
         one.until(lambda: one.state is S.FAULT)  # its events may have had no way to us
         leads = {r.name for r in one.status().reasons if not r.follows_from}
+        assert not {name for name in leads if name.startswith("drive_")}
         if whose == "daemon":
             assert leads <= {"loop_stalled", "loop_slow", "tracker_warning"}
             assert "loop_stalled" in leads
-        else:  # nothing but their silence says that drives and tracker have one origin
-            assert len(leads & {"bus_queue_full", "node_lost"}) == 1
-            assert not {name for name in leads if name.startswith("drive_")}
+        elif not leads & STALLED:  # else a busy machine has kept the daemon from its turn as well
+            # Nothing but their silence says that drives and tracker have one origin.
+            assert len(leads & {"bus_queue_full", "node_lost"}) == 1, leads
         one._acquire()  # the lease may have run out meanwhile
         one.user.do(one.client.clear())
         one.user.do(one.client.arm())

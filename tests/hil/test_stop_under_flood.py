@@ -15,4 +15,4 @@ def test_every_stop_comes_through_by_every_way(flood: str) -> None:
     outcomes = flooded(flood, stops=2, real_time=False)
     for way, outcome in outcomes.items():
         assert outcome.lost == [], way
-        assert len(outcome.to_bus_ms) == 2
+        assert len(outcome.to_bus_ms) + len(outcome.at_rest) == 2

@@ -15,7 +15,9 @@ def main() -> int:
     main_thread = threading.get_ident()
 
     def heard(event: str, arguments: tuple[Any, ...]) -> None:
-        if event == "open" and threading.get_ident() == main_thread:
+        # An integer is a descriptor that is open already: the ends of a process' pipes.
+        opens = event == "open" and not isinstance(arguments[0], int)
+        if opens and threading.get_ident() == main_thread:
             os.write(out, f"{time.monotonic_ns()} {arguments[0]!r}\n".encode())
 
     sys.addaudithook(heard)

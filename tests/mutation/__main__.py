@@ -24,6 +24,7 @@ from tests.mutation.mutants import Mutant, mutants_of
 
 ROOT: Final = Path(__file__).parents[2]
 EQUIVALENT: Final = Path(__file__).with_name("equivalent.txt")
+TIP_CONSISTENCY: Final = ROOT / "safety" / "risk" / "tip_consistency.py"
 _LONGEST_S: Final = 120
 _PYTEST: Final = (
     *("-x", "-q", "--no-header", "--hypothesis-seed=0"),
@@ -89,7 +90,8 @@ def all_faults() -> list[tuple[Path, str, Mutant]]:
 
 
 def _sources() -> list[Path]:
-    return sorted((ROOT / "safety").glob("*.py"))
+    """What decides. The numerics of safety/risk are held by their references and by quadrature."""
+    return [*sorted((ROOT / "safety").glob("*.py")), TIP_CONSISTENCY]
 
 
 def _run_all(faults: Sequence[tuple[Path, str, Mutant]], jobs: int) -> Iterator[tuple[str, bool]]:
@@ -125,7 +127,9 @@ def _start(path: Path, mutant: Mutant) -> int:
 
 
 def _tests_for(path: Path) -> list[str]:
-    """All of tests/safety, those that are about this file first."""
+    """All of tests/safety, those that are about this file first; a part of the risk has its own."""
+    if path.parent.name == "risk":
+        return [str(ROOT / "tests" / "safety" / "risk" / f"test_{path.name}")]
     tests = sorted((ROOT / "tests" / "safety").glob("test_*.py"))
     tests.sort(key=lambda test: not test.stem.startswith(f"test_{path.stem}"))
     return [str(test) for test in tests]

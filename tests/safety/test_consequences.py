@@ -5,7 +5,7 @@ from itertools import product
 import pytest
 
 from safety.causes import CAUSES, Severity, cause
-from safety.consequences import LEADS_TO, Consequences, with_leads
+from safety.consequences import LEADS_LATER_TO, LEADS_TO, Consequences, with_leads
 from safety.failsafe import ActiveReason
 
 S = 1_000_000_000
@@ -87,6 +87,35 @@ def test_it_follows_only_in_its_time(
         worst_first(lead, reason("node_lost", follow_at_s)), round(follow_at_s * S)
     )
     assert ("node_lost", expected, False) in shown(ordered)
+
+
+@pytest.mark.parametrize("full", ["bus_queue_full", "bus_degraded"])
+@pytest.mark.parametrize(
+    ("full_at_s", "first"), [(9.0, "bus"), (10.0, "bus"), (11.0, "bus"), (11.1, "node")]
+)
+def test_a_queue_that_is_full_long_after_the_drives_have_gone_follows_from_that(
+    full: str, full_at_s: float, first: str
+) -> None:
+    ordered = ordered_once(
+        reason("node_lost", 10.0, latched=True),
+        reason("node_not_ready", 11.5),
+        reason(full, full_at_s),
+    )
+    leads = {name for name, follows, _ in ordered if not follows}
+    if first == "node":
+        assert leads == {"node_lost"}
+        assert {follows for _, follows, _ in ordered[1:]} == {"node_lost"}
+    elif full == "bus_queue_full":
+        assert leads == {"bus_queue_full"}
+    else:  # a bus that is worse than it should be explains no drive
+        assert leads == {"bus_degraded", "node_lost"}
+
+
+def test_what_leads_later_is_in_the_table_the_other_way_round_or_not_at_all() -> None:
+    names = {row.name for row in CAUSES}
+    for lead, follow in LEADS_LATER_TO.items():
+        assert {lead, *follow} <= names
+        assert not set(follow) & set(LEADS_TO.get(lead, ()))
 
 
 def test_what_has_nothing_to_do_with_it_does_not_follow() -> None:

@@ -195,3 +195,15 @@ def test_a_refusal_says_why(
 ) -> None:
     said = refusal(state, request_, severity, severity >= Severity.NOT_READY)
     assert (words in said) if words else said == ""
+
+
+@pytest.mark.parametrize("state", OperatingState)
+@pytest.mark.parametrize("severity", Severity)
+@pytest.mark.parametrize("request_", COLUMNS)
+def test_a_fault_while_the_drives_come_to_rest_counts_as_one_before(
+    state: OperatingState, severity: Severity, request_: Request | None
+) -> None:
+    still = next_state(state, request_, severity, True)
+    if state is STANDBY and severity >= Severity.FAULT:
+        still = ESTOP if severity is Severity.ESTOP else FAULT
+    assert next_state(state, request_, severity, True, coming_to_rest=True) is still

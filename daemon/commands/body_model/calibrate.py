@@ -5,6 +5,7 @@ import json
 import sys
 from pathlib import Path
 
+from config.problems import in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
 
@@ -35,11 +36,12 @@ def run(arguments: argparse.Namespace) -> int:
     if checked is None:
         return EXIT_FAILED
     # Matplotlib and the plant's compiled code are slow to come: `--help` does without.
+    from daemon.array_files import misfit_of
+    from daemon.commands.terminal.compiled import telling_progress
+    from daemon.files import write_whole
     from daemon.host.processes import worker_processes
-    from daemon.learning.samples.robot_fit import misfit_of
     from daemon.risk.model_file import read_model
     from daemon.workbench.body_model.clouds.collection import CollectionError
-    from daemon.workbench.body_model.clouds.collection_bar import CollectionBar
     from daemon.workbench.body_model.clouds.emulated_body import UnreachableError
     from daemon.workbench.body_model.evaluation.contact_calibration import (
         contact_calibration,
@@ -48,12 +50,15 @@ def run(arguments: argparse.Namespace) -> int:
     from daemon.workbench.body_model.evaluation.rollouts import roll_out
     from safety.risk.risk_model import RiskModelError
     from sim_backends.lab.lab import LabError
+    from sim_backends.plants.shooting import warm_up
 
     try:
         file = read_model(arguments.model)
         if misfit := misfit_of(file.about, checked.file.robot):
             raise RiskModelError(f"{arguments.model} does not fit this robot: {misfit}")
-        with CollectionBar() as bar, worker_processes(arguments.processes) as workers:
+        arguments.out.mkdir(parents=True, exist_ok=True)
+        with telling_progress() as bar, worker_processes(arguments.processes) as workers:
+            warm_up()  # here, once, and not in each process
             rollouts = roll_out(
                 checked.file.robot,
                 arguments.configurations,
@@ -72,9 +77,8 @@ def run(arguments: argparse.Namespace) -> int:
                 arguments.seed,
                 bar.advance,
             )
-        arguments.out.mkdir(parents=True, exist_ok=True)
         path, figure = arguments.out / "contact.json", arguments.out / "reliability.png"
-        path.write_text(json.dumps(found.summary(), indent=2) + "\n", encoding="utf-8")
+        write_whole(path, (json.dumps(found.summary(), indent=2) + "\n").encode())
         write_reliability(found, figure)
     except (
         RiskModelError,
@@ -84,7 +88,7 @@ def run(arguments: argparse.Namespace) -> int:
         ValueError,
         OSError,
     ) as error:
-        print(error, file=sys.stderr)
+        print(in_words(error), file=sys.stderr)
         return EXIT_FAILED
     print(
         f"{len(found.predicted)} situations of {found.rollouts} rollouts "

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from config.problems import in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
 from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
 
@@ -71,10 +72,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _imported(arguments: argparse.Namespace) -> int:
+    from daemon.commands.terminal.compiled import telling_progress
+    from daemon.files import check_can_be_made
     from daemon.host.processes import worker_processes
     from daemon.workbench.body_model.clouds.cloud_dataset import CloudDatasetError
     from daemon.workbench.body_model.clouds.cloud_import import import_clouds
-    from daemon.workbench.body_model.clouds.collection_bar import CollectionBar
 
     checked = robot_or_explain(arguments.robot)
     if checked is None:
@@ -91,11 +93,12 @@ def _imported(arguments: argparse.Namespace) -> int:
         print(error, file=sys.stderr)
         return EXIT_USAGE
     try:
-        with CollectionBar() as bar, worker_processes(arguments.processes) as workers:
+        check_can_be_made(arguments.out)
+        with telling_progress() as bar, worker_processes(arguments.processes) as workers:
             made = import_clouds(robot, arguments.folder, settings, workers, bar)
         made.save(arguments.out)
     except (CloudDatasetError, OSError) as error:
-        print(error, file=sys.stderr)
+        print(in_words(error), file=sys.stderr)
         return EXIT_FAILED
     print(
         f"{arguments.out}: {len(made)} configurations ({int(made.test.sum())} to test with), "
@@ -135,13 +138,15 @@ def _import_settings(arguments: argparse.Namespace, robot: "Robot") -> "ImportSe
 
 def _emulated(arguments: argparse.Namespace) -> int:
     # The plant's compiled code is slow to come: `--help` does without.
+    from daemon.commands.terminal.compiled import telling_progress
+    from daemon.files import check_can_be_made
     from daemon.host.processes import worker_processes
     from daemon.workbench.body_model.clouds.cloud_dataset import CloudDatasetError
     from daemon.workbench.body_model.clouds.collection import CollectionError, CollectionSettings
-    from daemon.workbench.body_model.clouds.collection_bar import CollectionBar
     from daemon.workbench.body_model.clouds.emulated_body import UnreachableError
     from daemon.workbench.body_model.clouds.parallel_collection import collect
     from sim_backends.lab.lab import LabError
+    from sim_backends.plants.shooting import warm_up
 
     checked = robot_or_explain(arguments.robot)
     if checked is None:
@@ -163,10 +168,12 @@ def _emulated(arguments: argparse.Namespace) -> int:
         print(error, file=sys.stderr)
         return EXIT_USAGE
     try:
-        with CollectionBar() as bar, worker_processes(arguments.processes) as workers:
+        check_can_be_made(arguments.out)
+        with telling_progress() as bar, worker_processes(arguments.processes) as workers:
+            warm_up()  # here, once, and not in each process
             made = collect(checked.file, settings, arguments.out, workers, bar)
     except (CollectionError, UnreachableError, CloudDatasetError, LabError, OSError) as error:
-        print(error, file=sys.stderr)
+        print(in_words(error), file=sys.stderr)
         return EXIT_FAILED
     clouds = len(made) * settings.starts
     print(

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from config.problems import in_words
 from daemon.commands.body_model.train import add_data_arguments, torch_or_explain
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
@@ -42,7 +43,9 @@ def run(arguments: argparse.Namespace) -> int:
     if checked is None or not torch_or_explain(arguments.threads):
         return EXIT_FAILED
     # Torch and matplotlib take seconds to come: `--help` does without.
-    from daemon.learning.samples.robot_fit import misfit_of
+    from daemon.array_files import misfit_of
+    from daemon.commands.terminal.compiled import telling_progress
+    from daemon.files import write_whole
     from daemon.risk.model_file import read_model
     from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset, CloudDatasetError
     from daemon.workbench.body_model.evaluation.evaluation import evaluate
@@ -54,28 +57,25 @@ def run(arguments: argparse.Namespace) -> int:
 
     try:
         dataset = CloudDataset.load(arguments.data, checked.file.robot)
+        arguments.out.mkdir(parents=True, exist_ok=True)
         file = read_model(arguments.model)
         if misfit := misfit_of(file.about, checked.file.robot):
             raise RiskModelError(f"{arguments.model} does not fit this robot: {misfit}")
         shape = NetworkShape(file.model.points.components)
         block = None if arguments.no_block else (shape, BodySettings().training)
-        made = evaluate(file, dataset, arguments.seed, arguments.references, block, _say)
-        arguments.out.mkdir(parents=True, exist_ok=True)
+        with telling_progress() as progress:
+            made = evaluate(file, dataset, arguments.seed, arguments.references, block, progress)
         path = arguments.out / "evaluation.json"
-        path.write_text(json.dumps(made.summary(), indent=2) + "\n", encoding="utf-8")
+        write_whole(path, (json.dumps(made.summary(), indent=2) + "\n").encode())
         figures = write_evaluation(made, file.model, dataset, arguments.out)
     except (CloudDatasetError, RiskModelError, TrainingError, ValueError, OSError) as error:
-        print(error, file=sys.stderr)
+        print(in_words(error), file=sys.stderr)
         return EXIT_FAILED
     for line in _lines(made):
         print(line)
     for written in (path, *figures):
         print(written)
     return EXIT_OK
-
-
-def _say(begins: str) -> None:
-    print(f"{begins} …", file=sys.stderr, flush=True)
 
 
 def _lines(made: "Evaluation") -> list[str]:

@@ -9,7 +9,9 @@ import json
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from config.problems import in_words
 from daemon.commands.body_model.train import (
     add_data_arguments,
     add_training_arguments,
@@ -17,6 +19,12 @@ from daemon.commands.body_model.train import (
 )
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
 from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from daemon.commands.terminal.progress_line import ProgressLine
+    from daemon.workbench.body_model.evaluation.component_sweep import Counted
 
 _MOST = 16
 
@@ -48,26 +56,30 @@ def run(arguments: argparse.Namespace) -> int:
     if checked is None or not torch_or_explain(arguments.threads):
         return EXIT_FAILED
     # Torch and matplotlib take seconds to come: `--help` does without.
+    from daemon.commands.terminal.compiled import telling_progress
+    from daemon.files import check_can_be_made
     from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset, CloudDatasetError
-    from daemon.workbench.body_model.evaluation.component_sweep import Counted, summary, sweep
+    from daemon.workbench.body_model.evaluation.component_sweep import summary, sweep
     from daemon.workbench.body_model.evaluation.mdn_figures import write_sweep
     from daemon.workbench.body_model.training.body_training import STARTS, BodySettings
     from daemon.workbench.body_model.training.training import TrainingError
 
-    def say(counted: Counted) -> None:
-        if not arguments.json:
-            print(counted.line, flush=True)
-
     try:
+        check_can_be_made(arguments.out)
         settings = replace(BodySettings().training, steps=arguments.steps, seed=arguments.seed)
         dataset = CloudDataset.load(arguments.data, checked.file.robot)
         starts = [start for start in STARTS if arguments.start in (start, "both")]
-        found = [
-            one for start in starts for one in sweep(dataset, components, settings, start, say)
-        ]
+        with telling_progress() as progress:
+            say = (lambda _: None) if arguments.json else _said_past(progress)
+            progress.begin("learning", float(settings.steps * len(starts) * len(components)))
+            found = [
+                one
+                for start in starts
+                for one in sweep(dataset, components, settings, start, say, progress)
+            ]
         write_sweep(found, arguments.out)
     except (CloudDatasetError, TrainingError, ValueError, OSError) as error:
-        print(error, file=sys.stderr)
+        print(in_words(error), file=sys.stderr)
         return EXIT_FAILED
     found_out = summary(found)
     if arguments.json:
@@ -81,6 +93,10 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"{start}: {said}; {advice}")
     print(arguments.out)
     return EXIT_OK
+
+
+def _said_past(progress: "ProgressLine") -> "Callable[[Counted], None]":
+    return lambda counted: progress.tell(counted.line)
 
 
 def _range(words: str) -> range | None:

@@ -7,10 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from config.problems import in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
 from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
 
 if TYPE_CHECKING:
+    from daemon.commands.terminal.progress_line import ProgressLine
     from daemon.workbench.body_model.training.body_training import BodySettings
     from daemon.workbench.body_model.training.training import Check
 
@@ -82,6 +84,8 @@ def run(arguments: argparse.Namespace) -> int:
     if checked is None or not torch_or_explain(arguments.threads):
         return EXIT_FAILED
     # Torch takes seconds to come: `--help` does without.
+    from daemon.commands.terminal.compiled import telling_progress
+    from daemon.files import check_can_be_made
     from daemon.risk.model_file import write_model
     from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset, CloudDatasetError
     from daemon.workbench.body_model.training.body_training import nats_in_metres, train_body
@@ -94,12 +98,14 @@ def run(arguments: argparse.Namespace) -> int:
         print(error, file=sys.stderr)
         return EXIT_USAGE
     try:
+        check_can_be_made(arguments.out)
         dataset = CloudDataset.load(arguments.data, checked.file.robot)
-        made = train_body(dataset, settings, _say)
+        with telling_progress() as progress:
+            made = train_body(dataset, settings, _Checks(settings, progress).hear)
         about = {**made.about, "commands": _commands(arguments, dataset.provenance)}
         write_model(arguments.out, made.arrays, about)
     except (CloudDatasetError, TrainingError, RiskModelError, ValueError, OSError) as error:
-        print(error, file=sys.stderr)
+        print(in_words(error), file=sys.stderr)
         return EXIT_FAILED
     kept_back = nats_in_metres(made.points.best.kept_back)
     widths = made.about["shapes_widths"]
@@ -130,12 +136,26 @@ def _settings(arguments: argparse.Namespace) -> "BodySettings":
     )
 
 
-def _say(network: str, check: "Check") -> None:
-    print(
-        f"{network} step {check.step}: NLL {check.learnt_from:.3f}, kept back "
-        f"{check.kept_back:.3f} nats (mm)",
-        flush=True,
-    )
+class _Checks:
+    """What is told of a training: each check, and how far each network is."""
+
+    def __init__(self, settings: "BodySettings", progress: "ProgressLine") -> None:
+        self._settings = settings
+        self._progress = progress
+        self._network = ""
+
+    def hear(self, network: str, check: "Check") -> None:
+        """As `train_body` tells it."""
+        if network != self._network:
+            self._network = network
+            of_points = self._settings.training
+            training = of_points if network == "points" else self._settings.shapes_training
+            self._progress.begin(f"learning, {network}, at the most", float(training.steps))
+        self._progress.tell(
+            f"{network} step {check.step}: NLL {check.learnt_from:.3f}, kept back "
+            f"{check.kept_back:.3f} nats (mm)"
+        )
+        self._progress.reach(float(check.step))
 
 
 def _commands(arguments: argparse.Namespace, collected: Mapping[str, Any]) -> list[str]:

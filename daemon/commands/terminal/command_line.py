@@ -3,12 +3,14 @@
 import argparse
 import atexit
 import gc
+import re
 import sys
 from collections.abc import Sequence
 from importlib import import_module
 from importlib.metadata import version
-from typing import Final, Protocol, cast
+from typing import Any, Final, NoReturn, Protocol, cast
 
+from config.problems import did_you_mean, in_words
 from daemon.host.real_time import imported_for_good
 
 EXIT_OK: Final = 0
@@ -67,22 +69,65 @@ class CommandModule(Protocol):
         ...
 
 
+class CommandParser(argparse.ArgumentParser):
+    """Says what may have been meant by a word that it does not know."""
+
+    def parse_known_args(self, *words: Any, **more: Any) -> Any:
+        """As the overridden one; but what this parser does not know is refused by itself, not by
+        the one above it, which has other options."""
+        self._words = [str(word) for word in words[0] or ()] if words else []
+        known, unknown = super().parse_known_args(*words, **more)
+        if unknown:
+            self.error(f"unknown: {self._with_options_meant(unknown)}")
+        return known, unknown
+
+    def error(self, message: str) -> NoReturn:
+        """Tell it, with the usage, and end with the exit code of wrong usage."""
+        if _REQUIRED in message:  # perhaps it is there, but misspelt
+            options = self._options()
+            given = [word for word in self._words if word.startswith("--") and word != "--"]
+            names = ((word, word.partition("=")[0]) for word in given)
+            misspelt = [
+                word for word, name in names if not any(one.startswith(name) for one in options)
+            ]
+            message += f"; unknown: {self._with_options_meant(misspelt)}" if misspelt else ""
+        super().error(_with_what_was_meant(message))
+
+    def _options(self) -> list[str]:
+        return re.findall(r"--[a-z][a-z-]*", self.format_help())
+
+    def _with_options_meant(self, words: Sequence[str]) -> str:
+        has = self._options()
+        return ", ".join(f"{word}{did_you_mean(word.partition('=')[0], has)}" for word in words)
+
+
+_REQUIRED: Final = "arguments are required"
+
+_CHOICE: Final = re.compile(
+    r"(argument (\S+): )invalid choice: (?:'|\")(.*)(?:'|\") \(choose from (.*)\)", re.S
+)
+_FEW_CHOICES: Final = 100
+"""Characters: what is longer is not read, and stands in the help."""
+
+
+def _with_what_was_meant(message: str) -> str:
+    found = _CHOICE.fullmatch(message)
+    if found is None:
+        return message
+    argument, name, word, known = found.groups()
+    choices = [choice.strip("' ") for choice in known.split(",")]
+    meant = did_you_mean(word, choices)
+    if name == "COMMAND":
+        return f"there is no command '{word}'{meant}; `tentacled --help` lists them"
+    more = "" if meant or len(known) > _FEW_CHOICES else f": there are {', '.join(choices)}"
+    return f"{argument}there is no '{word}'{meant}{more}"
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point of the console command. Returns the exit code."""
     # To look through all there is for garbage as the process ends would take tenths of a second.
     atexit.register(gc.freeze)
-    words = list(sys.argv[1:] if argv is None else argv)
-    wanted = next((word for word in words if not word.startswith("-")), None)
-    parser = argparse.ArgumentParser(
-        prog="tentacled", description="The control daemon for continuum robots."
-    )
-    parser.add_argument("--version", action="version", version=version("tentacled"))
-    subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for name, purpose in _COMMANDS.items():
-        subparser = subparsers.add_parser(name, help=purpose, description=purpose)
-        if name == wanted:
-            _command(name).add_arguments(subparser)
-    arguments = parser.parse_args(words)
+    arguments = parsed(sys.argv[1:] if argv is None else argv)
     try:
         return _command(arguments.command).run(arguments)
     except KeyboardInterrupt:
@@ -90,6 +135,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of our output has left, as `head` does
         sys.stderr.close()
         return EXIT_OK
+    except OSError as error:  # a file that a command has not looked at itself
+        if error.filename is None:
+            raise
+        print(in_words(error), file=sys.stderr)
+        return EXIT_FAILED
+
+
+def parsed(words: Sequence[str]) -> argparse.Namespace:
+    """What the words after `tentacled` ask for. Explains wrong usage, and ends the process."""
+    wanted = next((word for word in words if not word.startswith("-")), None)
+    parser = CommandParser(prog="tentacled", description="The control daemon for continuum robots.")
+    parser.add_argument("--version", action="version", version=version("tentacled"))
+    subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for name, purpose in _COMMANDS.items():
+        subparser = subparsers.add_parser(name, help=purpose, description=purpose)
+        if name == wanted:
+            _command(name).add_arguments(subparser)
+    return parser.parse_args(words)
 
 
 def _command(name: str) -> CommandModule:

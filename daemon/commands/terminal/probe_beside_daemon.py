@@ -11,6 +11,7 @@ import msgspec
 from rich.console import Console
 from rich.live import Live
 
+from daemon.commands.terminal.page import Size
 from daemon.commands.terminal.status_view import status_view
 from daemon.host.stop_signals import StopSignals
 from daemon.messages import Status
@@ -80,5 +81,5 @@ class _Reader:
                     line = {"kind": "status", **msgspec.to_builtins(status)}
                     print(json.dumps(line), flush=True)
                 else:
-                    self._live.update(status_view(status), refresh=True)
+                    self._live.update(status_view(status, Size.of_terminal()), refresh=True)
                 await asyncio.sleep(every_s)

@@ -90,8 +90,7 @@ def addresses(arguments: argparse.Namespace) -> list[Address]:
     folders = running_daemons(root)
     if not folders:
         raise DaemonNotRunningError(
-            "no daemon is running: start one with `tentacled run`, or name its folder with "
-            "--runtime-dir"
+            "no daemon is running: start one with `tentacled run`, or name its --runtime-dir"
         )
     return [LocalAddress.in_folder(folder) for folder in folders]
 

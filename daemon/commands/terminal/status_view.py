@@ -1,18 +1,16 @@
-"""The status for people: what state, why, and what the robot does."""
+"""The status for people: what state, why, and what the robot does, on one page."""
 
 from collections.abc import Sequence
 from typing import Final
 
-from rich.console import Group, RenderableType
-from rich.table import Table
+from rich.console import RenderableType
 from rich.text import Text
 
-from daemon.messages import AxisStatus, Reason, Status
-from daemon.remote.reason_groups import ReasonGroup, grouped, subjects
+from daemon.commands.terminal.page import BAD, DIM, GOOD, Size, cut, grid, page, paragraph, table
+from daemon.messages import AxisStatus, Reason, RiskStatus, Status
+from daemon.remote.reason_groups import ReasonGroup, detail_of, grouped, subjects
+from safety.risk_source import NoModel
 
-_DIM: Final = "dim"
-_BAD: Final = "bold red"
-_GOOD: Final = "green"
 _BANNER: Final = {
     "STANDBY": "black on white",
     "READY": "black on green",
@@ -23,15 +21,30 @@ _BANNER: Final = {
     "FAULT": "white on red",
     "ESTOP": "white on red",
 }
+NO_MODEL: Final = NoModel().name
+_LABEL: Final = 11
+"""Columns for what a line is about."""
+_FEW: Final = 3
+"""So many causes are told where there is little room; the others are named."""
 
 
-def status_view(status: Status) -> RenderableType:
-    """The whole robot."""
-    parts: list[RenderableType] = [_banner(status)]
-    parts += [_group(group) for group in grouped(status.reasons)]
-    parts += [_over(group) for group in grouped(_no_more(status))]
-    parts += [_figures(status), _axes(status.axes)]
-    return Group(*parts)
+def status_view(status: Status, size: Size | None = None) -> RenderableType:
+    """The whole robot. size: of the page; what matters least goes where that is not enough."""
+    room = Size(80) if size is None else size
+
+    banner, causes = _banner(status), _causes(status, room)
+    few_causes = _causes(status, room, brief=True)
+    figures, few_figures = _figures(status, room), _figures(status, room, brief=True)
+    axes, axes_briefly = _axes(status.axes, room), _axes_briefly(status.axes, room)
+    return page(
+        room,
+        (
+            [banner, *causes, *figures, *axes],
+            [banner, *causes, *few_figures, *axes],
+            [banner, *causes, *few_figures, *axes_briefly],
+            [banner, *few_causes, *few_figures, *axes_briefly],
+        ),
+    )
 
 
 def gone_view(last: Status | None, why: str, since_s: float) -> RenderableType:
@@ -47,20 +60,39 @@ def _banner(status: Status) -> Text:
     text.append(f"  {status.robot}", style="bold")
     if status.simulated:
         text.append("  SIMULATED", style="bold magenta")
-    text.append(f"  tentacled {status.version}", style=_DIM)
+    text.append(f"  tentacled {status.version}", style=DIM)
     return text
 
 
-def _group(group: ReasonGroup) -> Text:
+def _causes(status: Status, size: Size, *, brief: bool = False) -> list[Text]:
+    """What is wrong, and what has stopped the robot and is over. brief: remedies of the first one,
+    and no more than a few."""
+    told = [(group, False) for group in grouped(status.reasons)]
+    told += [(group, True) for group in grouped(_no_more(status))]
+    lines = []
+    for place, (group, over) in enumerate(told[: _FEW if brief else None]):
+        lines += _group(group, size, over=over, brief=brief and place > 0)
+    more = [group.lead.text for group, _ in told[_FEW:]] if brief else []
+    if more:
+        lines.append(Text(cut(f"and {len(more)} more: {'; '.join(more)}", size.width), style=BAD))
+    return lines
+
+
+def _group(group: ReasonGroup, size: Size, *, over: bool, brief: bool) -> list[Text]:
     reason = group.lead
-    text = Text(f"{group.subjects}: {reason.text}", style=_BAD)
-    if reason.detail:
-        text.append(f" ({reason.detail})")
-    text.append(f"  {reason.severity}, {_since(reason)}", style=_DIM)
-    text.append(f"\n    {reason.remedy}", style=_DIM)
-    for alike in group.follow.values():
-        text.append(f"\n    from that: {subjects(alike)}: {alike[0].text}", style="default")
-    return text
+    what = f"{'stopped by ' if over else ''}{group.subjects}: {reason.text}"
+    detail = detail_of(reason.text, reason.detail)
+    when = f"over, began {reason.since_s:.1f} s ago" if over else _since(reason)
+    spans = ((what, "" if over else BAD), (detail, ""), (f"  {reason.severity}, {when}", DIM))
+    if brief:
+        line = Text().append(cut(what, size.width), style="" if over else BAD)
+        return [line]
+    lines = paragraph(size, *spans)
+    lines += paragraph(size, (reason.remedy, DIM), first=4)
+    for alike in () if over else group.follow.values():
+        text = f"from that: {subjects(alike)}: {alike[0].text}"
+        lines += paragraph(size, (text, "default"), first=4, indent=6)
+    return lines
 
 
 def _since(reason: Reason) -> str:
@@ -75,30 +107,49 @@ def _no_more(status: Status) -> list[Reason]:
     return [why for why in status.stopped_by if (why.name, why.subject) not in still]
 
 
-def _over(group: ReasonGroup) -> Text:
-    reason = group.lead
-    text = Text(f"stopped by {group.subjects}: {reason.text}")
-    if reason.detail:
-        text.append(f" ({reason.detail})")
-    text.append(f"  {reason.severity}, over, began {reason.since_s:.1f} s ago", style=_DIM)
-    text.append(f"\n    {reason.remedy}", style=_DIM)
-    return text
+def _figures(status: Status, size: Size, *, brief: bool = False) -> list[Text]:
+    """One line each, as long as there is room. brief: the fewest lines, and details left out."""
+    error = "-" if status.error_mm is None else f"{status.error_mm:.2f} mm"
+    tip, reference = _vector(status.tip_mm), _vector(status.reference_mm)
+    rows: list[tuple[str, str, str]] = [("tip", tip, ""), ("reference", reference, "")]
+    if brief:
+        rows = [("tip", f"{tip}    error {error}", "")]
+    else:
+        rows.append(("error", error, ""))
+    good = status.tracker.state == "tracking"
+    rows += [
+        ("following", _following(status), ""),
+        ("tracker", _tracker(status), GOOD if good else BAD),
+        ("risk", _risk(status.risk), ""),
+        ("loop", _loop(status), ""),
+    ]
+    if not brief:
+        loop = status.loop
+        late = f"missed last: {loop.last_overrun}" if loop.last_overrun else ""
+        more = "; ".join(filter(None, (late, loop.real_time)))
+        rows += [("", more, DIM)] if more else []
+        rows += [("", status.risk.detail, DIM)] if _has_detail(status.risk) else []
+    lease = _lease(status)
+    recording = status.recording or "none"
+    if brief:
+        left = size.width - _LABEL - len(lease) - len("; recording ")
+        rows.append(("lease", f"{lease}; recording {cut(recording, max(left, 2), tail=True)}", ""))
+    else:
+        rows += [("lease", lease, ""), ("recording", recording, "")]
+    return [line for row in rows for line in _row(*row, size, brief)]
 
 
-def _figures(status: Status) -> Table:
-    table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
-    table.add_column(style=_DIM)
-    table.add_column()
-    table.add_row("tip", _vector(status.tip_mm))
-    table.add_row("reference", _vector(status.reference_mm))
-    table.add_row("error", "-" if status.error_mm is None else f"{status.error_mm:.2f} mm")
-    table.add_row("following", _following(status))
-    table.add_row("tracker", _tracker(status))
-    table.add_row("risk", _risk(status))
-    table.add_row("loop", _loop(status))
-    table.add_row("lease", _lease(status))
-    table.add_row("recording", status.recording or "none")
-    return table
+def _row(label: str, value: str, style: str, size: Size, brief: bool) -> list[Text]:
+    room = size.width - _LABEL
+    if label == "recording" or brief:
+        value = cut(value, room, tail=label == "recording")
+    head = label.ljust(_LABEL)
+    first, _, rest = value.partition(",")  # only what it is has a colour
+    spans = ((first, style), (f",{rest}" if rest else "", ""))
+    lines = paragraph(size, *spans, first=_LABEL, indent=_LABEL)
+    if lines:
+        lines[0] = Text(head, style=DIM) + lines[0][_LABEL:]
+    return lines
 
 
 def _vector(values: Sequence[float] | None) -> str:
@@ -109,6 +160,8 @@ def _following(status: Status) -> str:
     reference = status.reference
     if reference is None:
         return "nothing"
+    if reference.note:
+        return f"{reference.trajectory}, {reference.controller}: {reference.note}"
     cycles = "" if reference.cycles is None else f" of {reference.cycles}"
     cycle = "on the way to its start" if reference.cycle < 0 else f"cycle {reference.cycle + 1}"
     duration = "" if reference.duration_s is None else f" of {reference.duration_s:.1f}"
@@ -118,37 +171,34 @@ def _following(status: Status) -> str:
     )
 
 
-def _tracker(status: Status) -> Text:
+def _tracker(status: Status) -> str:
     tracker = status.tracker
-    text = Text(tracker.state, style=_GOOD if tracker.state == "tracking" else _BAD)
-    text.append(f", {tracker.rate_hz:.1f} frames/s, {tracker.quality:.0%} good", style="default")
+    told = [tracker.state, f"{tracker.rate_hz:.1f} frames/s", f"{tracker.quality:.0%} good"]
     if tracker.age_s is not None:
-        text.append(f", {_ms(tracker.age_s)} old", style="default")
+        told.append(f"{_time(tracker.age_s)} old")
     if tracker.latency_s is not None:
-        text.append(f", {_ms(tracker.latency_s)} on its way", style="default")
-    return text
+        told.append(f"{_time(tracker.latency_s)} on its way")
+    return ", ".join(told)
 
 
-def _risk(status: Status) -> str:
-    risk = status.risk
+def _has_detail(risk: RiskStatus) -> bool:
+    return bool(risk.detail) and risk.source != NO_MODEL
+
+
+def _risk(risk: RiskStatus) -> str:
+    through = f"{risk.scale:.0%} of the step let through"
+    if risk.source == NO_MODEL:
+        return f"no model of what the body may touch; {through}"
     contact = "unknown" if risk.contact_risk is None else f"{risk.contact_risk:.4f}"
     body = "" if risk.body_point_risk is None else f", of a body point {risk.body_point_risk:.4f}"
-    detail = f", {risk.detail}" if risk.detail else ""
-    return (
-        f"contact {contact} (most {risk.threshold:g}){body}, {risk.scale:.0%} let through, "
-        f"by {risk.source}{detail}"
-    )
+    return f"contact {contact} (most {risk.threshold:g}){body}, {through}, by {risk.source}"
 
 
 def _loop(status: Status) -> str:
     loop = status.loop
-    overrun = f", last late for {loop.last_overrun}" if loop.last_overrun else ""
-    real_time = f", {loop.real_time}" if loop.real_time else ""
     return (
-        f"{loop.rate_hz:.1f} steps/s, {loop.cycle_rate_hz:.0f} cycles/s, late by "
-        f"{_ms(loop.lateness_p50_s)} (p99 {_ms(loop.lateness_p99_s)}), step "
-        f"{_ms(loop.step_p50_s)} (p99 {_ms(loop.step_p99_s)}), {loop.missed} missed"
-        f"{overrun}{real_time}"
+        f"{loop.rate_hz:.1f} steps/s, {loop.cycle_rate_hz:.0f} cycles/s, {loop.missed} missed, "
+        f"late {loop.lateness_p99_s * 1e3:.3g}, step {loop.step_p99_s * 1e3:.3g} ms (p99)"
     )
 
 
@@ -160,28 +210,56 @@ def _lease(status: Status) -> str:
     return f"{lease.holder}{left}"
 
 
-def _axes(axes: Sequence[AxisStatus]) -> Table:
-    table = Table(box=None, pad_edge=False, header_style=_DIM, padding=(0, 2, 0, 0))
-    for column in ("axis", "node is", "drive is"):
-        table.add_column(column, no_wrap=True)
-    for column in ("actual", "target", "force", "volume"):
-        table.add_column(column, justify="right", no_wrap=True)
+def _axes(axes: Sequence[AxisStatus], size: Size) -> list[Text]:
+    """A line for each."""
+    head = ["axis", "drive is", "actual", "target", "", "force", "volume"]
+    rows = [
+        [
+            (axis.name, ""),
+            _drive(axis),
+            (_number(axis.actual, 3), ""),
+            (_number(axis.target, 3), ""),
+            (axis.unit, ""),
+            (_with_unit(axis.force, 2, axis.force_unit), ""),
+            (_with_unit(axis.volume_ml, 3, "mL"), ""),
+        ]
+        for axis in axes
+    ]
+    if all(axis.volume_ml is None for axis in axes):
+        head, rows = head[:-1], [row[:-1] for row in rows]
+    return table(head, rows, (2, 3, 5, 6), width=size.width)
+
+
+def _drive(axis: AxisStatus) -> tuple[str, str]:
+    """What its node is, until that is operational: a drive behind another one says nothing."""
+    if axis.node_state != "operational":
+        return axis.node_state, BAD
+    return axis.drive_state, ""
+
+
+def _axes_briefly(axes: Sequence[AxisStatus], size: Size) -> list[Text]:
+    """What drives are, each state once; and where they are, side by side."""
+    drives: dict[str, list[str]] = {}
     for axis in axes:
-        table.add_row(
-            axis.name,
-            Text(axis.node_state, style=_GOOD if axis.node_state == "operational" else _BAD),
-            axis.drive_state,
-            _number(axis.actual, 3, axis.unit),
-            _number(axis.target, 3, axis.unit),
-            _number(axis.force, 2, axis.force_unit),
-            _number(axis.volume_ml, 3, "mL"),
-        )
-    return table
+        drives.setdefault(_drive(axis)[0], []).append(axis.name)
+    if len(drives) == 1:
+        told = [f"all drives: {next(iter(drives))}"]
+    else:
+        told = [f"{', '.join(names)}: {state}" for state, names in drives.items()]
+    lines = [line for text in told for line in paragraph(size, (text, DIM))]
+    cells = [f"{axis.name} {_with_unit(axis.actual, 2, axis.unit)}" for axis in axes]
+    return lines + grid(cells, size.width)
 
 
-def _number(value: float | None, digits: int, unit: str) -> str:
+def _number(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def _with_unit(value: float | None, digits: int, unit: str) -> str:
     return "-" if value is None else f"{value:.{digits}f} {unit}"
 
 
-def _ms(seconds: float) -> str:
+def _time(seconds: float) -> str:
+    if seconds >= 1.0:
+        return f"{seconds:.1f} s"
     return f"{seconds * 1e3:.2f} ms" if seconds < 0.01 else f"{seconds * 1e3:.0f} ms"

@@ -9,17 +9,12 @@ from typing import Final
 
 from matplotlib.figure import Figure
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 
-from config.problems import ConfigError
+from config.paths import is_file
+from config.problems import ConfigError, in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
+from daemon.commands.terminal.compiled import compile_all, telling_progress
+from daemon.commands.terminal.progress_line import ProgressLine
 from daemon.workbench.studies.error_tables import aims_text, trouble_text
 from daemon.workbench.studies.findings import Findings, findings
 from daemon.workbench.studies.grid import Grid
@@ -55,7 +50,7 @@ def add_grid_arguments(parser: argparse.ArgumentParser) -> None:
 def shipped_study(name: str) -> Path:
     """The file of a shipped study, or the path that is meant itself."""
     shipped = Path(str(files("config") / "studies" / f"{name}.yaml"))
-    return shipped if shipped.is_file() else Path(name)
+    return shipped if is_file(shipped) else Path(name)
 
 
 _PAGE_WIDTH: Final = 160
@@ -80,7 +75,7 @@ def carry_out_study(
         print(error, file=sys.stderr)
         return EXIT_USAGE
     except (ConfigError, OSError) as error:
-        print(error, file=sys.stderr)
+        print(in_words(error), file=sys.stderr)
         return EXIT_FAILED
     _show(file, found, made)
     print("\n".join(map(str, written)))
@@ -107,9 +102,12 @@ def _plans(
 def _carry_out(runs: list[Run], arguments: argparse.Namespace) -> int:
     """Returns how many runs and models could not be done. Raises OSError."""
     arguments.out.mkdir(parents=True, exist_ok=True)
-    with _Bar(_console()) as bar:
-        Grid(runs, arguments.out).carry_out(arguments.jobs, arguments.keep_recordings, bar)
-    return bar.errors
+    with telling_progress() as progress:
+        told, grid = _Told(progress), Grid(runs, arguments.out)
+        if grid.left:
+            compile_all()  # here, once, and not in each process
+        grid.carry_out(arguments.jobs, arguments.keep_recordings, told)
+    return told.errors
 
 
 def _console() -> Console:
@@ -124,52 +122,47 @@ def _show(file: StudyFile, found: Findings, tables: list[Table]) -> None:
         console.print(line, markup=False, highlight=False)
 
 
-class _Bar:
-    """How far the grid is: a bar on a terminal, and a line for each run in any case."""
+class _Told:
+    """How far the grid is, and a line for each run."""
 
-    def __init__(self, console: Console) -> None:
+    def __init__(self, progress: ProgressLine) -> None:
         self.errors = 0
         """Runs and models that could not be done."""
-        self._progress = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeElapsedColumn(),
-            TimeRemainingColumn(),
-            console=console,
-            disable=not console.is_terminal,
-        )
-        self._console = console
-        self._models = self._runs = self._progress.add_task("", visible=False)
-
-    def __enter__(self) -> "_Bar":
-        self._progress.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._progress.stop()
+        self._progress = progress
+        self._models = self._runs = self._done = 0
 
     def begin(self, done: int, models: int, runs: int) -> None:
         if done:
-            self._tell(f"{done} runs are done already")
+            self._progress.tell(f"{done} runs are done already")
+        self._models, self._runs, self._done = models, done + runs, done
         if models:
-            self._models = self._progress.add_task("pre-training", total=models)
-        self._runs = self._progress.add_task("runs", total=done + runs, completed=done)
+            self._progress.begin("models to begin with", float(models))
+        elif runs:
+            self._begin_runs()
 
     def model(self, run: Run, error: str) -> None:
-        if error:
-            self.errors += 1
         self._tell(f"model for plant {run.plant}, seed {run.seed}{f': {error}' if error else ''}")
-        self._progress.advance(self._models)
+        self.errors += bool(error)
+        self._models -= 1
+        self._progress.advance()
+        if not self._models:
+            self._begin_runs()
 
     def run(self, run: Run, outcome: Outcome | None, error: str) -> None:
-        if error:
-            self.errors += 1
         self._tell(f"{run}: {error or _in_words(outcome)}")
-        self._progress.advance(self._runs)
+        self.errors += bool(error)
+        self._done += 1
+        self._progress.reach(float(self._done), what=self._what)
+
+    def _begin_runs(self) -> None:
+        self._progress.begin(self._what, float(self._runs), float(self._done))
+
+    @property
+    def _what(self) -> str:
+        return f"runs: {self._done} of {self._runs} done"
 
     def _tell(self, line: str) -> None:
-        self._console.print(line, markup=False, highlight=False)
+        self._progress.tell(line)
 
 
 def _in_words(outcome: Outcome | None) -> str:

@@ -101,7 +101,7 @@ class Tour:
                     await robot.resume()
 
     async def _hang_on(self) -> None:
-        """As a hand would: the daemon is not told."""
+        """As a hand would: the controller is not told."""
         request = {"do": "load", "tip_load_g": _LOAD_G}
         try:
             await asyncio.to_thread(ask, self._directory, request)

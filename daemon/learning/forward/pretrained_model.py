@@ -4,8 +4,6 @@ One npz: what the regression has learnt, the samples, and a JSON text with the s
 by epoch and where the data came from.
 """
 
-import json
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +12,7 @@ from typing import Any, Self
 import numpy as np
 
 from config.robot import Robot
-from daemon.files import MOST_MODEL_BYTES, ModelError, open_regular, prefixed, save_npz, stripped
+from daemon.array_files import ArrayFile, ModelError, misfit_of, prefixed, read_as, stripped
 from daemon.learning.forward.forward_model import receptive_fields
 from daemon.learning.forward.pretraining import Pretraining
 from daemon.learning.lwpr.model import Lwpr
@@ -23,10 +21,9 @@ from daemon.learning.samples.dataset import Dataset
 from daemon.learning.samples.motion import MotionTable
 from daemon.learning.samples.motion_samples import SamplingSettings
 from daemon.learning.samples.receptive_fields import ReceptiveFields
-from daemon.learning.samples.robot_fit import misfit_of
 
 KIND = "tentacled forward model/1"
-_METADATA = "metadata"
+_WHAT = "a forward model"
 _LWPR = "lwpr/"
 _MOTIONS = "motions/"
 
@@ -67,53 +64,42 @@ class PretrainedModel:
 
     def save(self, path: Path) -> None:
         """A reader sees the old file or the whole new one. Raises OSError."""
-        told = {
+        metadata = {
             "kind": KIND,
             **self.metadata,
             "lwpr": self.lwpr.settings.to_dict(),
             "sampling": self.sampling.to_dict(),
         }
-        save_npz(
-            path,
-            {
-                _METADATA: np.array(json.dumps(told, sort_keys=True)),
-                **prefixed(_LWPR, self.lwpr.to_arrays()),
-                **prefixed(_MOTIONS, self.motions.to_arrays()),
-            },
-        )
+        arrays = {
+            **prefixed(_LWPR, self.lwpr.to_arrays()),
+            **prefixed(_MOTIONS, self.motions.to_arrays()),
+        }
+        ArrayFile(metadata, arrays).save(path)
 
     @classmethod
     def load(cls, path: Path, robot: Robot) -> Self:
         """Raises ModelError for a file that is none, or another robot's; OSError."""
-        try:
-            with (
-                open_regular(path, MOST_MODEL_BYTES) as file,
-                np.load(file, allow_pickle=False) as stored,
-            ):
-                arrays = {name: stored[name] for name in stored.files}
-            told = json.loads(str(arrays.pop(_METADATA)))
-            if told.pop("kind") != KIND:
-                raise KeyError("kind")
-            settings = LwprSettings.from_dict(told.pop("lwpr"))
-            sampling = SamplingSettings.from_dict(told.pop("sampling"))
-            model = Lwpr.from_arrays(settings, stripped(_LWPR, arrays))
-            motions = MotionTable.from_arrays(stripped(_MOTIONS, arrays))
-        except (
-            ValueError,
-            TypeError,
-            KeyError,
-            AttributeError,
-            EOFError,
-            zipfile.BadZipFile,
-        ) as error:
-            raise ModelError(f"{path} is not a forward model: {error}") from None
+        with read_as(path, _WHAT):
+            return cls.of_file(path, ArrayFile.load(path), robot)
+
+    @classmethod
+    def of_file(cls, path: Path, file: ArrayFile, robot: Robot) -> Self:
+        """As `load`, of what was read from `path` already."""
+        with read_as(path, _WHAT):
+            metadata = dict(file.about)
+            if metadata.pop("kind") != KIND:
+                raise ValueError(f"its kind is not {KIND!r}")
+            settings = LwprSettings.from_dict(metadata.pop("lwpr"))
+            sampling = SamplingSettings.from_dict(metadata.pop("sampling"))
+            model = Lwpr.from_arrays(settings, stripped(_LWPR, file.arrays))
+            motions = MotionTable.from_arrays(stripped(_MOTIONS, file.arrays))
         axes = len(robot.axes)
-        misfit = misfit_of(told, robot)
+        misfit = misfit_of(metadata, robot)
         if misfit:
             raise ModelError(f"{path} does not fit this robot: {misfit}")
         if (settings.inputs, settings.outputs, motions.axes) != (3 + 2 * axes, 3, axes):
             raise ModelError(f"{path} is damaged: it is not for {axes} axes")
-        return cls(model, motions, sampling, told)
+        return cls(model, motions, sampling, metadata)
 
 
 def _without_nan(value: Any) -> Any:

@@ -17,6 +17,11 @@ from daemon.learning.samples.motion import Mask, MotionTable
 from daemon.learning.samples.motion_samples import SamplingSettings
 from drivers.pose import Vector
 
+
+class PretrainingError(ValueError):
+    """Nothing can be learnt from these data; the text says why."""
+
+
 # How much later than its axes the body moves: pneumatics, tubes and filters take their time.
 #
 # A motion of the tip that is put down to what the axes do at the same time is put down to the
@@ -32,10 +37,12 @@ _GAP_S = 0.1
 _ROWS_AT_MOST = 6000
 _ROWS_PER_FEATURE = 5
 _RIDGE = 1e-6
+_BEFORE_S = _SPAN_S + float(_LAGS_S[-1])
+"""What is explained, and the earliest that may explain it."""
 
 
 def body_lag_s(frames: Frames, travel: Vector) -> float:
-    """Seconds, 0 or more; 0 where there are too few frames to tell.
+    """Seconds, 0 or more. Raises PretrainingError where there are too few frames to tell.
 
     Frames that are not finite, out of order, or where the tip or an axis cannot have gone since the
     one before count as missing.
@@ -45,7 +52,11 @@ def body_lag_s(frames: Frames, travel: Vector) -> float:
     ends_s = _ends(t_s)
     features = len(travel) * (1 + len(travel))
     if len(ends_s) < _ROWS_PER_FEATURE * features:
-        return 0.0
+        raise PretrainingError(
+            f"how late the body follows its axes cannot be told from {len(ends_s)} sound frames "
+            f"with no gap in the {_BEFORE_S:g} s before them, {_ROWS_PER_FEATURE * features} are "
+            "needed: explore for longer, or say how late it is (--lag)"
+        )
     moved = _moved(t_s, frames.tip_mm, ends_s)
     left = [_unexplained(t_s, frames.u / travel, ends_s - lag_s, moved) for lag_s in _LAGS_S]
     return _lowest(np.array(left))
@@ -55,11 +66,10 @@ def _ends(t_s: Vector) -> Vector:
     """(k,) times at which a motion ends, with no gap anywhere near before."""
     if len(t_s) < 2:
         return np.zeros(0)
-    before_s = _SPAN_S + float(_LAGS_S[-1])
     gaps = np.flatnonzero(np.diff(t_s) > _GAP_S)
     begins_s = np.concatenate([t_s[:1], t_s[gaps + 1]])
     sound_since = begins_s[np.searchsorted(begins_s, t_s, side="right") - 1]
-    ends = t_s[t_s - sound_since >= before_s]
+    ends = t_s[t_s - sound_since >= _BEFORE_S]
     return np.asarray(ends[:: 1 + len(ends) // _ROWS_AT_MOST])
 
 
@@ -102,10 +112,6 @@ _SAMPLES_AT_LEAST = 50
 _LINES_AT_LEAST = 5
 
 
-class PretrainingError(ValueError):
-    """Nothing can be learnt from these data; the text says why."""
-
-
 @dataclass(frozen=True)
 class PretrainingSettings:
     """How a model is learnt."""
@@ -126,6 +132,8 @@ class PretrainingSettings:
             raise ValueError("epochs and fields are 1 or more, the seed 0 or more")
         if not 0.0 <= self.test_share < 1.0:
             raise ValueError(f"no {self.test_share:g} of the lines can be kept back")
+        if self.lag_s is not None and not 0.0 <= self.lag_s < np.inf:
+            raise ValueError(f"a body is not {self.lag_s:g} s late")
 
 
 class EpochErrors(NamedTuple):

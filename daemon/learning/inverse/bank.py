@@ -25,14 +25,13 @@ from daemon.learning.inverse.bank_kernels import (
     exchange,
     stale_fields,
 )
+from daemon.learning.inverse.engine_parts import Engine, SolvedFields
 from daemon.learning.inverse.local_controller_kernels import IndexArray, Sums, log_weights
 from daemon.learning.inverse.local_controller_settings import LocalControllerSettings
 from daemon.learning.inverse.local_controllers import Command
-from daemon.learning.inverse.prior import Prior, prior_for
-from daemon.learning.inverse.regressors import PLACE, Regressors
+from daemon.learning.inverse.prior import Prior
 from daemon.learning.inverse.reward import LEAST_MEAN_COST
-from daemon.learning.inverse.solved_fields import SolvedFields
-from daemon.learning.inverse.window import RegressionWindow, Window
+from daemon.learning.inverse.window import PLACE
 from daemon.learning.samples.motion import MotionSample
 from daemon.learning.samples.receptive_fields import ReceptiveFields
 from drivers.pose import Vector
@@ -75,7 +74,7 @@ class BankPrecision:
         return cls(sample_cut=3e-7, field_cut=3e-7, order=2, tolerance=0.1)
 
 
-class BankControllers:
+class BankControllers(Engine):
     """See `LocalControllers`."""
 
     def __init__(
@@ -88,11 +87,8 @@ class BankControllers:
         precision: BankPrecision | None = None,
     ) -> None:
         """precision: fine if None."""
+        super().__init__(fields, settings, capacity, posture, prior)
         precision = BankPrecision.fine() if precision is None else precision
-        self.fields = fields
-        self._regressors = Regressors(fields, settings)
-        self._data = RegressionWindow(capacity, self._regressors, settings, posture)
-        self._prior = prior_for(prior, fields, settings, self._data.posture)
         self._least_mass = settings.minimum_mass
         self._log_field_cut = float(np.log(precision.field_cut))
         self._solved = SolvedFields(fields, self._regressors, settings, self._log_field_cut)
@@ -122,14 +118,6 @@ class BankControllers:
         self.solve()
 
     @property
-    def window(self) -> Window:
-        return self._data.samples
-
-    @property
-    def posture(self) -> Vector:
-        return self._data.posture.copy()
-
-    @property
     def parameters(self) -> Vector:
         self.solve()
         return self._solved.parameters
@@ -154,13 +142,8 @@ class BankControllers:
         self._ring.filled[0] = self._data.count
         self._ring.places[:] = self._data.rows[:, PLACE:].T
         self._turn = 0
-        self._break_all()
+        self._forget()
         self.solve()
-
-    def set_posture(self, posture: Vector) -> None:
-        if self._data.set_posture(posture):
-            self._prior = self._prior.towards(self._data.posture)
-            self._break_all()
 
     def solve(self, budget: int | None = None) -> None:
         self._solve(np.flatnonzero(self._moments.stale)[:budget])
@@ -186,7 +169,7 @@ class BankControllers:
             self.made_anew += evaluate(some, moments, geometry, self._ring, self._rule, sums)
             self._solved.solve(some, sums, self._prior.sums)
 
-    def _break_all(self) -> None:
+    def _forget(self) -> None:
         self._moments.broken[:] = True
         self._moments.stale[:] = True
 

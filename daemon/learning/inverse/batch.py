@@ -8,20 +8,19 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from daemon.learning.inverse.engine_parts import Engine, SolvedFields
 from daemon.learning.inverse.local_controller_kernels import Sums, log_weights
 from daemon.learning.inverse.local_controller_settings import LocalControllerSettings
 from daemon.learning.inverse.local_controllers import Command
-from daemon.learning.inverse.prior import Prior, prior_for
-from daemon.learning.inverse.regressors import PLACE, Regressors
+from daemon.learning.inverse.prior import Prior
 from daemon.learning.inverse.reward import reward_scales, rewarded_products
-from daemon.learning.inverse.solved_fields import SolvedFields
-from daemon.learning.inverse.window import RegressionWindow, Window
+from daemon.learning.inverse.window import PLACE
 from daemon.learning.samples.motion import MotionSample
 from daemon.learning.samples.receptive_fields import ReceptiveFields
 from drivers.pose import Vector
 
 
-class BatchControllers:
+class BatchControllers(Engine):
     """See `LocalControllers`. `solve` always solves all fields: that is one product."""
 
     def __init__(
@@ -32,11 +31,7 @@ class BatchControllers:
         posture: Vector,
         prior: Prior | None = None,
     ) -> None:
-        self.fields = fields
-        self._settings = settings
-        self._regressors = Regressors(fields, settings)
-        self._data = RegressionWindow(capacity, self._regressors, settings, posture)
-        self._prior = prior_for(prior, fields, settings, self._data.posture)
+        super().__init__(fields, settings, capacity, posture, prior)
         self._solved = SolvedFields(fields, self._regressors, settings)
         self._log_weights = np.zeros((fields.count, capacity))
         self._weights = np.zeros((fields.count, capacity))
@@ -45,14 +40,6 @@ class BatchControllers:
         self._column = np.zeros((1, fields.count))
         self._all = np.arange(fields.count)
         self._stale = True
-
-    @property
-    def window(self) -> Window:
-        return self._data.samples
-
-    @property
-    def posture(self) -> Vector:
-        return self._data.posture.copy()
 
     @property
     def parameters(self) -> Vector:
@@ -69,10 +56,8 @@ class BatchControllers:
             self._weigh(slot)
         self._stale = True
 
-    def set_posture(self, posture: Vector) -> None:
-        if self._data.set_posture(posture):
-            self._prior = self._prior.towards(self._data.posture)
-            self._stale = True
+    def _forget(self) -> None:
+        self._stale = True
 
     def solve(self, budget: int | None = None) -> None:
         if self._stale and budget != 0:

@@ -9,15 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from daemon.learning.inverse.engine_parts import Engine
 from daemon.learning.inverse.local_controller_kernels import SUPPORT_CUTOFF
-from daemon.learning.inverse.local_controller_settings import LocalControllerSettings
 from daemon.learning.inverse.local_controllers import Command
-from daemon.learning.inverse.prior import Prior, prior_for
-from daemon.learning.inverse.regressors import PLACE, Regressors
 from daemon.learning.inverse.reward import reward_scale
-from daemon.learning.inverse.window import RegressionWindow, Window
+from daemon.learning.inverse.window import PLACE
 from daemon.learning.samples.motion import MotionSample
-from daemon.learning.samples.receptive_fields import ReceptiveFields
 from drivers.pose import Vector
 
 
@@ -28,40 +25,14 @@ class SolvedField(NamedTuple):
     matrix: Vector
 
 
-class OracleControllers:
+class OracleControllers(Engine):
     """See `LocalControllers`."""
-
-    def __init__(
-        self,
-        fields: ReceptiveFields,
-        settings: LocalControllerSettings,
-        capacity: int,
-        posture: Vector,
-        prior: Prior | None = None,
-    ) -> None:
-        self.fields = fields
-        self._settings = settings
-        self._regressors = Regressors(fields, settings)
-        self._data = RegressionWindow(capacity, self._regressors, settings, posture)
-        self._prior = prior_for(prior, fields, settings, self._data.posture)
-
-    @property
-    def window(self) -> Window:
-        return self._data.samples
-
-    @property
-    def posture(self) -> Vector:
-        return self._data.posture.copy()
 
     def add(self, sample: MotionSample) -> None:
         self._data.put(sample)
 
     def refill(self, samples: Iterable[MotionSample]) -> None:
         self._data.refill(samples)
-
-    def set_posture(self, posture: Vector) -> None:
-        if self._data.set_posture(posture):
-            self._prior = self._prior.towards(self._data.posture)
 
     def solve(self, budget: int | None = None) -> None:
         """Nothing waits here."""

@@ -9,12 +9,10 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from daemon.learning.inverse.local_controller_kernels import Sums
+from daemon.learning.inverse.local_controller_kernels import Sums, geometry_of, log_weights_of
 from daemon.learning.inverse.local_controller_settings import LocalControllerSettings
-from daemon.learning.inverse.regressors import PLACE, Regressors
 from daemon.learning.inverse.reward import costs, reward_scales, rewarded_products
-from daemon.learning.inverse.solved_fields import geometry_of, log_weights_of
-from daemon.learning.inverse.window import RegressionWindow
+from daemon.learning.inverse.window import PLACE, RegressionWindow, Regressors
 from daemon.learning.samples.motion import MotionSample
 from daemon.learning.samples.receptive_fields import ReceptiveFields
 from drivers.pose import Vector

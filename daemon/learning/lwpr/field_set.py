@@ -8,21 +8,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.learning.lwpr.fields import FieldArrays, unpack_metrics
-from daemon.learning.lwpr.metric import adapt
-from daemon.learning.lwpr.prediction import (
-    Projections,
-    blend_confidence,
-    blend_slopes,
-    derivative,
-)
-from daemon.learning.lwpr.query import Active, Bells, Inputs, Models, activate, predict
-from daemon.learning.lwpr.regression import (
+from daemon.learning.lwpr.learning_kernels import (
     DirectionRule,
     LearningFields,
     Sample,
     Scales,
+    ShapeRule,
+    Shapes,
+    adapt,
     close,
     learn,
+)
+from daemon.learning.lwpr.query_kernels import (
+    Active,
+    Bells,
+    Inputs,
+    Models,
+    Projections,
+    activate,
+    blend_confidence,
+    blend_slopes,
+    derivative,
+    predict,
 )
 from daemon.learning.lwpr.settings import LwprSettings
 from drivers.pose import Vector
@@ -61,8 +68,8 @@ class _Direct:
         return self._compiled(*arguments)
 
 
-_activate, _predict, _learn, _close, _blend_confidence, _derivative = (
-    _Direct(kernel) for kernel in (activate, predict, learn, close, blend_confidence, derivative)
+_activate, _predict, _blend_confidence, _derivative, _learn, _adapt, _close = map(
+    _Direct, (activate, predict, blend_confidence, derivative, learn, adapt, close)
 )
 
 
@@ -90,6 +97,10 @@ class FieldSet:
             float(settings.forgetting_tau), float(settings.init_s2), float(settings.add_threshold),
         )  # fmt: skip
         self._bisquare, self._cutoff = settings.kernel == "bisquare", float(settings.cutoff)
+        self._shape_rule = ShapeRule(
+            self._bisquare, float(settings.penalty), bool(settings.meta),
+            float(settings.meta_rate), bool(settings.compat),
+        )  # fmt: skip
         self.arrays = FieldArrays(settings, len(norm_out))
         self.pruned = 0
         self._make_workspace()
@@ -104,6 +115,7 @@ class FieldSet:
         self._models = _gathered(Models, arrays)
         self._projections = _gathered(Projections, arrays)
         self._learning = _gathered(LearningFields, arrays)
+        self._shapes = _gathered(Shapes, arrays)
 
     def reserve(self, fields: int) -> None:
         """Room for so many fields."""
@@ -123,7 +135,9 @@ class FieldSet:
         sample = Sample(x, y, found, fields, weights)
         _learn(self._scales, sample, self._learning, self._errors, predicted)
         if settings.adapt_metric:
-            self._adapt(sample)
+            _adapt(
+                self._scales, sample, self._learning, self._shapes, self._errors, self._shape_rule
+            )
         largest_rank = _close(sample, self._learning, len(self._regressed), self._direction_rule)
         arrays.largest_rank = max(arrays.largest_rank, largest_rank)
         if largest <= settings.generate_below and (settings.compat or settings.generate_below > 0):
@@ -132,17 +146,6 @@ class FieldSet:
         elif second_largest > settings.prune_above:
             self._prune(nearest, next_nearest)
         return predicted
-
-    def _adapt(self, sample: Sample) -> None:
-        arrays, settings, inputs = self.arrays, self._settings, self._inputs
-        adapt(
-            sample.x, inputs.norm, inputs.localised, inputs.localised_period, sample.found,
-            sample.fields, sample.weights, inputs.regressed, inputs.regressed_period,
-            arrays.anchor, arrays.mean,
-            arrays.along, arrays.load, arrays.centres, arrays.metrics, arrays.root, arrays.rate,
-            arrays.log_rate, arrays.meta_trace, arrays.outputs, arrays.directions, self._errors,
-            self._bisquare, settings.penalty, settings.meta, settings.meta_rate, settings.compat,
-        )  # fmt: skip
 
     def predict(self, x: Vector) -> Vector:
         """(k,) at x."""

@@ -10,7 +10,8 @@ those of the authors' C library.
 """
 
 from collections.abc import Callable
-from typing import Self
+from dataclasses import replace
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +21,9 @@ from daemon.learning.lwpr.settings import LwprSettings
 from drivers.pose import Vector
 
 FloatArray = NDArray[np.float64]
+
+_SUMS = ("energy", "covariance", "weight", "error", "trace_h", "trace_k")
+"""What a direction keeps that grows with the weight of the samples."""
 
 
 class Lwpr:
@@ -169,6 +173,36 @@ class Lwpr:
         """Before the first output learns what the last one would refuse."""
         if y.shape != (self.settings.outputs,) or not np.isfinite(y).all():
             raise ValueError("the output is not finite, or of another size: the sample is refused")
+
+
+def with_memory(model: Lwpr, samples: float) -> Lwpr:
+    """A copy whose fields remember so many of the samples that reach them, and of what they know
+    believe no more than as many would tell. No new fields come.
+
+    Pre-training ends with a memory of 1e5 samples: at three samples a second a change of the body
+    would be learnt in a day.
+    """
+    forgetting = 1.0 - 1.0 / samples
+    settings = replace(
+        model.settings,
+        forgetting_initial=forgetting,
+        forgetting_final=forgetting,
+        generate_below=0.0,
+    )
+    arrays: dict[str, NDArray[Any]] = {**model.to_arrays()}
+    if model.settings == settings:
+        return Lwpr.from_arrays(settings, arrays)
+    for prefix in {name.rpartition("/")[0] for name in arrays}:
+        directions = arrays[f"{prefix}/directions"]
+        weight = directions["weight"][:, :, :1]
+        kept = np.minimum(1.0, samples / np.maximum(weight, np.finfo(float).tiny))
+        for name in _SUMS:
+            directions[name] *= kept
+        directions["forgetting"] = forgetting
+        for name in ("along_sum", "load_sum"):
+            arrays[f"{prefix}/{name}"] *= kept[..., None]
+        arrays[f"{prefix}/outputs"]["transient"] *= kept[:, :, 0]
+    return Lwpr.from_arrays(settings, arrays)
 
 
 def warm_up() -> None:

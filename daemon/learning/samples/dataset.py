@@ -4,8 +4,6 @@ The frames are kept and not the samples, so that samples can be made of them in 
 """
 
 import hashlib
-import json
-import zipfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
@@ -14,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from config.robot import Robot
-from daemon.files import MOST_MODEL_BYTES, open_regular, save_npz
+from daemon.array_files import ArrayFile, ModelError, misfit_of, read_as, whose
 from daemon.learning.samples.motion import MotionTable
 from daemon.learning.samples.motion_samples import MotionSampler, SamplingSettings
-from daemon.learning.samples.robot_fit import misfit_of, whose
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
 
@@ -132,30 +129,24 @@ class Dataset:
 
     def save(self, path: Path) -> None:
         """A reader sees the old file or the whole new one. Raises OSError."""
-        told = json.dumps({"kind": _KIND, **self.provenance}, sort_keys=True)
         arrays = {name: getattr(self.frames, name) for name in _FRAMES}
-        save_npz(path, {_PROVENANCE: np.array(told), **arrays})
+        ArrayFile({"kind": _KIND, **self.provenance}, arrays).save(path, _PROVENANCE)
 
     @classmethod
     def load(cls, path: Path, robot: Robot) -> Self:
         """Raises DatasetError for a file that is none or another robot's, OSError."""
         try:
-            with (
-                open_regular(path, MOST_MODEL_BYTES) as file,
-                np.load(file, allow_pickle=False) as stored,
-            ):
-                provenance = json.loads(str(stored[_PROVENANCE]))
-                arrays = {name: np.asarray(stored[name]) for name in _FRAMES}
-            if provenance.pop("kind") != _KIND:
-                raise KeyError("kind")
-            frames = Frames(
-                arrays["t_ns"].astype(np.int64),
-                arrays["tip_mm"].astype(np.float64),
-                arrays["u"].astype(np.float64),
-                arrays["line"].astype(np.int64),
-            )
-        except (ValueError, KeyError, AttributeError, EOFError, zipfile.BadZipFile) as error:
-            raise DatasetError(f"{path} is not an exploration: {error}") from None
+            with read_as(path, "an exploration"):
+                file = ArrayFile.load(path, _KIND, _PROVENANCE)
+                frames = Frames(
+                    file.arrays["t_ns"].astype(np.int64),
+                    file.arrays["tip_mm"].astype(np.float64),
+                    file.arrays["u"].astype(np.float64),
+                    file.arrays["line"].astype(np.int64),
+                )
+        except ModelError as error:
+            raise DatasetError(str(error)) from None
+        provenance = file.about
         misfit = misfit_of(provenance, robot)
         if misfit or frames.u.shape[1] != len(robot.axes):
             raise DatasetError(f"{path} does not fit this robot: {misfit or 'other axes'}")

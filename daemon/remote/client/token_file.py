@@ -1,11 +1,12 @@
 """The lease that `tentacled lease` holds, for the same user's other commands."""
 
-import os
 from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
 import msgspec
+
+from daemon.files import write_whole
 
 _NAME: Final = "lease.json"
 
@@ -25,12 +26,7 @@ def token_file(folder: Path, user: str) -> Path:
 def store_lease(path: Path, lease: StoredLease) -> None:
     """Keep it where nobody else can read it. Raises OSError."""
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    new = path.with_name(f".{path.name}.{os.getpid()}")
-    new.unlink(missing_ok=True)
-    descriptor = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
-    with os.fdopen(descriptor, "wb") as file:
-        file.write(msgspec.json.encode(lease))
-    new.replace(path)
+    write_whole(path, msgspec.json.encode(lease), 0o600)
 
 
 def stored_token(path: Path) -> str:

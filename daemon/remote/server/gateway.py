@@ -34,6 +34,8 @@ _UNKNOWN: Final = (
 )
 _NICENESS: Final = 5
 """Of who hands on everything else: less than a STOP, and less than the control loop."""
+_NICENESS_OF_STOP: Final = -10
+"""It has little to do, and is to do it before whatever keeps the machine busy."""
 
 
 class GatewaySettings(msgspec.Struct, frozen=True):
@@ -174,7 +176,7 @@ def main() -> int:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     settings = msgspec.json.decode(sys.argv[1], type=GatewaySettings)
     with suppress(OSError):  # more than its share is not everybody's to give
-        os.nice(_NICENESS if settings.stops is None else -_NICENESS)
+        os.nice(_NICENESS if settings.stops is None else _NICENESS_OF_STOP)
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
     asyncio.run(_serve(settings))  # by epoll: there may be thousands of descriptors

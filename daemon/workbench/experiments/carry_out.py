@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 
 from config.robot import Robot
+from daemon.host.progress import Progress
 from daemon.messages import Axes, Tip
 from daemon.recording.result import read_result, write_result
 from daemon.reference.trajectories import make_trajectory
@@ -115,6 +116,7 @@ async def carry_out(
     truth: Truth | None,
     seed: int,
     tell: Tell,
+    progress: Progress | None = None,
 ) -> None:
     """Leaves recording, result and steps in the run's folder, also where it fails on the way.
 
@@ -128,7 +130,7 @@ async def carry_out(
     try:
         async with session(robot_file, robot, dependencies, make_folder, seed) as at_work:
             recording, operator = at_work.recording, at_work.operator
-            trial = Trial(file.experiment, trajectory, at_work, lab, stopwatch, tell)
+            trial = Trial(file.experiment, trajectory, at_work, lab, stopwatch, tell, progress)
             witness.elapsed_s = lambda: operator.elapsed_s
             dependencies.subscribers.add_for(Tip, witness.hear_tip)
             dependencies.subscribers.add_for(Axes, witness.hear_axes)

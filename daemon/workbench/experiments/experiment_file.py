@@ -10,7 +10,7 @@ from config.emulation import Emulation
 from config.experiment import Experiment
 from config.loader import RobotFile
 from config.paths import BUILTIN, is_file
-from config.problems import ConfigError, Problem
+from config.problems import ConfigError, Problem, did_you_mean, did_you_mean_file
 from config.robot import Robot
 from config.schema_errors import schema_problems
 from config.yaml_document import Location, YamlDocument, read_yaml
@@ -32,8 +32,11 @@ class ExperimentFile:
         """A problem at `location` of this file, found by a check that lives elsewhere."""
         return self.document.problem(location, message)
 
-    def describe(self, folder: Path, wall_ns: int, seed: int) -> None:
-        """Write into a run's folder what is run, with which model. Raises OSError."""
+    def describe(self, folder: Path, wall_ns: int | None, seed: int) -> None:
+        """Write into a run's folder what is run, with which model. Raises OSError.
+
+        wall_ns: None in virtual time.
+        """
         model = getattr(self.experiment.controller, "model", None)
         models = {} if model is None else {"controller": Path(model)}
         describe_run(folder, self.robot, self.file.path, wall_ns, seed, models)
@@ -56,7 +59,8 @@ def load_experiment(path: Path) -> ExperimentFile:
 def _with_robot(path: Path, document: YamlDocument, experiment: Experiment) -> ExperimentFile:
     named = robot_path(experiment.robot, path)
     if not is_file(named):
-        raise ConfigError([document.problem(("robot",), f"there is no file {named}")])
+        text = f"there is no file {named}{_robot_meant(experiment.robot, named)}"
+        raise ConfigError([document.problem(("robot",), text)])
     file = check_robot(named).file
     if file.robot.emulation is None:
         text = "experiments need an emulated robot, and this one has no 'emulation'"
@@ -67,6 +71,13 @@ def _with_robot(path: Path, document: YamlDocument, experiment: Experiment) -> E
     if why:
         raise ConfigError([document.problem(("trajectory",), why)])
     return ExperimentFile(path, experiment, file, robot, document)
+
+
+def _robot_meant(name: str, path: Path) -> str:
+    """What may have been meant by the name of a robot file that is not there."""
+    if not name.startswith(BUILTIN):
+        return did_you_mean_file(path)
+    return did_you_mean(name, (f"{BUILTIN}{file.stem}" for file in path.parent.glob("*.yaml")))
 
 
 def _why_not_followed(experiment: Experiment, robot: Robot, folder: Path) -> str:

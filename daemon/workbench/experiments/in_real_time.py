@@ -7,6 +7,7 @@ from pathlib import Path
 from daemon.controllers.make_controller import warm_up
 from daemon.host.clock import MonotonicClock, run_in_real_time
 from daemon.host.processes import OwnProcesses, ProcessError
+from daemon.host.progress import Progress
 from daemon.host.real_time import RealTime
 from daemon.recording.flight_recorder import FlightRecorder
 from daemon.recording.result import Result, read_result
@@ -22,15 +23,23 @@ from daemon.workbench.experiments.trial import Tell, TrialError
 from drivers.can.bus_lock import check_buses_are_free
 
 
-def carry_out_in_real_time(file: ExperimentFile, seed: int, folder: Path, tell: Tell) -> Result:
+def carry_out_in_real_time(
+    file: ExperimentFile,
+    seed: int,
+    folder: Path,
+    tell: Tell,
+    progress: Progress | None = None,
+) -> Result:
     """Takes as long as the trajectory. Raises TrialError, OSError.
+
+    progress: hears how far it is, in the control loop's thread: it must never wait.
 
     folder: an empty one, for the run. What was recorded before an error is there too.
     """
     with tempfile.TemporaryDirectory(prefix="tentacled-") as name:
         directory = Path(name)
         (directory / "robot.yaml").write_text(robot_yaml(file.robot, file.file.path))
-        run_in_real_time(_with_lab(file, seed, folder, directory, tell))
+        run_in_real_time(_with_lab(file, seed, folder, directory, tell, progress))
     result = read_result(folder)
     if result is None:
         raise TrialError(f"{folder}: the run left no result")
@@ -64,13 +73,18 @@ class _RunningLab:
 
 
 async def _with_lab(
-    file: ExperimentFile, seed: int, folder: Path, directory: Path, tell: Tell
+    file: ExperimentFile,
+    seed: int,
+    folder: Path,
+    directory: Path,
+    tell: Tell,
+    progress: Progress | None,
 ) -> None:
     where = ["--runtime-dir", str(directory), "--seed", str(seed)]
     lab = OwnProcesses(["emulate", str(directory / "robot.yaml"), *where])
     try:
         await lab.start()
-        await _carry_out(file, seed, folder, directory, tell)
+        await _carry_out(file, seed, folder, directory, tell, progress)
     except ProcessError as error:
         raise TrialError(f"the emulated lab did not start: {error}") from None
     finally:
@@ -78,7 +92,12 @@ async def _with_lab(
 
 
 async def _carry_out(
-    file: ExperimentFile, seed: int, folder: Path, directory: Path, tell: Tell
+    file: ExperimentFile,
+    seed: int,
+    folder: Path,
+    directory: Path,
+    tell: Tell,
+    progress: Progress | None,
 ) -> None:
     clock, real_time = MonotonicClock(), RealTime()
     warm_up()
@@ -97,4 +116,4 @@ async def _carry_out(
 
     robot, lab = with_lab_ports(file.robot, directory), _RunningLab(directory, tell)
     check_buses_are_free(robot.buses.values())
-    await carry_out(file, robot, dependencies, make_folder, lab, None, seed, tell)
+    await carry_out(file, robot, dependencies, make_folder, lab, None, seed, tell, progress)

@@ -6,11 +6,11 @@ from random import Random
 
 import msgspec
 
+from daemon.host.progress import Progress
 from daemon.host.real_time import collector_rarely
 from daemon.recording.direct_recorder import DirectRecorder
 from daemon.recording.result import Result, read_result, write_result
-from daemon.recording.run_folder import RUN_FILE
-from daemon.recording.run_reader import control_hash
+from daemon.recording.run_parts import control_hash
 from daemon.robot.lab_connections import LabConnections
 from daemon.service.dependencies import Dependencies
 from daemon.workbench.experiments.carry_out import carry_out
@@ -29,35 +29,39 @@ def carry_out_in_virtual_time(
     folder: Path,
     tell: Tell,
     hash_of_recording: Callable[[], str] | None = None,
+    progress: Progress | None = None,
 ) -> Result:
     """The same file and seed give the same recording, to the last bit. Raises TrialError, OSError.
 
     folder: an empty one, for the run. What was recorded before an error is there too.
-    hash_of_recording: from somebody who has read it already.
+    hash_of_recording: from somebody who has read it already. progress: hears how far it is.
     """
     with collector_rarely():
-        run_in_virtual_time(_carry_out(file, seed, folder, tell))
+        run_in_virtual_time(_carry_out(file, seed, folder, tell, progress))
     result = read_result(folder)
     if result is None:
         raise TrialError(f"{folder}: the run left no result")
-    digest = control_hash(folder / RUN_FILE) if hash_of_recording is None else hash_of_recording()
+    digest = control_hash(folder) if hash_of_recording is None else hash_of_recording()
     hashed = msgspec.structs.replace(result, control_sha256=digest)
     write_result(folder, hashed)
     return hashed
 
 
-async def _carry_out(file: ExperimentFile, seed: int, folder: Path, tell: Tell) -> None:
+async def _carry_out(
+    file: ExperimentFile, seed: int, folder: Path, tell: Tell, progress: Progress | None
+) -> None:
     clock = virtual_clock()
     lab = Lab(file.robot, file.file.path, clock, seed)
     lab.start()
 
     async def make_folder() -> Path:
-        file.describe(folder, clock.wall_time_ns(), seed)
+        file.describe(folder, None, seed)
         return folder
 
     dependencies, truth = _dependencies(file, lab, clock, seed), _TruthOf(lab)
     try:
-        await carry_out(file, file.robot, dependencies, make_folder, lab, truth, seed, tell)
+        robot = file.robot
+        await carry_out(file, robot, dependencies, make_folder, lab, truth, seed, tell, progress)
     finally:
         lab.stop()
 

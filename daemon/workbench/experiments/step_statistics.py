@@ -1,6 +1,5 @@
 """What the steps of an experiment come to: errors by cycle, drift, and what the tracker allows."""
 
-import os
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Final
@@ -9,6 +8,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from daemon.array_files import save_npz
 from daemon.recording.result import CycleError, TrackerLimits
 
 # Every step of an experiment that counts, as arrays: what figures and statistics are made of.
@@ -48,17 +48,8 @@ class StepSeries:
 
     def save(self, path: Path) -> None:
         """Write all, in single precision. A reader sees the whole file or none. Raises OSError."""
-        partial = path.with_name(path.name + ".partial")
         arrays = {field.name: getattr(self, field.name) for field in fields(self)}
-        with partial.open("wb") as file:
-            np.savez_compressed(
-                file,
-                allow_pickle=False,
-                **{name: array.astype(np.float32) for name, array in arrays.items()},
-            )
-            file.flush()
-            os.fsync(file.fileno())
-        partial.replace(path)
+        save_npz(path, {name: array.astype(np.float32) for name, array in arrays.items()})
 
     @classmethod
     def load(cls, path: Path) -> "StepSeries":

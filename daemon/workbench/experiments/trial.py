@@ -1,6 +1,7 @@
 """One experiment, carried out: the same service and operator as under a remote client."""
 
 import asyncio
+import re
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -9,6 +10,7 @@ from typing import Final
 from config.experiment import Experiment
 from config.loader import RobotFile
 from config.robot import Robot
+from daemon.host.progress import Progress, Unheard
 from daemon.messages import Acquire, Answer, Arm, Disarm, Refusal, Tip
 from daemon.reference.trajectories import Trajectory
 from daemon.service.dependencies import Dependencies
@@ -65,6 +67,8 @@ _READY_WITHIN_S: Final = 120.0
 _RENEWALS_PER_LEASE: Final = 4
 _LOOK_EVERY_S: Final = 0.05
 _LOOKS_UNTIL_IT_RUNS: Final = 20
+_COUNTED: Final = re.compile(r"(\D*)(\d+) of (\d+)")
+"""In a controller's note: what it does, and how much of that."""
 _MOST_IN_A_ROW: Final = 50
 """So often may it be held at once when it was resumed."""
 
@@ -84,7 +88,9 @@ class Trial:
         lab: LabControl,
         stopwatch: Stopwatch,
         tell: Tell,
+        progress: Progress | None = None,
     ) -> None:
+        """progress: hears how far it is, each part of it for itself."""
         self.resumptions = 0
         """How often the motion had to be resumed after something had held it."""
         self._experiment = experiment
@@ -93,11 +99,15 @@ class Trial:
         self._operator = session.operator
         self._stopwatch = stopwatch
         self._tell = tell
+        self._progress = Unheard() if progress is None else progress
+        self._part: str | None = None
+        """What is being done, as the progress has it."""
         self._token = ""
         self._happenings = Happenings(
             experiment.happenings, experiment.tip_load_g, lab, self._happened
         )
         self._last_ns: int | None = None
+        self._cycle = -1
         self._service.dependencies.subscribers.add_for(Tip, self._step)
 
     async def run(self) -> None:
@@ -124,6 +134,7 @@ class Trial:
 
     async def _ready(self) -> None:
         supervisor = self._service.supervisor
+        self._progress.begin("getting ready", 0.0)
         try:
             async with asyncio.timeout(_READY_WITHIN_S):
                 while supervisor.state is not OperatingState.READY:
@@ -153,6 +164,7 @@ class Trial:
         looks_running = in_a_row = 0
         while True:
             await asyncio.sleep(_LOOK_EVERY_S)
+            self._tell_how_far()
             if supervisor.running:
                 looks_running += 1
                 in_a_row = 0 if looks_running > _LOOKS_UNTIL_IT_RUNS else in_a_row
@@ -169,10 +181,29 @@ class Trial:
             self.resumptions += supervisor.running
             in_a_row += supervisor.running
 
+    def _tell_how_far(self) -> None:
+        """Of what the controller does first, where it counts that; then of the trajectory."""
+        note, experiment = self._service.loop.note, self._experiment.experiment
+        counted = _COUNTED.search(note)
+        what, part = f"{experiment}: {note}", note
+        now = total = 0.0
+        if counted is not None:
+            part, now, total = counted[1], float(counted[2]), float(counted[3])
+        elif not note and self._cycle < 0:
+            what = part = f"{experiment}: on the way to its start"
+        elif not note:
+            what, now = f"{experiment}: following", self._operator.elapsed_s
+            total = self._trajectory.duration_s
+        if part != self._part:
+            self._part = part
+            self._progress.begin(what, total, now)
+        else:
+            self._progress.reach(now, total, what)
+
     def _step(self, tip: Tip) -> None:
         """Happenings go by the trajectory's own time."""
         dt_s = 0.0 if self._last_ns is None else (tip.t_ns - self._last_ns) * 1e-9
-        self._last_ns = tip.t_ns
+        self._last_ns, self._cycle = tip.t_ns, tip.cycle
         self._happenings.step(self._operator.elapsed_s, tip.cycle, dt_s)
 
     def _happened(self, what: str) -> None:

@@ -12,6 +12,7 @@ from config.exploration import WaypointExploration
 from config.loader import RobotFile
 from config.robot import Robot
 from config.trajectory import Hold
+from daemon.host.progress import Progress
 from daemon.learning.samples.dataset import Dataset
 from daemon.recording.run_folder import robot_yaml
 from daemon.robot.axes import AxisRanges
@@ -38,13 +39,15 @@ def explore(
     *,
     tip_load_g: float = 0.0,
     real_time: bool = False,
+    progress: Progress | None = None,
 ) -> Dataset:
     """Leaves its recording in `run`, an empty folder. Raises TrialError, DatasetError, OSError.
 
     The same file, options and seed give the same data, unless in real time.
     """
     carry_out = carry_out_in_real_time if real_time else carry_out_in_virtual_time
-    carry_out(_experiment(file, options, seed, tip_load_g), seed, run, tell)
+    experiment = _experiment(file, options, seed, tip_load_g)
+    carry_out(experiment, seed, run, tell, progress=progress)
     how = {
         "exploration": options.model_dump(mode="json"),
         "seed": seed,

@@ -7,6 +7,7 @@ was made. Where any of this changes, there is another model.
 import hashlib
 import json
 import tempfile
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -15,9 +16,11 @@ from typing import Any, Final
 from config.experiment import Pretraining
 from config.exploration import WaypointExploration
 from config.loader import RobotFile
-from daemon.files import ModelError, models_directory
+from daemon.array_files import ModelError
+from daemon.files import models_directory
+from daemon.host.progress import Progress
 from daemon.learning.forward.pretrained_model import KIND, PretrainedModel
-from daemon.learning.forward.pretraining import PretrainingSettings, pretrain
+from daemon.learning.forward.pretraining import EpochErrors, PretrainingSettings, pretrain
 from daemon.workbench.experiments.experiment_file import ExperimentFile
 from daemon.workbench.experiments.trial import Tell, TrialError
 from daemon.workbench.pretraining.explore import config_sha256, explore
@@ -33,12 +36,14 @@ def pretrained(
     seed: int = 1,
     tell: Tell = lambda _: None,
     directory: Path | None = None,
+    progress: Progress | None = None,
 ) -> Path:
     """The model of this emulated robot with nothing at its tip: found, or made in virtual time.
 
     It is learnt from everything that the exploration saw; nothing is kept back for a test. The same
     arguments give the same model. Not to be called from an event loop: it runs one of its own.
-    tell: hears what is done, where something has to be. directory: instead of the usual one.
+    tell, progress: hear what is done, where something has to be, and how far that is. directory:
+    instead of the usual one.
     Raises TrialError and PretrainingError where the robot cannot be explored, OSError.
     """
     options = WaypointExploration(kind="waypoint_exploration", waypoints=waypoints)
@@ -50,11 +55,22 @@ def pretrained(
     folder.mkdir(parents=True, exist_ok=True)
     tell(f"exploring {file.robot.robot} in virtual time: {waypoints} waypoints")
     with tempfile.TemporaryDirectory(prefix="tentacled-") as run:
-        dataset = explore(file, options, seed, Path(run), tell)
+        dataset = explore(file, options, seed, Path(run), tell, progress=progress)
     tell(f"learning from {dataset.frames.duration_s:.0f} s of motion")
-    PretrainedModel.of(pretrain(dataset, settings), dataset).save(path)
+    learnt = pretrain(dataset, settings, epochs_told(settings, progress))
+    PretrainedModel.of(learnt, dataset).save(path)
     tell(f"the model is kept in {path}")
     return path
+
+
+def epochs_told(
+    settings: PretrainingSettings, progress: Progress | None
+) -> Callable[[EpochErrors], None]:
+    """For `pretrain`: its epochs as progress."""
+    if progress is None:
+        return lambda _: None
+    progress.begin("learning", float(settings.epochs))
+    return lambda errors: progress.reach(float(errors.epoch))
 
 
 def _usable(path: Path, file: RobotFile) -> bool:
@@ -84,7 +100,9 @@ def _key(
 # The model that an experiment's controller begins with: made or found before the trial.
 
 
-def with_model(file: ExperimentFile, seed: int, tell: Tell) -> ExperimentFile:
+def with_model(
+    file: ExperimentFile, seed: int, tell: Tell, progress: Progress | None = None
+) -> ExperimentFile:
     """The experiment whose controller has its model; the same one where there is nothing to do.
 
     seed: the experiment's. Takes a while where the model has to be made. Not to be called from an
@@ -93,7 +111,9 @@ def with_model(file: ExperimentFile, seed: int, tell: Tell) -> ExperimentFile:
     pretraining = file.experiment.pretraining
     if pretraining is None or not needs_model(file):
         return file
-    path = _model(file, pretraining, seed if pretraining.seed is None else pretraining.seed, tell)
+    path = _model(
+        file, pretraining, seed if pretraining.seed is None else pretraining.seed, tell, progress
+    )
     controller = file.experiment.controller.model_copy(update={"model": str(path)})
     return replace(file, experiment=file.experiment.model_copy(update={"controller": controller}))
 
@@ -104,7 +124,13 @@ def needs_model(file: ExperimentFile) -> bool:
     return "model" in type(controller).model_fields and getattr(controller, "model", None) is None
 
 
-def _model(file: ExperimentFile, pretraining: Pretraining, seed: int, tell: Tell) -> Path:
+def _model(
+    file: ExperimentFile,
+    pretraining: Pretraining,
+    seed: int,
+    tell: Tell,
+    progress: Progress | None,
+) -> Path:
     """Of this experiment's body, with nothing at its tip."""
     # Most experiments have their model, or want none, and what learns is slow to come.
     from daemon.learning.forward.pretraining import PretrainingError
@@ -115,6 +141,6 @@ def _model(file: ExperimentFile, pretraining: Pretraining, seed: int, tell: Tell
     unloaded = emulation.model_copy(update={"tip_load_g": 0.0})
     robot_file = replace(file.file, robot=file.robot.model_copy(update={"emulation": unloaded}))
     try:
-        return pretrained(robot_file, pretraining.waypoints, seed, tell)
+        return pretrained(robot_file, pretraining.waypoints, seed, tell, progress=progress)
     except PretrainingError as error:
         raise TrialError(str(error)) from error

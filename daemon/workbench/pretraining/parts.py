@@ -13,9 +13,11 @@ import numpy as np
 
 from config.exploration import WaypointExploration
 from config.loader import RobotFile
+from daemon.files import write_whole
+from daemon.host.progress import Progress
 from daemon.learning.samples.dataset import Dataset, DatasetError, joined
 from daemon.recording.recovery import recover_unfinished
-from daemon.recording.run_folder import RUN_FILE, write_whole
+from daemon.recording.run_folder import RUN_FILES
 from daemon.workbench.experiments.trial import Tell
 from daemon.workbench.pretraining.explore import config_sha256, dataset_of_run, explore
 
@@ -69,7 +71,7 @@ class ExplorationParts:
             done += max(len(np.unique(part.frames.line)) - _NOT_WHOLE, 0)
         return min(done, self._options.waypoints)
 
-    def explore(self, tell: Tell) -> None:
+    def explore(self, tell: Tell, progress: Progress | None = None) -> None:
         """Go along the lines that are missing. Raises TrialError, DatasetError, OSError."""
         left = self._options.waypoints - self.lines_done()
         if left <= 0:
@@ -86,6 +88,7 @@ class ExplorationParts:
             tell,
             tip_load_g=self._tip_load_g,
             real_time=self._real_time,
+            progress=progress,
         )
 
     def dataset(self) -> Dataset:
@@ -129,7 +132,7 @@ class ExplorationParts:
             recover_unfinished(folder)
             how = {key: value for key, value in self._requested.items() if key != "config_sha256"}
             how["seed"] = self._seed_of(int(folder.name))
-            if (folder / RUN_FILE).exists():
+            if any(folder.glob(RUN_FILES)):
                 try:
                     parts.append(dataset_of_run(folder, self._file, how))
                 except DatasetError:

@@ -9,8 +9,8 @@ import numpy as np
 from daemon.learning.samples.dataset import DatasetError, Frames
 from daemon.messages import Axes, Status, Tip
 from daemon.recording.channels import TOPICS
-from daemon.recording.run_folder import RUN_FILE
-from daemon.recording.run_reader import RunReader, UnreadableRunError
+from daemon.recording.run_parts import RunParts
+from daemon.recording.run_reader import UnreadableRunError
 from safety.states import OperatingState
 
 _RUNNING = OperatingState.RUNNING.value
@@ -26,18 +26,19 @@ class _Seen(NamedTuple):
 
 
 def frames_of_run(path: Path) -> Frames:
-    """Every believed frame of a run (its folder, or its recording) during which it was running.
+    """Every believed frame of a run (its folder, or one recording) during which it was running.
 
     A line is what an exploration calls one; in another run, five seconds. Raises DatasetError for a
     recording that holds none, OSError.
     """
-    recording = path / RUN_FILE if path.is_dir() else path
     try:
-        seen = _seen(recording)
-    except (UnreadableRunError, msgspec.MsgspecError) as error:
-        raise DatasetError(f"{recording}: {error}") from None
+        seen = _seen(path)
+    except UnreadableRunError as error:
+        raise DatasetError(str(error)) from None
+    except msgspec.MsgspecError as error:
+        raise DatasetError(f"{path}: {error}") from None
     if not seen:
-        raise DatasetError(f"{recording}: the robot did not move in it")
+        raise DatasetError(f"{path}: the robot did not move in it")
     return Frames(
         np.array([frame.t_ns for frame in seen], dtype=np.int64),
         np.array([frame.tip_mm for frame in seen]),
@@ -46,11 +47,11 @@ def frames_of_run(path: Path) -> Frames:
     )
 
 
-def _seen(recording: Path) -> list[_Seen]:
+def _seen(run: Path) -> list[_Seen]:
     tip_of, axes_of = msgspec.json.Decoder(Tip), msgspec.json.Decoder(Axes)
     status_of = msgspec.json.Decoder(Status)
     lines, seen, tip = _Lines(), list[_Seen](), None
-    for message in RunReader(recording).messages([TOPICS[kind] for kind in (Tip, Axes, Status)]):
+    for message in RunParts(run).messages([TOPICS[kind] for kind in (Tip, Axes, Status)]):
         if message.topic == TOPICS[Status]:
             lines.hear(status_of.decode(message.data))
         elif message.topic == TOPICS[Tip]:

@@ -8,9 +8,11 @@ from typing import Final
 from matplotlib.figure import Figure
 
 from daemon.messages import Event
-from daemon.recording.run_folder import REPORT_FILE, utc_text
+from daemon.recording.run_folder import REPORT_FILE, VIRTUAL_TIME, utc_text
+from daemon.remote.reason_groups import detail_of
 from daemon.workbench.report.report_body import body_figure
 from daemon.workbench.report.report_data import RunData, read_run
+from daemon.workbench.report.report_errors import error_tables
 from daemon.workbench.report.report_looks import PAGE_STYLE
 from daemon.workbench.report.report_paths import close_up_figure, path_figure
 from daemon.workbench.report.report_series import (
@@ -88,7 +90,7 @@ def report_html(
         _header(run),
         *(f'<div class="notice">{escape(text)}</div>' for text in _notices(run)),
         _tiles(run),
-        _error_table(run),
+        _section("Tip error by cycle", error_tables(run)),
         *draw(lambda place: _figure(run, place), len(_FIGURES)),
         _events(run),
         _provenance(run),
@@ -124,7 +126,11 @@ def _header(run: RunData) -> str:
         badges.append(_badge(f"ended in {state.upper()}", _STATE_LOOKS.get(state, "")))
     followed = run.result or (run.status.reference if run.status is not None else None)
     controller = f"controller {followed.controller}" if followed and followed.controller else ""
-    about = [utc_text(run.started_ns).replace("T", " ").replace("Z", " UTC")]
+    about = [
+        VIRTUAL_TIME
+        if run.in_virtual_time
+        else utc_text(run.started_ns).replace("T", " ").replace("Z", " UTC")
+    ]
     about += [f"{run.duration_s:.1f} s", controller]
     return (
         f"<header><h1>{escape(_title(run))}{''.join(badges)}</h1>"
@@ -150,6 +156,13 @@ def _notices(run: RunData) -> list[str]:
             "This recording was not ended properly: what came last is missing. "
             "`tentacled recover` makes unfinished recordings whole."
         )
+    notices += [
+        f"The recorder was lost and started again: what happened from {gap.from_s:.1f} to "
+        f"{gap.to_s:.1f} s, between {gap.before} and {gap.after}, was not recorded."
+        for gap in run.gaps
+    ]
+    if run.one_of_more:
+        notices.append("This is one of several recordings of its run: its folder shows all.")
     if run.dropped:
         notices.append(f"{run.dropped} messages were dropped while recording.")
     if run.unreadable:
@@ -185,7 +198,7 @@ def _tiles(run: RunData) -> str:
     status = run.result.timing if run.result is not None else None
     if status is None and run.status is not None:
         status = run.status.loop
-    if status is not None:
+    if status is not None and not run.in_virtual_time:
         tiles.append((f"{status.step_p99_s * 1e3:.2f} ms", "frame to targets, p99"))
         tiles.append((f"{status.missed}", "bus cycles missed"))
     inner = "".join(
@@ -193,27 +206,6 @@ def _tiles(run: RunData) -> str:
         for value, name in tiles
     )
     return f'<div class="tiles">{inner}</div>' if inner else ""
-
-
-def _error_table(run: RunData) -> str:
-    if not run.cycles:
-        return _section("Tip error by cycle", "<p>No cycle was followed.</p>")
-    worst = max(row.mean_mm for row in run.cycles) or 1.0
-    rows = "".join(
-        f'<tr><td class="number">{row.cycle + 1}</td><td class="number">{row.samples}</td>'
-        f'<td class="number">{row.mean_mm:.3f}</td><td class="number">{row.std_mm:.3f}</td>'
-        f'<td class="number">{row.max_mm:.3f}</td>'
-        f'<td class="bar"><i style="width:{100 * row.mean_mm / worst:.1f}%"></i></td></tr>'
-        for row in run.cycles
-    )
-    heads = ("cycle", "samples", "mean / mm", "std / mm", "max / mm")
-    head = "".join(f'<th class="number">{name}</th>' for name in heads)
-    return _section(
-        "Tip error by cycle",
-        f"<table><tr>{head}<th></th></tr>{rows}</table>"
-        '<div class="note">Euclidean distance between filtered tip and reference, while '
-        "following. Bars show the mean.</div>",
-    )
 
 
 def _figure(run: RunData, place: int) -> str:
@@ -249,14 +241,14 @@ def _event_row(t_s: float, event: Event) -> str:
     else:
         look = _SEVERITY_LOOKS.get(event.severity.lower(), "") if event.present else ""
     name = event.name if event.present else f"{event.name} (over)"
-    text = f"{event.text} ({event.detail})" if event.detail else event.text
+    text = f"{event.text}{detail_of(event.text, event.detail)}"
     cells = (event.kind, name, event.subject, text)
     text = "".join(f"<td>{escape(cell)}</td>" for cell in cells)
     return f'<tr class="{look}"><td class="number">{t_s:.2f}</td>{text}</tr>'
 
 
 def _provenance(run: RunData) -> str:
-    facts: list[tuple[str, str]] = [("recording", run.path.name)]
+    facts: list[tuple[str, str]] = [("recording", ", ".join(run.files))]
     facts += [(name, value) for name, value in run.header.items() if name != "wall_offset_ns"]
     if run.provenance is not None:
         facts += _provenance_facts(run)

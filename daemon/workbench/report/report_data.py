@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import msgspec
 import numpy as np
@@ -15,23 +15,30 @@ from daemon.recording.result import CycleError, ErrorTable, Result, read_result
 from daemon.recording.run_folder import (
     PROVENANCE_FILE,
     ROBOT_FILE,
-    RUN_FILE,
+    VIRTUAL_TIME,
     Provenance,
-    unfinished,
 )
-from daemon.recording.run_reader import RunMessage, RunReader, UnreadableRunError
-from daemon.recording.run_writer import ENDING, HEADER
+from daemon.recording.run_parts import RunParts, run_files, segment_number
+from daemon.recording.run_reader import RunMessage, UnreadableRunError
+from daemon.recording.run_writer import HEADER
 from daemon.workbench.report.report_table import Array, Column, MessageTable, fitted, number
+from safety.risk_source import NoModel
 from safety.states import OperatingState
 
 _RUNNING: Final = OperatingState.RUNNING.value
 _NS: Final = 1e-9
 _DECODERS: Final = {topic: msgspec.json.Decoder(kind) for topic, kind in MESSAGES.items()}
 _WITH_STATE: Final = (Tip, Status)
+NO_MODEL: Final = NoModel().name
 
 
 def _flat(places: list[list[float]] | None) -> list[float] | None:
     return None if places is None else [number for place in places for number in place]
+
+
+def _no_model(risk: Risk) -> bool:
+    """What a stand-in says is no figure."""
+    return risk.source == NO_MODEL
 
 
 _COLUMNS: Final[dict[type[Message], dict[str, Column]]] = {
@@ -42,6 +49,7 @@ _COLUMNS: Final[dict[type[Message], dict[str, Column]]] = {
         "error_mm": number(lambda tip: tip.error_mm),
         "cycle": number(lambda tip: tip.cycle),
         "running": number(lambda tip: tip.state == _RUNNING),
+        "believed": number(lambda tip: tip.believed),
     },
     Axes: {
         "actual": Column(lambda axes: axes.actual),
@@ -51,7 +59,7 @@ _COLUMNS: Final[dict[type[Message], dict[str, Column]]] = {
         "force": Column(lambda axes: axes.force),
     },
     Risk: {
-        "contact": number(lambda risk: risk.contact_risk),
+        "contact": number(lambda risk: None if _no_model(risk) else risk.contact_risk),
         "body_point": number(lambda risk: risk.body_point_risk),
         "threshold": number(lambda risk: risk.threshold),
         "scale": number(lambda risk: risk.scale),
@@ -84,11 +92,22 @@ class Series:
         return self.columns[name]
 
 
+class Gap(NamedTuple):
+    """A time that nobody recorded, between one recording and the next."""
+
+    from_s: float
+    to_s: float
+    before: str
+    """Name of the recording that ended."""
+    after: str
+
+
 @dataclass
 class RunData:
     """All that a report tells. A part that was not recorded is None or empty."""
 
     path: Path
+    """Of the recording, or of the first one."""
     header: dict[str, str]
     started_ns: int
     """Date of the first message."""
@@ -98,12 +117,17 @@ class RunData:
     dropped: int
     unreadable: int
     """Messages or chunks that could not be read."""
+    files: list[str]
+    """Names of the recordings, in order."""
+    gaps: list[Gap]
+    one_of_more: bool
+    """Whether it is only one of its run's recordings that is shown."""
     counts: dict[str, int]
     """Messages by topic."""
     status: Status | None
     """The last one."""
     tip: Series | None
-    """tip_mm, measured_mm, reference_mm, error_mm, cycle, running."""
+    """tip_mm, measured_mm, reference_mm, error_mm, cycle, running, believed."""
     axes: Series | None
     """actual, target, proposed, permitted, force."""
     risk: Series | None
@@ -115,9 +139,18 @@ class RunData:
     """When the robot came into which state."""
     events: list[tuple[float, Event]]
     cycles: list[CycleError]
+    risk_sources: tuple[str, ...] = ()
+    """Who told of the risk."""
     result: Result | None = None
     provenance: Provenance | None = None
     robot_yaml: str = ""
+
+    @property
+    def in_virtual_time(self) -> bool:
+        """Whether its clock jumped: it has no date, and what took how long says nothing."""
+        if self.result is not None and self.result.virtual_time:
+            return True
+        return self.header.get("time") == VIRTUAL_TIME
 
     @property
     def axis_status(self) -> list[AxisStatus]:
@@ -125,23 +158,8 @@ class RunData:
         return [] if self.status is None else self.status.axes
 
 
-def run_file(path: Path) -> Path:
-    """The recording that is meant by a run's folder or by the file itself.
-
-    Raises UnreadableRunError where there is none.
-    """
-    if not path.is_dir():
-        if not path.exists():
-            raise UnreadableRunError(f"{path}: there is no such file or folder")
-        return path
-    for candidate in (path / RUN_FILE, unfinished(path / RUN_FILE)):
-        if candidate.exists():
-            return candidate
-    raise UnreadableRunError(f"{path}: there is no {RUN_FILE} in this folder")
-
-
 def read_run(path: Path) -> RunData:
-    """Read a run. path: as for `run_file`. Raises UnreadableRunError, OSError."""
+    """Read a run. path: as for `run_files`. Raises UnreadableRunError, OSError."""
     return GrowingRun(path).data()
 
 
@@ -149,17 +167,16 @@ class GrowingRun:
     """A run that may still be going on, read as far as it has been recorded."""
 
     def __init__(self, path: Path, also: Callable[[RunMessage], None] | None = None) -> None:
-        """path: as for `run_file`; there may not be anything yet. also: gets each message too."""
+        """path: as for `run_files`; there may not be anything yet. also: gets each message too."""
         self._path = path
-        self._reader = RunReader(path)
+        self._parts = RunParts(path)
         self._gathered = _Gathered()
         self._also = also
 
     def catch_up(self) -> None:
         """Read what has been added. Raises UnreadableRunError, OSError."""
-        self._reader.path = run_file(self._path)
         with collector_paused():
-            for message in self._reader.messages():
+            for message in self._parts.messages():
                 self._gathered.take(message.topic, message.wall_ns, message.data)
                 if self._also is not None:
                     self._also(message)
@@ -167,12 +184,10 @@ class GrowingRun:
     def data(self) -> RunData:
         """All there is. Raises UnreadableRunError, OSError."""
         self.catch_up()
-        reader, file = self._reader, self._reader.path
+        file = next(reader.path for reader in self._parts.readers.values())
         if not self._gathered.counts:
             raise UnreadableRunError(f"{file}: there is no message in it")
-        data = self._gathered.run_data(file, reader)
-        dropped = reader.metadata.get(ENDING, {}).get("dropped", "0")
-        data.dropped = int(dropped)
+        data = self._gathered.run_data(file, self._parts)
         data.result = read_result(file.parent)
         data.provenance = _read_provenance(file.parent / PROVENANCE_FILE)
         data.robot_yaml = _text_of(file.parent / ROBOT_FILE)
@@ -191,6 +206,7 @@ class _Gathered:
     status: tuple[int, Status] | None = None
     """The last one."""
     events: list[tuple[int, Event]] = field(default_factory=list)
+    risk_sources: set[str] = field(default_factory=set)
     errors: ErrorTable = field(default_factory=ErrorTable)
     tables: dict[type[Message], MessageTable] = field(
         default_factory=lambda: {kind: MessageTable(columns) for kind, columns in _COLUMNS.items()}
@@ -221,7 +237,9 @@ class _Gathered:
         table = self.tables.get(type(message))
         if table is not None:
             table.add(wall_ns, message)
-        if isinstance(message, Tip):
+        if isinstance(message, Risk):
+            self.risk_sources.add(message.source)
+        elif isinstance(message, Tip):
             self.errors.add(message)
         elif isinstance(message, Event):
             self.events.append((wall_ns, message))
@@ -232,15 +250,21 @@ class _Gathered:
         if not self.states or self.states[-1][1] != state:
             self.states.append((max([wall_ns, *(t_ns for t_ns, _ in self.states[-1:])]), state))
 
-    def run_data(self, file: Path, reader: RunReader) -> RunData:
+    def run_data(self, file: Path, parts: RunParts) -> RunData:
         return RunData(
             path=file,
-            header=reader.metadata.get(HEADER, {}),
+            header=parts.metadata(HEADER),
             started_ns=self.first_ns,
             duration_s=self._s(self.last_ns),
-            whole=reader.whole and ENDING in reader.metadata,
-            dropped=0,
-            unreadable=self.unreadable + reader.orphans + max(reader.lost, len(reader.damage)),
+            whole=parts.whole,
+            dropped=parts.dropped,
+            unreadable=self.unreadable + parts.unreadable,
+            files=[reader.path.name for reader in parts.readers.values()],
+            gaps=[
+                Gap(self._s(one.last_ns), self._s(other.first_ns), one.path.name, other.path.name)
+                for one, other in parts.gaps
+            ],
+            one_of_more=_one_of_more(parts.path),
             counts=dict(sorted(self.counts.items())),
             status=None if self.status is None else self.status[1],
             tip=self._series(Tip),
@@ -253,6 +277,7 @@ class _Gathered:
                 key=lambda each: each[0],
             ),
             cycles=self.errors.rows(),
+            risk_sources=tuple(sorted(self.risk_sources)),
         )
 
     def _s(self, wall_ns: int) -> float:
@@ -266,6 +291,12 @@ class _Gathered:
         times, columns = table.read()
         t_s = (times - self.first_ns).astype(np.float64) * _NS
         return Series(t_s, columns)
+
+
+def _one_of_more(path: Path) -> bool:
+    if path.is_dir() or segment_number(path) is None:
+        return False
+    return len(run_files(path.parent)) > 1
 
 
 def _as_wide_as(series: Series | None, name: str) -> Series | None:

@@ -15,9 +15,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
+from daemon.files import write_whole
 from daemon.host.processes import end_with_parent
-from daemon.recording.run_folder import REPORT_FILE, RUN_FILE
-from daemon.recording.run_reader import Fingerprint, UnreadableRunError, control_hash
+from daemon.recording.run_folder import REPORT_FILE
+from daemon.recording.run_parts import control_hash
+from daemon.recording.run_reader import Fingerprint, UnreadableRunError
 from daemon.workbench.report.report import report_html
 from daemon.workbench.report.report_data import GrowingRun
 from daemon.workbench.report.two_processes import in_two_processes
@@ -57,7 +59,7 @@ class ReportBeside:
     def control_hash(self) -> str:
         """Of the recording, which is complete. Raises UnreadableRunError, OSError."""
         digest = self._answer(HASH)
-        return digest or control_hash(self._folder / RUN_FILE)
+        return digest or control_hash(self._folder)
 
     def write(self) -> Path:
         """Write the report. Returns where it is. Raises UnreadableRunError, OSError."""
@@ -124,7 +126,7 @@ class ReportProcess:
             self._run.catch_up()
             return self._fingerprint.hexdigest()
         page = report_html(self._run.data(), in_two_processes)
-        (self._folder / REPORT_FILE).write_text(page, encoding="utf-8")
+        write_whole(self._folder / REPORT_FILE, page.encode())
         return ""
 
 

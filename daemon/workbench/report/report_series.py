@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 
 from daemon.messages import AxisStatus
 from daemon.recording.result import CycleError
-from daemon.workbench.report.report_data import RunData, Series
+from daemon.workbench.report.report_data import NO_MODEL, RunData, Series
 from daemon.workbench.report.report_style import (
     ACCENT,
     ALARM,
@@ -175,15 +175,18 @@ def risk_figure(run: RunData) -> Figure | None:
     if np.isfinite(tip).any():
         _draw(below, risk.t_s, tip, color=WARNING, lw=0.9, label="tip not as modelled (1: alarm)")
         below.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0))
-    threshold = risk["threshold"]
-    _draw(above, risk.t_s, threshold, color=ALARM, lw=1.0, ls="--", label="threshold")
     above.set_ylabel("probability")
-    above.set_ylim(bottom=0.0)
-    if not drawn:
-        above.text(
-            0.5, 0.5, "no risk was computed", transform=above.transAxes, ha="center", color=MUTED
-        )
-    above.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
+    if run.risk_sources == (NO_MODEL,):
+        above.text(0.5, 0.5, NO_MODEL, transform=above.transAxes, ha="center", color=MUTED)
+        above.set_yticks([])
+    else:
+        threshold = risk["threshold"]
+        _draw(above, risk.t_s, threshold, color=ALARM, lw=1.0, ls="--", label="threshold")
+        above.set_ylim(bottom=0.0)
+        if not drawn:
+            where = {"transform": above.transAxes, "ha": "center", "color": MUTED}
+            above.text(0.5, 0.5, "no risk was computed", **where)
+        above.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
     t_s, scale = course(risk.t_s, risk["scale"], WIDTH_IN)
     below.fill_between(t_s, scale, color=ACCENT, alpha=0.18, lw=0, step="post")
     below.plot(t_s, scale, color=ACCENT, lw=0.9, drawstyle="steps-post")
@@ -196,7 +199,12 @@ def risk_figure(run: RunData) -> Figure | None:
 
 
 def timing_figure(run: RunData) -> Figure | None:
-    """Lateness of bus cycles, length of control steps, and time between steps."""
+    """Lateness of bus cycles, length of control steps, and time between steps.
+
+    None where nothing was recorded, and in virtual time, in which nothing takes time.
+    """
+    if run.in_virtual_time:
+        return None
     intervals_ms = _step_intervals_ms(run)
     if run.loop is None and intervals_ms is None:
         return None

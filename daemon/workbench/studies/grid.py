@@ -41,12 +41,17 @@ class Grid:
         found = (read_outcome(run, self._root) for run in self._runs)
         return [outcome for outcome in found if outcome is not None]
 
+    @property
+    def left(self) -> list[Run]:
+        """All that are not done."""
+        return [run for run in self._runs if read_outcome(run, self._root) is None]
+
     def carry_out(self, jobs: int, keep_recordings: bool, progress: Progress) -> None:
         """Do what is left. A run that cannot be done is told, and the others go on.
 
         jobs: processes at the same time. keep_recordings: 16 MB for an experiment of 400 s.
         """
-        left = [run for run in self._runs if read_outcome(run, self._root) is None]
+        left = self.left
         models = _one_for_each_model(left)
         progress.begin(len(self._runs) - len(left), len(models), len(left))
         if not left:

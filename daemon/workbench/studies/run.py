@@ -12,8 +12,9 @@ import msgspec
 
 from config.emulation import ConcentricTubesPlant, SoftArmPlant
 from config.study import Variant
+from daemon.files import write_whole
 from daemon.recording.result import Result
-from daemon.recording.run_folder import formatted_json, write_whole
+from daemon.recording.run_folder import formatted_json
 from daemon.workbench.experiments.experiment_file import ExperimentFile
 from daemon.workbench.studies.study_file import StudyFile, merged
 from sim_backends.plants.concentric import concentric_tubes

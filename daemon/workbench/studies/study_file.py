@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from config.controllers import ControllerOptions, load_controller_options
 from config.model import OptionsError
 from config.paths import is_file
-from config.problems import ConfigError, Problem
+from config.problems import ConfigError, Problem, did_you_mean_file
 from config.schema_errors import schema_problems
 from config.study import Study, StudyRow
 from config.yaml_document import YamlDocument, read_yaml
@@ -46,7 +46,8 @@ def load_study(path: Path) -> StudyFile:
             where = ("tables", table_number, "rows", row_number, "experiment")
             file = path.parent / row.experiment
             if not is_file(file):
-                problems.append(document.problem(where, f"there is no file {file}"))
+                text = f"there is no file {file}{did_you_mean_file(file)}"
+                problems.append(document.problem(where, text))
                 continue
             loaded = load_experiment(file)
             name = loaded.experiment.experiment

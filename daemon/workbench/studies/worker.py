@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 
 from daemon.recording.result import read_result
-from daemon.recording.run_folder import PROVENANCE_FILE, RUN_FILE, Provenance
+from daemon.recording.run_folder import PROVENANCE_FILE, RUN_FILES, Provenance
 from daemon.workbench.experiments.in_virtual_time import carry_out_in_virtual_time
 from daemon.workbench.experiments.trial import TrialError
 from daemon.workbench.pretraining.model_cache import with_model
@@ -25,7 +25,8 @@ def carry_out_run(run: Run, root: Path, keep_recording: bool) -> Outcome:
     outcome = _outcome(run, partial)
     write_outcome(partial, outcome)
     if not keep_recording:
-        (partial / RUN_FILE).unlink(missing_ok=True)
+        for recording in partial.glob(RUN_FILES):
+            recording.unlink()
     shutil.rmtree(folder, ignore_errors=True)
     partial.rename(folder)
     return outcome

@@ -7,7 +7,8 @@ from typing import Final
 from matplotlib.figure import Figure
 
 from config.study import StudyFigure, Variant
-from daemon.recording.run_folder import formatted_json, write_whole
+from daemon.files import write_whole
+from daemon.recording.run_folder import formatted_json
 from daemon.reference.trajectories import make_trajectory
 from daemon.workbench.experiments.carry_out import STEPS_FILE
 from daemon.workbench.experiments.step_statistics import StepSeries

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
+from drivers.can.bus_lock import door_of
 from drivers.can.frame import EXTENDED_FLAG, CanFrame
 from drivers.can.slcan import (
     AdapterStatus,
@@ -32,6 +33,7 @@ from drivers.can.slcan import (
     encode_reply,
 )
 from drivers.clock import Clock
+from drivers.exclusive_name import OtherName
 from sim_backends.devices.can.bus import CanBus
 from sim_backends.devices.can.port import ControllerState, Port
 from sim_backends.devices.device import Pump
@@ -57,9 +59,19 @@ class SlcanAdapter:
     It does not come back from bus-off by itself: close and open it again (`C`, `O`).
     """
 
-    def __init__(self, bus: CanBus, pump: Pump, clock: Clock, link: Path | None = None) -> None:
-        """link: a name that leads to the serial port while it is there."""
+    def __init__(
+        self,
+        bus: CanBus,
+        pump: Pump,
+        clock: Clock,
+        link: Path | None = None,
+        door_of_bus: str = "",
+    ) -> None:
+        """link: a name that leads to the serial port while it is there. door_of_bus: a name for the
+        bus, if there are several ways to it."""
         self._link = link
+        self._door_of_bus = door_of_bus
+        self._door: OtherName | None = None
         self._bus = bus
         self._pump = pump
         self._clock = clock
@@ -104,12 +116,18 @@ class SlcanAdapter:
             self._leave()
             self._pty.close()
             self._pty = None
+            if self._door is not None:
+                self._door.release()
+                self._door = None
             self._reader.clear()
             self._unsent = b""
             self._bit_rate_bit_s, self._timestamps = None, False
 
-    def _plug_in(self) -> Pty | None:
-        return Pty(self._received, link=self._link)
+    def _plug_in(self) -> Pty:
+        port = Pty(self._received, link=self._link)
+        if self._door_of_bus:
+            self._door = door_of(port.path, self._door_of_bus)
+        return port
 
     # The serial side
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from struct import Struct
 from typing import Final
 
+from drivers.can.bus_lock import door_of
 from drivers.can.frame import (
     CAN_FRAME,
     ERROR_FLAG,
@@ -23,6 +24,7 @@ from drivers.can.frame import (
     STANDARD_ID_MASK,
 )
 from drivers.clock import Clock
+from drivers.exclusive_name import OtherName
 from sim_backends.devices.can.bus import CanBus
 from sim_backends.devices.can.port import ControllerState, Port
 from sim_backends.devices.device import Pump
@@ -85,7 +87,9 @@ class SocketServer:
         *,
         queue_frames: int = DEFAULT_QUEUE_FRAMES,
         restart_s: float | None = DEFAULT_RESTART_S,
+        door_of_bus: str = "",
     ) -> None:
+        """door_of_bus: a name for the bus, if there are several ways to it."""
         self.bus = bus
         self.pump = pump
         self.clock = clock
@@ -95,6 +99,8 @@ class SocketServer:
         self.loop = asyncio.get_running_loop()
         self._clients: list[_Client] = []
         self._listener: socket.socket | None = None
+        self._door_of_bus = door_of_bus
+        self._door: OtherName | None = None
         if bus.plugged:
             self._listen()
         bus.adapters.append(self)
@@ -139,6 +145,8 @@ class SocketServer:
         listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         try:
             listener.bind(str(self.path))
+            if self._door_of_bus:
+                self._door = door_of(self.path, self._door_of_bus)
             listener.listen(_MAX_CLIENTS)
         except OSError:
             listener.close()
@@ -153,6 +161,9 @@ class SocketServer:
             self._listener.close()
             self._listener = None
             self.path.unlink(missing_ok=True)
+            if self._door is not None:
+                self._door.release()
+                self._door = None
 
     def _accept(self) -> None:
         assert self._listener is not None

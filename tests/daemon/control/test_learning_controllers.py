@@ -12,11 +12,11 @@ import pytest
 from config.controllers import load_controller_options
 from config.exploration import MotorBabbling
 from config.trajectory import Lissajous
+from daemon.array_files import ModelError
 from daemon.control.controller import ControllerError
 from daemon.controllers.learning_controller import LearningController
 from daemon.controllers.make_controller import make_controller
 from daemon.controllers.reward_weighted import RewardWeightedController
-from daemon.files import ModelError
 from daemon.reference.trajectories import make_trajectory
 from drivers.pose import Vector
 from tests.daemon.control.closed_loop import (

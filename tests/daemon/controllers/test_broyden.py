@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 
 from config.controllers import Broyden, ConstantCurvature
 from config.robot import Robot
+from daemon.array_files import ModelError
 from daemon.control.controller import ControllerError, Observation
 from daemon.controllers.broyden import BroydenController
 from daemon.controllers.constant_curvature import ConstantCurvatureController
 from daemon.controllers.jacobian_estimate import JacobianEstimate
-from daemon.files import ModelError
 from drivers.pose import Vector
 from tests.daemon.control.closed_loop import DT_S, ROBOT
 

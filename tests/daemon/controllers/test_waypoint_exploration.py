@@ -6,9 +6,9 @@ import pytest
 from config.control import Workspace
 from config.exploration import WaypointExploration
 from config.robot import Robot
+from daemon.array_files import ModelError
 from daemon.control.controller import Observation
 from daemon.controllers.waypoint_exploration import WaypointExplorationController
-from daemon.files import ModelError
 from drivers.pose import Vector
 from tests.daemon.control.closed_loop import DT_S, ROBOT, ClosedLoop
 

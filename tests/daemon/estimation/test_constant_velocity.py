@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from filterpy.common import Q_discrete_white_noise, kinematic_state_transition
 from filterpy.kalman import KalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -25,9 +26,10 @@ class Witness:
         self.filter = made
 
     def advance(self, dt_s: float) -> None:
-        self.filter.F = np.block([[np.eye(3), dt_s * np.eye(3)], [np.zeros((3, 3)), np.eye(3)]])
-        gain = np.vstack([0.5 * dt_s**2 * np.eye(3), dt_s * np.eye(3)])
-        self.filter.Q = ACCELERATION * gain @ gain.T
+        self.filter.F = np.kron(kinematic_state_transition(1, dt_s), np.eye(3))
+        self.filter.Q = Q_discrete_white_noise(
+            2, dt_s, ACCELERATION, block_size=3, order_by_dim=False
+        )
         self.filter.predict()
 
 

@@ -24,6 +24,7 @@ from daemon.messages import (
 )
 from daemon.recording.direct_recorder import DirectRecorder
 from daemon.recording.flight_recorder import Recorder
+from daemon.recording.run_folder import RUN_FILE, segment_file, unfinished
 
 BOOT_NS = 5_000_000_000
 WALL_NS = 1_577_836_800_000_000_000
@@ -212,9 +213,9 @@ def record(recorder: Recorder, telemetry: list[Message]) -> None:
                 tap.received(0x180 + node, bytes([number % 256] * 8), t_ns)
 
 
-async def direct_run(folder: Path, telemetry: list[Message]) -> None:
+async def direct_run(folder: Path, telemetry: list[Message], name: str = RUN_FILE) -> None:
     recorder = DirectRecorder()
-    await recorder.start(folder, HEADER, BOOT_NS, WALL_NS)
+    await recorder.start(folder, HEADER, BOOT_NS, WALL_NS, name)
     record(recorder, telemetry)
     await recorder.stop()
 
@@ -222,4 +223,17 @@ async def direct_run(folder: Path, telemetry: list[Message]) -> None:
 def make_run(folder: Path, cycles: int = 3, cycle_s: float = CYCLE_S, seed: int = 1) -> Path:
     """A finished run in `folder`. Returns its recording."""
     asyncio.run(direct_run(folder, list(messages(cycles, cycle_s, seed))))
-    return folder / "run.mcap"
+    return folder / RUN_FILE
+
+
+def make_parts(folder: Path, gap: slice) -> list[Message]:
+    """A run whose recorder was lost and started again. Returns all that was recorded of it.
+
+    gap: of its telemetry, what is in neither recording. The first one was never ended.
+    """
+    telemetry = list(messages(cycles=2, cycle_s=4.0))
+    first, second = telemetry[: gap.start], telemetry[gap.stop :]
+    asyncio.run(direct_run(folder, first))
+    (folder / RUN_FILE).rename(unfinished(folder / RUN_FILE))
+    asyncio.run(direct_run(folder, second, segment_file(2)))
+    return first + second

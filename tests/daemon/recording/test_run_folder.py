@@ -4,11 +4,9 @@ import hashlib
 import json
 from pathlib import Path
 
-import pytest
-
 from config.loader import load_robot
 from daemon.recording.result import Result, read_result, write_result
-from daemon.recording.run_folder import describe_run, new_run, robot_yaml, utc_text, write_whole
+from daemon.recording.run_folder import describe_run, new_run, robot_yaml, utc_text
 from tests import SOFT_ARM
 from tests.daemon.recording.synthetic_run import WALL_NS
 
@@ -104,17 +102,3 @@ def test_a_result_comes_back(tmp_path: Path) -> None:
     assert read_result(tmp_path) == result
     (tmp_path / "result.json").write_text("{")
     assert read_result(tmp_path) is None
-
-
-def test_a_file_is_whole_or_the_old_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "result.json"
-    write_whole(path, b"old")
-
-    def fail(fd: int) -> None:
-        raise OSError("the disk is gone")
-
-    monkeypatch.setattr("daemon.recording.run_folder.os.fsync", fail)
-    with pytest.raises(OSError, match="gone"):
-        write_whole(path, b"new")
-    assert path.read_bytes() == b"old"
-    assert list(tmp_path.iterdir()) == [path]

@@ -9,7 +9,8 @@ import pytest
 from mcap.reader import make_reader
 
 from daemon.recording import run_writer
-from daemon.recording.run_reader import RunReader, UnreadableRunError, control_hash
+from daemon.recording.run_parts import control_hash
+from daemon.recording.run_reader import RunReader, UnreadableRunError
 from daemon.recording.run_writer import ENDING, HEADER, RunWriter
 from tests.daemon.recording.synthetic_run import BOOT_NS, WALL_NS, make_run
 

@@ -127,7 +127,9 @@ def test_an_experiment_s_controller_is_loaded_with_its_model(
 ) -> None:
     asked = []
 
-    def made(file: RobotFile, waypoints: int, seed: int, tell: Callable[[str], None]) -> Path:
+    def made(
+        file: RobotFile, waypoints: int, seed: int, tell: Callable[[str], None], **more: object
+    ) -> Path:
         asked.append((file.robot.robot, waypoints, seed))
         return tmp_path / "model.npz"
 
@@ -328,7 +330,7 @@ def test_the_status_for_people_shows_state_reasons_and_remedies(
         "0.50 mm",
         "cycle 2 of 3",
         "tracking, 40.0 frames/s",
-        "12.346 mm",
+        "12.346  12.400  mm",
         "6.050 mL",
         "/runs/7",
         "free",

@@ -2,7 +2,7 @@
 
 from daemon.messages import Reason, Refusal
 from daemon.remote.client.client_errors import RefusedError
-from daemon.remote.reason_groups import grouped, reason_lines
+from daemon.remote.reason_groups import detail_of, grouped, reason_lines
 
 
 def reason(name: str, subject: str, follows_from: str = "", detail: str = "") -> Reason:
@@ -51,3 +51,10 @@ def test_a_consequence_whose_lead_is_missing_stands_for_itself() -> None:
 def test_a_refusal_is_told_like_that_too() -> None:
     refusal = Refusal(request="", state="fault", name="not_ready", text="see", reasons=STALL)
     assert str(RefusedError(refusal)).splitlines() == ["see", *reason_lines(STALL)]
+
+
+def test_a_detail_that_says_the_same_is_left_out() -> None:
+    text = "a drive holds back because of one of its own limits"
+    assert detail_of(text, "the drive holds back because of one of its own limits") == ""
+    assert detail_of(text, "") == ""
+    assert detail_of(text, "0.3 s") == " (0.3 s)"

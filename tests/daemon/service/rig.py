@@ -83,9 +83,13 @@ class Rig:
         await self.do(Arm)
         assert self.state is OperatingState.ARMED
 
-    async def running(self, trajectory: dict[str, Any] = SMALL_CIRCLE) -> None:
+    async def running(
+        self,
+        trajectory: dict[str, Any] = SMALL_CIRCLE,
+        controller: dict[str, Any] = MODEL,
+    ) -> None:
         await self.armed()
-        await self.do(Load, trajectory=trajectory, controller=MODEL)
+        await self.do(Load, trajectory=trajectory, controller=controller)
         await self.do(Start)
         await self.until(lambda: self.state is OperatingState.RUNNING)
 

@@ -156,6 +156,30 @@ def test_whatever_would_stop_the_robot_ends_homing(by: str) -> None:
     on_a_rig(scene, change=change, begins_in=S.STANDBY)
 
 
+@pytest.mark.parametrize("after_s", [0.0, 0.02])
+def test_a_drive_that_tells_of_an_error_before_its_fault_ends_homing_in_fault(
+    after_s: float,
+) -> None:
+    """Which of its two messages comes first is the drive's own affair."""
+
+    async def scene(rig: Rig) -> None:
+        task = await going(rig)
+        node = rig.service.hardware.buses[0].nodes[1]
+        node.emergency_received(bytes.fromhex("1023050000000000"), rig.service.clock.now_ns())
+        await asyncio.sleep(after_s)
+        await rig.do(Inject, fault="drive.can0/1.emergency=0x2310")
+        await rig.until_state(S.FAULT, within_s=4.0)
+        assert (await asyncio.wait_for(task, 8.0)).name == "not_homed"
+        await rig.until(lambda: not any(one.state.energised for one in rig.service.loop.channels))
+        await rig.do(Clear)
+        await rig.until(lambda: rig.causes == {"not_referenced"})
+        await rig.do(Home)
+        await rig.until_state(S.READY)
+
+    change = homed_at_start(method=17, timeout_s=60.0)
+    on_a_rig(scene, change=change, begins_in=S.STANDBY)
+
+
 def test_an_axis_that_finds_no_zero_ends_the_homing_of_all() -> None:
     order = [["proximal_1", "proximal_2"], ["proximal_3", "distal_1", "distal_2", "distal_3"]]
 

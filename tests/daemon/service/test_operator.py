@@ -211,6 +211,29 @@ def test_stop_says_so_when_a_drive_does_not_confirm() -> None:
     on_a_rig(scene)
 
 
+def test_a_stop_of_drives_that_have_stopped_by_themselves_sends_nothing_and_says_that() -> None:
+    """After a stall of the machine they have missed their master and are being set up anew: what
+    they are sent means nothing to them, and that they are off is not known until they are heard."""
+
+    async def scene(rig: Rig) -> None:
+        await rig.running()
+        for node in range(1, 7):
+            await rig.do(Inject, fault=f"drive.can0/{node}.dead=4s")
+        await rig.until_state(S.FAULT)
+        await asyncio.sleep(2.0)
+        assert rig.service.supervisor.power.at_rest
+        sent_before = [channel.target_counts for channel in rig.service.loop.channels]
+        answer = await rig.do(Stop)
+        assert not answer.confirmed
+        assert answer.state == S.FAULT.value
+        assert sent_before == [None] * 6
+        assert [channel.target_counts for channel in rig.service.loop.channels] == [None] * 6
+        await asyncio.sleep(6.0)
+        assert (await rig.do(Stop)).confirmed
+
+    on_a_rig(scene)
+
+
 def test_the_lease_cannot_be_given_back_while_energised() -> None:
     async def scene(rig: Rig) -> None:
         await rig.armed()

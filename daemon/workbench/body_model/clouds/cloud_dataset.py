@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from config.robot import Robot
-from daemon.files import in_a_line, save_npz
-from daemon.learning.samples.robot_fit import misfit_of
+from daemon.array_files import ArrayFile, in_a_line, load_npz, misfit_of
 from safety.risk.mixture import FloatArray
 
 SingleArray = NDArray[np.float32]
@@ -23,6 +22,7 @@ BoolArray = NDArray[np.bool_]
 
 _KIND: Final = "tentacled clouds/2"
 _PROVENANCE: Final = "provenance"
+_MOST_BYTES: Final = 1 << 36
 _TRUE: Final = "true_centrelines_mm"
 _DIGITS: Final = 16
 """Of a hash: none of some thousand others is the same by chance."""
@@ -78,8 +78,7 @@ class CloudDataset:
     def load(cls, path: Path, robot: Robot) -> Self:
         """Raises CloudDatasetError, which names the file."""
         try:
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as content:
-                arrays = {name: content[name] for name in content.files}
+            arrays = load_npz(path, _MOST_BYTES)
             provenance = json.loads(str(arrays.pop(_PROVENANCE)))
             if not isinstance(provenance, dict) or provenance.get("kind") != _KIND:
                 raise CloudDatasetError("is of another version: collect it again")
@@ -95,9 +94,7 @@ class CloudDataset:
 
     def save(self, path: Path) -> None:
         """Whole or not at all. Raises OSError."""
-        provenance = json.dumps({**self.provenance, "kind": _KIND}, sort_keys=True)
-        arrays = {**self._arrays(), _PROVENANCE: np.array(provenance)}
-        save_npz(path, arrays)
+        ArrayFile({**self.provenance, "kind": _KIND}, self._arrays()).save(path, _PROVENANCE)
 
     def _arrays(self) -> dict[str, NDArray[Any]]:
         parts = {field.name: getattr(self, field.name) for field in fields(self)}

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from config.robot import Robot
-from daemon.learning.samples.robot_fit import whose
+from daemon.array_files import whose
+from daemon.host.progress import Progress
 from daemon.robot.axes import AxisRanges
 from daemon.workbench.body_model.clouds.centreline_fit import (
     LEAST_POINTS,
@@ -27,7 +28,6 @@ from daemon.workbench.body_model.clouds.cloud_dataset import BoolArray, CloudDat
 from daemon.workbench.body_model.clouds.cloud_file import CloudFileError, read_cloud
 from daemon.workbench.body_model.clouds.cloud_table import CloudImportError, CloudTable, read_table
 from daemon.workbench.body_model.clouds.collection import FITTED, block_of
-from daemon.workbench.body_model.clouds.parallel_collection import Progress
 from safety.risk.environment import Unit
 
 SingleArray = NDArray[np.float32]

@@ -12,14 +12,14 @@ from collections.abc import Callable
 from concurrent.futures import Executor, as_completed
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 
 from config.loader import RobotFile
 from config.robot import Robot
-from daemon.files import save_npz
-from daemon.learning.samples.robot_fit import whose
+from daemon.array_files import load_npz, save_npz, whose
+from daemon.host.progress import Progress
 from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset
 from daemon.workbench.body_model.clouds.collection import (
     FITTED,
@@ -33,6 +33,7 @@ from daemon.workbench.body_model.clouds.collection import (
 from safety.risk.mixture import FloatArray
 
 _VERSION: Final = 2
+_MOST_BYTES: Final = 1 << 32
 """Of what is collected, given the robot and the settings."""
 _CANDIDATES: Final = 500
 """At most, in a task."""
@@ -47,18 +48,6 @@ _OF_PART: Final = (
     "forces",
     "radius_mm",
 )
-
-
-class Progress(Protocol):
-    """Hears how far it is."""
-
-    def begin(self, what: str, total: int, done: int) -> None:
-        """Something begins, of `total` configurations; `done` are there already."""
-        ...
-
-    def advance(self, by: int) -> None:
-        """So many more are there."""
-        ...
 
 
 def collect(
@@ -102,8 +91,7 @@ def _configurations(
     progress: Progress,
 ) -> FloatArray:
     if path.exists():
-        with np.load(path, allow_pickle=False) as content:
-            return np.asarray(content["parameters"])
+        return np.asarray(load_npz(path)["parameters"])
     parameters = first_possible(robot, settings.configurations, settings.seed, workers, progress)
     save_npz(path, {"parameters": parameters})
     return parameters
@@ -172,8 +160,8 @@ def _reader(settings: CollectionSettings) -> Callable[[Path, int], Arrays | None
     def read(path: Path, configurations: int) -> Arrays | None:
         """What is in a part's file; None where it is not there or not whole."""
         try:
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as content:
-                part = {name: content[name] for name in _OF_PART}
+            there = load_npz(path, _MOST_BYTES)
+            part = {name: there[name] for name in _OF_PART}
         except Exception:  # whatever a reader makes of bytes that are no part
             return None
         shape = (configurations, settings.starts, settings.points, 3)

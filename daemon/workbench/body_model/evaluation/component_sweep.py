@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+from daemon.host.progress import Progress
 from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset
 from daemon.workbench.body_model.evaluation.evaluation import some_points, weights_at
 from daemon.workbench.body_model.training.body_training import (
@@ -18,7 +19,7 @@ from daemon.workbench.body_model.training.body_training import (
 )
 from daemon.workbench.body_model.training.calibration import scores
 from daemon.workbench.body_model.training.network import NetworkShape
-from daemon.workbench.body_model.training.training import TrainingSettings
+from daemon.workbench.body_model.training.training import Check, TrainingSettings
 from safety.risk.mixture_network import MixtureNetwork
 
 _NOTHING: Final = 0.01
@@ -66,16 +67,21 @@ def sweep(
     settings: TrainingSettings,
     start: Start,
     heard: Callable[[Counted], None],
+    progress: Progress,
 ) -> list[Counted]:
     """Train each number of components, and try it on the test configurations.
 
-    Raises TrainingError. heard: is told of each.
+    Raises TrainingError. heard: is told of each. progress: of steps, as many as the settings have
+    for each.
     """
     u = dataset.configurations[dataset.test]
     samples = some_points(dataset, dataset.test, settings.seed)
     found = []
     for count in components:
-        trained = train_points(dataset, ~dataset.test, NetworkShape(count), settings, start)
+        steps = _Steps(progress)
+        shape = NetworkShape(count)
+        trained = train_points(dataset, ~dataset.test, shape, settings, start, steps.heard)
+        steps.reach(settings.steps)
         network = MixtureNetwork(trained.arrays, trained.activation)
         weights = weights_at(network, u)
         found.append(
@@ -91,6 +97,21 @@ def sweep(
         )
         heard(found[-1])
     return found
+
+
+class _Steps:
+    """Of one training, told as progress."""
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress = progress
+        self._told = 0
+
+    def heard(self, _: str, check: Check) -> None:
+        self.reach(check.step)
+
+    def reach(self, step: int) -> None:
+        self._progress.advance(float(step - self._told))
+        self._told = step
 
 
 def by_start(found: Iterable[Counted]) -> dict[Start, list[Counted]]:

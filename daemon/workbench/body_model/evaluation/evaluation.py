@@ -3,12 +3,12 @@
 Which those are, the model's own file says and not the data's: see `ModelFile.learnt_at`.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
+from daemon.host.progress import Progress
 from daemon.risk.model_file import ModelFile
 from daemon.workbench.body_model.clouds.cloud_dataset import BoolArray, CloudDataset, SingleArray
 from daemon.workbench.body_model.training.body_training import (
@@ -181,26 +181,24 @@ def evaluate(
     seed: int,
     references: int,
     block: tuple[NetworkShape, TrainingSettings] | None,
-    heard: Callable[[str], None],
+    progress: Progress,
 ) -> Evaluation:
     """Raises TrainingError; ValueError, also where the model has seen all of the data.
 
     references: how many test configurations get a mixture of their own. block: how to train the
-    network that never was in the block; None: that is not tried. heard: is told what begins.
+    network that never was in the block; None: that is not tried. progress: hears of each part.
     """
     model, unseen = file.model, Unseen.by(file, dataset)
     test, u = unseen.test, dataset.configurations[unseen.test]
     lines = dataset.centrelines_mm[test]
-    heard("likelihood and coverage")
+    progress.begin("likelihood and coverage", 0.0)
     points = scores(model.points, u, some_points(dataset, test, seed), seed)
     training = _training_nll_mm(model, dataset, unseen.learnt, seed)
     shapes = scores(model.shapes, u, coefficients_at(lines, model.basis), seed)
-    heard("mixtures of each configuration by itself")
-    reference = against_reference(model.points, dataset, test, references, seed)
+    reference = against_reference(model.points, dataset, test, references, seed, progress)
     tried = None
     if block is not None:
-        heard("a network that has never been in the block")
-        tried = _block(model, dataset, unseen.learnt, *block, seed)
+        tried = _block(model, dataset, unseen.learnt, *block, seed, progress)
     error, spread = _tip(model, u, lines)
     return Evaluation(
         unseen,
@@ -245,7 +243,12 @@ def weights_at(network: MixtureNetwork, u: FloatArray) -> FloatArray:
 
 
 def against_reference(
-    network: MixtureNetwork, dataset: CloudDataset, test: BoolArray, count: int, seed: int
+    network: MixtureNetwork,
+    dataset: CloudDataset,
+    test: BoolArray,
+    count: int,
+    seed: int,
+    progress: Progress,
 ) -> AgainstReference:
     """At `count` of the test configurations, or all there are."""
     chosen = np.flatnonzero(test)[:count]
@@ -253,6 +256,7 @@ def against_reference(
     half = dataset.clouds_mm.shape[1] // 2
     if not half:
         raise ValueError("a reference needs clouds of two starts or more")
+    progress.begin("mixtures of each configuration by itself", float(len(chosen)))
     for i in chosen.tolist():
         clouds = dataset.clouds_mm[i].astype(np.float64)
         mixture = network.mixture(dataset.configurations[i])
@@ -264,6 +268,7 @@ def against_reference(
             tried = ((mixture, kept), (own, kept), (own, fitted))
             found.append([-one.log_density(places).mean() for one, places in tried])
         rows.append(np.mean(found, axis=0))
+        progress.advance()
     nll = np.array(rows)
     away = nll[:, 0] - nll[:, 1]
     random = np.random.default_rng(seed)
@@ -280,11 +285,19 @@ def _block(
     shape: NetworkShape,
     settings: TrainingSettings,
     seed: int,
+    progress: Progress,
 ) -> BlockTrial:
     inside = dataset.block
     if not inside.any() or inside.all():
         raise ValueError("these data have no block that could be kept back")
-    trained = train_points(dataset, ~dataset.test & ~inside, shape, settings)
+    progress.begin("a network that has never been in the block", float(settings.steps))
+    trained = train_points(
+        dataset,
+        ~dataset.test & ~inside,
+        shape,
+        settings,
+        heard=lambda _, check: progress.reach(float(check.step)),
+    )
     stranger = MixtureNetwork(trained.arrays, trained.activation)
 
     def scored(network: MixtureNetwork, chosen: BoolArray) -> Scores:

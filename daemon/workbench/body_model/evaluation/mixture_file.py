@@ -9,11 +9,11 @@ from safety.risk.mixture import Mixture, MixtureError
 _TOLD: Final = 40
 """Characters of what is no number."""
 FORM: Final = """\
-{"weights":            [w, …],                      K numbers, together one
- "means_mm":           [[x, y, z], …],              K rows
- "factors_per_mm":     [[[a, b, c],                 K upper triangular matrices Ū,
-                         [0, d, e],                 the inverse covariance is ŪᵀŪ
-                         [0, 0, f]], …]}
+{"weights":        [w, …],             K numbers, together one
+ "means_mm":       [[x, y, z], …],     K rows
+ "factors_per_mm": [[[a, b, c],        K upper triangular matrices Ū,
+                     [0, d, e],        the inverse covariance is ŪᵀŪ
+                     [0, 0, f]], …]}
 """
 
 

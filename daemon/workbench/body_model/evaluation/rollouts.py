@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from config.robot import Robot
+from daemon.host.progress import Progress
 from daemon.workbench.body_model.clouds.collection import CollectionError, others_of
 from daemon.workbench.body_model.clouds.configurations import Candidates
 from daemon.workbench.body_model.clouds.emulated_body import EmulatedBody
-from daemon.workbench.body_model.clouds.parallel_collection import Progress, first_possible
+from daemon.workbench.body_model.clouds.parallel_collection import first_possible
 from safety.risk.mixture import FloatArray
 from sim_backends.plants.shooting import warm_up
 

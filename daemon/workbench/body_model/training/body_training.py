@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from daemon.files import prefixed
+from daemon.array_files import prefixed
 from daemon.workbench.body_model.clouds.cloud_dataset import BoolArray, CloudDataset
 from daemon.workbench.body_model.training.network import Beginning, NetworkShape, Scaling
 from daemon.workbench.body_model.training.recalibration import MOST_DOUBLED, recalibrated

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from daemon.learning.forward.pretraining import body_lag_s
+from daemon.learning.forward.pretraining import PretrainingError, body_lag_s
 from tests.daemon.learning.frames_of_arm import RANGES, arm_frames, without
 
 
@@ -44,10 +44,18 @@ def test_frames_that_come_twice_or_too_late_do_no_harm() -> None:
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 100])
-def test_few_frames_tell_nothing(count: int) -> None:
+def test_few_frames_tell_nothing_and_are_refused(count: int) -> None:
     frames = without(arm_frames(2, lag_s=0.1), count, 10_000)
     assert len(frames) == count
-    assert body_lag_s(frames, RANGES.travel) == 0.0
+    with pytest.raises(PretrainingError, match=r"cannot be told from \d+ sound frames .*--lag"):
+        body_lag_s(frames, RANGES.travel)
+
+
+def test_many_frames_that_are_never_long_without_a_gap_are_refused_too() -> None:
+    frames = arm_frames(12, lag_s=0.1)
+    torn = replace(frames, t_ns=frames.t_ns + np.arange(len(frames)) // 10 * 1_000_000_000)
+    with pytest.raises(PretrainingError, match="from 0 sound frames"):
+        body_lag_s(torn, RANGES.travel)
 
 
 def test_it_is_never_less_than_nothing() -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daemon.files import ModelError
+from daemon.array_files import ModelError
 from daemon.learning.forward.pretrained_model import PretrainedModel
 from daemon.learning.forward.pretraining import PretrainingSettings, pretrain
 from tests.daemon.learning.frames_of_arm import ROBOT, another_robot, arm_dataset

@@ -125,8 +125,9 @@ def test_too_few_motions_are_no_data() -> None:
 
 
 @pytest.mark.parametrize(
-    "changes", [{"epochs": 0}, {"fields": 0}, {"test_share": 1.0}, {"seed": -1}]
+    "changes",
+    [{"epochs": 0}, {"fields": 0}, {"test_share": 1.0}, {"seed": -1}, {"lag_s": -0.1}],
 )
 def test_settings_that_make_no_sense_are_refused(changes: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match=r"epochs|kept back"):
+    with pytest.raises(ValueError, match=r"epochs|kept back|late"):
         PretrainingSettings(**changes)  # type: ignore[arg-type]

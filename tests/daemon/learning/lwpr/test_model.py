@@ -10,11 +10,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daemon.learning.lwpr.metric import adapt
+from daemon.learning.lwpr.learning_kernels import adapt, close, learn
 from daemon.learning.lwpr.model import FloatArray, Lwpr, warm_up
-from daemon.learning.lwpr.prediction import blend_confidence, blend_slopes, derivative
-from daemon.learning.lwpr.query import activate, predict
-from daemon.learning.lwpr.regression import close, learn
+from daemon.learning.lwpr.query_kernels import (
+    activate,
+    blend_confidence,
+    blend_slopes,
+    derivative,
+    predict,
+)
 from daemon.learning.lwpr.settings import LwprSettings
 from tests.daemon.learning.streams import arm, cross, cross_of
 

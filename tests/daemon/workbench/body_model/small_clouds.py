@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from config.loader import RobotFile, load_robot
-from daemon.learning.samples.robot_fit import whose
+from daemon.array_files import whose
 from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset
 
 ROBOTS = Path(__file__).parents[4] / "config" / "robots"

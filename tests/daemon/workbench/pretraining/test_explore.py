@@ -98,7 +98,7 @@ def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
     (tmp_path / "run.mcap").write_bytes(b"nothing of the kind")
     with pytest.raises(DatasetError, match="is not a recording"):
         frames_of_run(tmp_path)
-    with pytest.raises(OSError, match="No such file"):
+    with pytest.raises(DatasetError, match="there is no such file or folder"):
         frames_of_run(tmp_path / "not_there")
 
 
@@ -222,9 +222,9 @@ def test_an_exploration_that_is_ended_goes_on_where_it_was(
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["--waypoints", "0"], "waypoints"),
-        (["--share", "1.5"], "travel_share"),
-        (["--dither", "nan"], "dither_share"),
+        (["--waypoints", "0"], "--waypoints: "),
+        (["--share", "1.5"], "--share: "),
+        (["--dither", "nan"], "--dither: "),
         (["--tip-load", "-1"], "below 0"),
     ],
 )

@@ -27,7 +27,9 @@ class Made:
     def __init__(self) -> None:
         self.asked: list[tuple[RobotFile, int, int]] = []
 
-    def __call__(self, file: RobotFile, waypoints: int, seed: int, tell: object) -> Path:
+    def __call__(
+        self, file: RobotFile, waypoints: int, seed: int, tell: object, **more: object
+    ) -> Path:
         self.asked.append((file, waypoints, seed))
         return Path("made.npz")
 
@@ -81,7 +83,7 @@ def test_no_model_is_made_where_none_is_wanted(
 def test_what_cannot_be_learnt_is_a_failure_of_the_trial(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    def cannot(*_: object) -> Path:
+    def cannot(*_: object, **more: object) -> Path:
         raise PretrainingError("3 lines are too few")
 
     monkeypatch.setattr(model_cache, "pretrained", cannot)

@@ -4,22 +4,35 @@ import argparse
 import asyncio
 import base64
 import re
+import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
 import pytest
+from matplotlib.figure import Figure
 
+from config.control import PoseFilterSettings
 from config.loader import load_robot
 from daemon.commands import recover, report
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 from daemon.messages import Event, Message, Risk, Status, Tip
-from daemon.recording.result import Result, write_result
+from daemon.recording.result import CycleError, Result, read_result, write_result
 from daemon.recording.run_folder import describe_run
 from daemon.recording.run_writer import RunWriter
-from daemon.workbench.report.report import write_report
+from daemon.workbench.report.report import report_html, write_report
+from daemon.workbench.report.report_data import _COLUMNS, read_run
+from daemon.workbench.report.report_errors import smoothed_cycles
+from daemon.workbench.report.report_series import risk_figure, timing_figure
 from tests import SOFT_ARM
-from tests.daemon.recording.synthetic_run import WALL_NS, direct_run, make_run, messages
+from tests.daemon.recording.synthetic_run import (
+    WALL_NS,
+    direct_run,
+    make_parts,
+    make_run,
+    messages,
+)
 
 CYCLE_S = 4.0
 
@@ -92,6 +105,53 @@ def test_a_whole_run_has_every_table_and_figure(page: str) -> None:
     assert "<b>321</b>" in page
 
 
+def test_in_virtual_time_there_is_no_date_and_no_timing(whole: Path, tmp_path: Path) -> None:
+    run = read_run(whole)
+    virtual = replace(run, header={**run.header, "time": "virtual time"})
+    assert timing_figure(run) is not None
+    assert timing_figure(virtual) is None
+    for data, dated in ((run, True), (virtual, False)):
+        page = report_html(data)
+        assert ("2020-01-01" in page) is dated
+        assert ("bus cycles missed" in page) is dated
+        assert ("virtual time" in page) is not dated
+
+
+def test_no_model_of_the_risk_is_drawn_as_that(whole: Path) -> None:
+    run = read_run(whole)
+    assert run.risk_sources == ("mixture",)
+    assert "no model" not in words_of(risk_figure(run))
+    without = replace(run, risk_sources=("no model",))
+    assert "no model" in words_of(risk_figure(without))
+    assert without.risk is not None
+    lines = [line for axes in figure_of(risk_figure(without)).axes for line in axes.lines]
+    assert all("threshold" not in str(line.get_label()) for line in lines)
+
+
+def test_what_a_stand_in_says_of_the_risk_is_no_figure() -> None:
+    said = Risk(
+        sequence=1,
+        t_ns=0,
+        source="no model",
+        contact_risk=0.0,
+        threshold=0.05,
+        scale=1.0,
+        reasons=[],
+    )
+    contact = _COLUMNS[Risk]["contact"]
+    assert contact.of(said) is None
+    assert contact.of(msgspec.structs.replace(said, source="soft_arm.npz")) == (0.0,)
+
+
+def figure_of(made: Figure | None) -> Figure:
+    assert made is not None
+    return made
+
+
+def words_of(made: Figure | None) -> str:
+    return " ".join(text.get_text() for axes in figure_of(made).axes for text in axes.texts)
+
+
 def test_a_report_needs_nothing_from_outside(page: str) -> None:
     figures = re.findall(r'src="data:image/svg\+xml;base64,([^"]+)"', page)
     assert len(figures) == 8
@@ -107,10 +167,51 @@ def test_the_same_run_gives_the_same_report(whole: Path, page: str, tmp_path: Pa
     assert write_report(whole, tmp_path / "again.html").read_text() == page
 
 
-def test_the_error_table_has_a_row_for_each_cycle(page: str) -> None:
-    rows = re.findall(r'<tr><td class="number">(\d+)</td><td class="number">(\d+)</td>', page)
-    assert [int(cycle) for cycle, _ in rows] == [1, 2]
-    assert all(int(samples) > 50 for _, samples in rows)
+def error_rows(page: str) -> list[tuple[int, int, float]]:
+    """Cycle, samples and mean error in mm, of one table after the other."""
+    cell = r'<td class="number">([\d.]+)</td>'
+    rows = re.findall(rf"<tr>{cell}{cell}{cell}", page)
+    return [(int(cycle), int(samples), float(mean)) for cycle, samples, mean in rows]
+
+
+def test_the_error_tables_have_a_row_for_each_cycle(page: str) -> None:
+    """What the loop saw, then the same smoothed: the emulated tip of this run was not recorded."""
+    rows = error_rows(page)
+    assert [cycle for cycle, _, _ in rows] == [1, 2, 1, 2]
+    assert all(samples > 50 for _, samples, _ in rows)
+    assert "The same of the smoothed tip" in page
+    for seen, smoothed in zip(rows[:2], rows[2:], strict=True):
+        assert smoothed[2] == pytest.approx(seen[2], abs=0.15)
+
+
+def test_where_the_true_tip_is_known_nothing_is_smoothed(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result = read_result(whole)
+    assert result is not None
+    row = CycleError(cycle=0, samples=99, mean_mm=0.125, std_mm=0.1, max_mm=0.5)
+    run = read_run(whole)
+    run.result = msgspec.structs.replace(result, true_cycles=[row])
+    monkeypatch.setitem(sys.modules, "filterpy.kalman", None)
+    page = report_html(run)
+    assert error_rows(page)[2:] == [(1, 99, 0.125)]
+    assert "The same of the true tip" in page
+
+
+def test_what_was_not_believed_is_not_smoothed(whole: Path) -> None:
+    """Wild readings change nothing as long as the loop has not believed them either."""
+    run = read_run(whole)
+    assert run.tip is not None
+    before = smoothed_cycles(run.tip, PoseFilterSettings())
+    wild = slice(100, 300, 20)
+    run.tip["measured_mm"][wild] += 1000.0
+    assert max(row.max_mm for row in smoothed_cycles(run.tip, PoseFilterSettings())) > 100.0
+    run.tip["believed"][wild] = 0.0
+    after = smoothed_cycles(run.tip, PoseFilterSettings())
+    assert [row.mean_mm for row in after] == pytest.approx(
+        [row.mean_mm for row in before], abs=0.05
+    )
+    assert sum(row.samples for row in before) > sum(row.samples for row in after)
 
 
 def test_a_run_without_a_tip_still_has_a_report(tmp_path: Path) -> None:
@@ -177,6 +278,23 @@ def test_an_unfinished_recording_is_shown_as_such(tmp_path: Path) -> None:
     page = write_report(tmp_path).read_text()
     assert "was not ended properly" in page
     assert "run.mcap.part" in page
+
+
+def test_a_run_whose_recorder_was_started_again_is_shown_whole_with_its_gap(
+    tmp_path: Path,
+) -> None:
+    recorded = make_parts(tmp_path, slice(600, 700))
+    run = read_run(tmp_path)
+    assert run.counts["/tip"] == sum(isinstance(each, Tip) for each in recorded)
+    page = write_report(tmp_path).read_text()
+    assert "run.mcap.part, run-2.mcap" in page
+    assert (
+        "what happened from 4.9 to 5.7 s, between run.mcap.part and run-2.mcap, was not recorded"
+    ) in page
+    assert "This is one of several" not in page
+    alone = write_report(tmp_path / "run-2.mcap").read_text()
+    assert "This is one of several recordings of its run" in alone
+    assert "was not recorded" not in alone
 
 
 def test_damaged_messages_are_counted_and_left_out(tmp_path: Path) -> None:

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from daemon.recording.run_folder import unfinished
-from daemon.recording.run_reader import RunMessage, RunReader, UnreadableRunError, control_hash
+from daemon.recording.run_parts import control_hash
+from daemon.recording.run_reader import RunMessage, RunReader, UnreadableRunError
 from daemon.workbench.report import report_process
 from daemon.workbench.report.report import write_report
 from daemon.workbench.report.report_data import GrowingRun
@@ -141,12 +142,12 @@ def test_a_recording_is_read_as_it_grows(whole: Path, tmp_path: Path) -> None:
         part.write_bytes(data[:end])
         growing.catch_up()
     part.rename(tmp_path / "run.mcap")
-    assert not growing._reader.whole
+    assert not growing._parts.whole
     (tmp_path / "run.mcap").write_bytes(data)
     assert growing.data().whole
     growing.catch_up()
     assert seen == expected
-    assert growing._reader.read_bytes == len(data)
+    assert growing._parts.readers[1].read_bytes == len(data)
 
 
 def test_the_process_reads_along_and_reports_what_came_last(whole: Path, tmp_path: Path) -> None:
@@ -156,7 +157,7 @@ def test_the_process_reads_along_and_reports_what_came_last(whole: Path, tmp_pat
     from_process, answers = os.pipe()
     process = report_process.ReportProcess(tmp_path, requests, answers)
     process._run.catch_up()
-    read_before = process._run._reader.read_bytes
+    read_before = process._run._parts.readers[1].read_bytes
     (tmp_path / "run.mcap.part").rename(tmp_path / "run.mcap")
     (tmp_path / "run.mcap").write_bytes(data)
     os.write(to_process, REPORT)

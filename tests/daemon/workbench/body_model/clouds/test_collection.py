@@ -35,15 +35,18 @@ class Silent:
     """A `Progress`."""
 
     def __init__(self) -> None:
-        self.begun: list[tuple[str, int, int]] = []
-        self.done = 0
+        self.begun: list[tuple[str, float, float]] = []
+        self.done = 0.0
 
-    def begin(self, what: str, total: int, done: int) -> None:
+    def begin(self, what: str, total: float, done: float = 0.0) -> None:
         self.begun.append((what, total, done))
         self.done = done
 
-    def advance(self, by: int) -> None:
+    def advance(self, by: float = 1.0) -> None:
         self.done += by
+
+    def reach(self, done: float, total: float = 0.0, what: str = "") -> None:
+        raise AssertionError("it is told in parts")
 
 
 @pytest.fixture
@@ -166,12 +169,12 @@ def test_an_interrupted_collection_goes_on_and_ends_the_same(
         if sum("plan" not in name for name in saved) == 2:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr("daemon.files.np.savez_compressed", stop_after_one)
+    monkeypatch.setattr("daemon.array_files.np.savez_compressed", stop_after_one)
     with pytest.raises(KeyboardInterrupt):
         collect(tendon_arm(), SETTINGS, path, at_once, Silent())
     assert not path.exists()
     assert len(list(parts.iterdir())) == 2  # the plan, and one part: the other was not whole
-    monkeypatch.setattr("daemon.files.np.savez_compressed", real)
+    monkeypatch.setattr("daemon.array_files.np.savez_compressed", real)
     heard = Silent()
     made = collect(tendon_arm(), SETTINGS, path, worker, heard)
     what, total, done = heard.begun[0]

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from config.loader import load_robot
+from daemon.host.progress import Unheard
 from daemon.risk.model_file import ModelFile
 from daemon.workbench.body_model.clouds.collection import CollectionError
 from daemon.workbench.body_model.clouds.emulated_body import EmulatedBody
@@ -22,16 +23,6 @@ from tests.safety.risk.test_body_risk import arrays, at
 
 TENDON_ARM = SOFT_ARM.with_name("tendon_arm.yaml")
 RADIUS_MM = 5.0
-
-
-class Nobody:
-    """Does not mind how far it is."""
-
-    def begin(self, what: str, total: int, done: int) -> None:
-        pass
-
-    def advance(self, by: int) -> None:
-        pass
 
 
 def block(away_mm: float) -> Block:
@@ -148,7 +139,7 @@ def test_configurations_that_the_model_was_trained_at_are_left_out(file: ModelFi
 def test_rollouts_come_to_one_place_from_many_and_are_the_same_again() -> None:
     robot = load_robot(TENDON_ARM).robot
     with ThreadPoolExecutor(1) as workers:
-        first, again = (roll_out(robot, 4, 3, 7, workers, Nobody()) for _ in range(2))
+        first, again = (roll_out(robot, 4, 3, 7, workers, Unheard()) for _ in range(2))
     assert np.array_equal(first.centrelines_mm, again.centrelines_mm)
     assert first.centrelines_mm.shape[:2] == (4, 3)
     ends = first.centrelines_mm[:, :, -1].astype(float)
@@ -162,7 +153,7 @@ def test_rollouts_come_to_one_place_from_many_and_are_the_same_again() -> None:
 def test_too_few_configurations_are_refused() -> None:
     robot = load_robot(TENDON_ARM).robot
     with ThreadPoolExecutor(1) as workers, pytest.raises(CollectionError, match="too few"):
-        roll_out(robot, 3, 3, 1, workers, Nobody())
+        roll_out(robot, 3, 3, 1, workers, Unheard())
     with ThreadPoolExecutor(1) as workers, pytest.raises(CollectionError, match="no 'emulation'"):
         bare = robot.model_copy(update={"emulation": None})
-        roll_out(bare, 3, 2, 1, workers, Nobody())
+        roll_out(bare, 3, 2, 1, workers, Unheard())

@@ -11,6 +11,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="pip install '.[training]'")
 
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE, main  # noqa: E402
+from daemon.host.progress import Unheard  # noqa: E402
 from daemon.risk.model_file import ModelFile, read_model, write_model  # noqa: E402
 from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset  # noqa: E402
 from daemon.workbench.body_model.evaluation.component_sweep import Counted, recommended, summary  # noqa: E402
@@ -121,7 +122,7 @@ def model_file(trained: TrainedBody) -> ModelFile:
 
 
 def evaluated(trained: TrainedBody, data: CloudDataset) -> Evaluation:
-    return evaluate(model_file(trained), data, 1, 2, None, lambda _: None)
+    return evaluate(model_file(trained), data, 1, 2, None, Unheard())
 
 
 def some(data: CloudDataset, which: np.ndarray) -> CloudDataset:
@@ -214,7 +215,7 @@ def test_what_the_fit_costs_is_told_where_the_truth_is_known(trained: TrainedBod
 def test_an_evaluation_says_all_of_it(trained: TrainedBody) -> None:
     data = dataset(n=240)
     block = (NetworkShape(3, (32, 32)), SETTINGS.training)
-    made = evaluate(model_file(trained), data, 1, 8, block, lambda _: None)
+    made = evaluate(model_file(trained), data, 1, 8, block, Unheard())
     found = made.summary()
     assert found["test_configurations"] == int(data.test.sum())
     assert found["left_out_because_trained_at"] == 0
@@ -233,7 +234,7 @@ def test_a_reference_beats_a_network_that_has_learnt_nothing() -> None:
     data = dataset(n=240)
     little = replace(SETTINGS, training=replace(SETTINGS.training, steps=1))
     lazy = risk_model(train_body(data, little, lambda *_: None).arrays, "silu", "silu")
-    found = against_reference(lazy.points, data, data.test, 10, seed=1)
+    found = against_reference(lazy.points, data, data.test, 10, 1, Unheard())
     assert found.difference > 0.1
     assert found.interval[0] < found.difference < found.interval[1]
     assert found.in_sample < found.reference
@@ -251,7 +252,7 @@ def test_a_reference_does_not_know_the_start_before() -> None:
     remembering = replace(data, clouds_mm=(data.clouds_mm + aside).astype(np.float32))
     trained = train_body(remembering, SETTINGS, lambda *_: None)
     model = risk_model(trained.arrays, "silu", "silu")
-    own = against_reference(model.points, remembering, remembering.test, 20, seed=1)
+    own = against_reference(model.points, remembering, remembering.test, 20, 1, Unheard())
     assert own.difference < 0.0
 
 

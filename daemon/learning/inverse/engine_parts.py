@@ -1,42 +1,56 @@
-"""The controllers after they were solved, and what they answer together."""
+"""What engines have in common: window and prior, and the controllers after they were solved."""
 
 import numpy as np
 
 from daemon.learning.inverse.local_controller_kernels import (
-    Geometry,
     IndexArray,
     Solutions,
     Sums,
     blend,
+    geometry_of,
     log_weights,
     solve_fields,
 )
 from daemon.learning.inverse.local_controller_settings import LocalControllerSettings
 from daemon.learning.inverse.local_controllers import Command
-from daemon.learning.inverse.regressors import PLACE, Regressors
+from daemon.learning.inverse.prior import Prior, prior_for
+from daemon.learning.inverse.window import PLACE, RegressionWindow, Regressors, Window
 from daemon.learning.samples.receptive_fields import ReceptiveFields
 from drivers.pose import Vector
 
-# Receptive fields as the kernels want them: coordinate by coordinate, all fields side by side.
 
+class Engine:
+    """The part of `LocalControllers` that is the same in all of them."""
 
-def geometry_of(fields: ReceptiveFields, middle: Vector, part: slice = slice(None)) -> Geometry:
-    """Of some of the fields; centres count from (d,) `middle`."""
-    centres, roots = fields.centres[part], fields.roots[part]
-    used = np.abs(roots).max(axis=0, initial=0.0) > 0.0
-    reach = np.array([1 + np.flatnonzero(row).max(initial=a) for a, row in enumerate(used)])
-    return Geometry(
-        np.ascontiguousarray((centres - middle).T),
-        np.ascontiguousarray(roots.transpose(1, 2, 0)),
-        reach.astype(np.int64),
-    )
+    def __init__(
+        self,
+        fields: ReceptiveFields,
+        settings: LocalControllerSettings,
+        capacity: int,
+        posture: Vector,
+        prior: Prior | None = None,
+    ) -> None:
+        self.fields = fields
+        self._settings = settings
+        self._regressors = Regressors(fields, settings)
+        self._data = RegressionWindow(capacity, self._regressors, settings, posture)
+        self._prior = prior_for(prior, fields, settings, self._data.posture)
 
+    @property
+    def window(self) -> Window:
+        return self._data.samples
 
-def log_weights_of(geometry: Geometry, places: Vector) -> Vector:
-    """(f, n) ln w of (n, d) places, counted from the geometry's middle."""
-    weights = np.empty((len(places), geometry.centres.shape[1]))
-    log_weights(geometry, places, weights)
-    return np.ascontiguousarray(weights.T)
+    @property
+    def posture(self) -> Vector:
+        return self._data.posture.copy()
+
+    def set_posture(self, posture: Vector) -> None:
+        if self._data.set_posture(posture):
+            self._prior = self._prior.towards(self._data.posture)
+            self._forget()
+
+    def _forget(self) -> None:
+        """What was worked out for another posture."""
 
 
 class SolvedFields:

@@ -1,0 +1,35 @@
+"""Has everything compiled that a lab and a daemon compile, and says how far that is.
+
+Processes that find it compiled start in a second, and need not say anything. As a program:
+`python -m daemon.commands.terminal.compiled`.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from daemon.commands.terminal.progress_line import ProgressLine
+
+
+@contextmanager
+def telling_progress() -> Iterator[ProgressLine]:
+    """A line for long work, which also tells of what is compiled for it."""
+    # numba, which who asks for help alone does not wait for.
+    from daemon.host.compilation import compilation_told
+
+    with ProgressLine() as line, compilation_told(line):
+        yield line
+
+
+def compile_all() -> None:
+    """What is compiled already is loaded: tenths of a second."""
+    # What is compiled takes its time to be imported too.
+    from daemon.controllers.make_controller import warm_up
+    from sim_backends.plants.shooting import warm_up as warm_up_plant
+
+    warm_up_plant()
+    warm_up()
+
+
+if __name__ == "__main__":
+    with telling_progress():
+        compile_all()

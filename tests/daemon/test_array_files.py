@@ -1,0 +1,102 @@
+"""Arrays on disk: what was written is read, and what is damaged is refused in words."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from config.loader import load_robot
+from daemon.array_files import ArrayFile, ModelError, misfit_of, read_as, whose
+from daemon.controllers.fixed_model_file import load_model, model_metadata, save_model
+from daemon.controllers.learning_file import LearntFile, load_learnt, save_learnt
+from daemon.learning.samples.dataset import Dataset, DatasetError
+from tests import SHIPPED_ROBOTS
+from tests.daemon.learning.frames_of_arm import ROBOT, arm_dataset
+
+ABOUT = {"kind": "something/1", "of": ["a", 1.5, None]}
+ARRAYS = {"a": np.arange(6.0).reshape(2, 3), "b": np.array([True]), "deep/c": np.zeros(0, np.int64)}
+WHOSE = model_metadata("broyden", ROBOT)
+SHAPES = {"jacobian": (3, 6)}
+
+
+@pytest.mark.parametrize("text", ["metadata", "provenance"])
+def test_what_was_written_is_read(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "file.npz"
+    ArrayFile(ABOUT, ARRAYS).save(path, text)
+    read = ArrayFile.load(path, None, text)
+    assert read.about == ABOUT
+    assert read.arrays.keys() == ARRAYS.keys()
+    for name, array in ARRAYS.items():
+        assert read.arrays[name].dtype == array.dtype
+        np.testing.assert_array_equal(read.arrays[name], array)
+    assert "kind" not in ArrayFile.load(path, "something/1", text).about
+
+
+def test_another_kind_is_refused_with_both_names(tmp_path: Path) -> None:
+    path = tmp_path / "file.npz"
+    ArrayFile(ABOUT, ARRAYS).save(path)
+    told = r"file\.npz is not a thing: ValueError: its kind is 'something/1', not 'another/1'"
+    with pytest.raises(ModelError, match=told), read_as(path, "a thing"):
+        ArrayFile.load(path, "another/1")
+
+
+def test_a_file_that_is_too_large_is_not_read(tmp_path: Path) -> None:
+    path = tmp_path / "file.npz"
+    ArrayFile(ABOUT, ARRAYS).save(path)
+    with pytest.raises(OSError, match="more than 100 bytes"), read_as(path, "a thing"):
+        ArrayFile.load(path, most_bytes=100)
+
+
+def _fixed(path: Path) -> None:
+    save_model(path, WHOSE, {"jacobian": np.ones((3, 6))})
+
+
+def _learnt(path: Path) -> None:
+    save_learnt(path, LearntFile("reward_weighted", None, {"x": np.ones((20, 3))}), ROBOT)
+
+
+_CASES: list[tuple[Callable[[Path], None], Callable[[Path], Any], type[Exception]]] = [
+    (_fixed, lambda path: load_model(path, WHOSE, SHAPES), ModelError),
+    (_learnt, lambda path: load_learnt(path, "reward_weighted", ROBOT), ModelError),
+    (lambda path: arm_dataset(3).save(path), lambda path: Dataset.load(path, ROBOT), DatasetError),
+]
+
+
+@pytest.mark.parametrize(("save", "load", "refused"), _CASES, ids=["fixed", "learnt", "dataset"])
+def test_whatever_is_damaged_is_refused_in_words(
+    save: Callable[[Path], None],
+    load: Callable[[Path], Any],
+    refused: type[Exception],
+    tmp_path: Path,
+) -> None:
+    """One bit anywhere: what zip, zlib, numpy and JSON say of it is never passed on as it is."""
+    path = tmp_path / "file.npz"
+    save(path)
+    whole = path.read_bytes()
+    refusals = 0
+    for place in np.random.default_rng(1).permutation(len(whole))[:300].tolist():
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << place % 8
+        path.write_bytes(damaged)
+        try:
+            load(path)
+        except (refused, OSError) as error:
+            refusals += 1
+            assert str(path) in str(error) or isinstance(error, OSError)
+    assert refusals > 100
+
+
+def test_whose_it_is_are_name_axes_and_travel() -> None:
+    told = whose(ROBOT)
+    assert misfit_of(told, ROBOT) == ""
+    assert misfit_of({**told, "axes": told["axes"][:-1]}, ROBOT).startswith("its axes is [")
+    assert misfit_of({}, ROBOT) == f"its robot is None, not '{ROBOT.robot}'"
+
+
+def test_shipped_models_say_whose_they_are() -> None:
+    for file in SHIPPED_ROBOTS.glob("*_arm.yaml"):
+        path = SHIPPED_ROBOTS.parent / "models" / f"{file.stem}.npz"
+        about = ArrayFile.load(path, None, "about").about
+        assert misfit_of(about, load_robot(file).robot) == ""
