@@ -47,8 +47,9 @@ def _prepared(robot: Path) -> Path:
     """What is known of the arm, learnt where it is not yet; and everything compiled, before
     processes start that are waited for. Raises TrialError, PretrainingError, OSError."""
     with telling_progress() as progress:
-        model = pretrained(load_robot(robot), tell=progress.tell, progress=progress)
-        compile_all()
+        file = load_robot(robot)
+        model = pretrained(file, tell=progress.tell, progress=progress)
+        compile_all(file)
     return model
 
 

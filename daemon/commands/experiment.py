@@ -6,7 +6,7 @@ from pathlib import Path
 
 from config.problems import ConfigError, in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
-from daemon.commands.terminal.compiled import telling_progress
+from daemon.commands.terminal.compiled import compile_all, telling_progress
 from daemon.commands.terminal.progress_line import Aside, ProgressLine
 from daemon.host.real_time import imported_for_good
 from daemon.host.stop_signals import all_like_ctrl_c
@@ -86,6 +86,7 @@ def _experiment(
 def _in_real_time(file: ExperimentFile, seed: int, folder: Path, progress: ProgressLine) -> Result:
     from daemon.workbench.experiments.in_real_time import carry_out_in_real_time
 
+    compile_all(file.file)  # here, where it is told: the lab's process is waited for
     with Aside(progress) as aside:
         return carry_out_in_real_time(file, seed, folder, aside.tell, aside)
 

@@ -148,7 +148,7 @@ def _explored(
         _begin(parts)
     try:
         with all_like_ctrl_c():
-            _explore(parts, real_time)
+            _explore(parts, file if real_time else None)
         dataset = parts.dataset()
         dataset.save(arguments.out)
     except BaseException:
@@ -158,14 +158,16 @@ def _explored(
     return dataset
 
 
-def _explore(parts: "ExplorationParts", real_time: bool) -> None:
-    from daemon.commands.terminal.compiled import telling_progress
+def _explore(parts: "ExplorationParts", file: RobotFile | None) -> None:
+    """file: of the robot, for real time."""
+    from daemon.commands.terminal.compiled import compile_all, telling_progress
     from daemon.commands.terminal.progress_line import Aside
 
     with telling_progress() as progress:
-        if not real_time:
+        if file is None:
             parts.explore(progress.tell, progress)
             return
+        compile_all(file)  # here, where it is told: the lab's process is waited for
         with Aside(progress) as aside:
             parts.explore(aside.tell, aside)
 

@@ -152,6 +152,9 @@ def parsed(words: Sequence[str]) -> argparse.Namespace:
         subparser = subparsers.add_parser(name, help=purpose, description=purpose)
         if name == wanted:
             _command(name).add_arguments(subparser)
+    if not words:
+        parser.print_help(sys.stderr)
+        sys.exit(EXIT_USAGE)
     return parser.parse_args(words)
 
 

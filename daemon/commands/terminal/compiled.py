@@ -5,9 +5,15 @@ Processes that find it compiled start in a second, and need not say anything. As
 """
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from typing import Final
 
+from config.loader import RobotFile
 from daemon.commands.terminal.progress_line import ProgressLine
+from daemon.host.clock import MonotonicClock
+
+_STEP_NS: Final = 25_000_000
+"""Of a tracker at 40 Hz."""
 
 
 @contextmanager
@@ -20,14 +26,22 @@ def telling_progress() -> Iterator[ProgressLine]:
         yield line
 
 
-def compile_all() -> None:
-    """What is compiled already is loaded: tenths of a second."""
+def compile_all(file: RobotFile | None = None) -> None:
+    """What is compiled already is loaded: tenths of a second.
+
+    file: of the robot whose lab is wanted too.
+    """
     # What is compiled takes its time to be imported too.
     from daemon.controllers.make_controller import warm_up
+    from sim_backends.lab.lab import Lab, LabError
     from sim_backends.plants.shooting import warm_up as warm_up_plant
 
     warm_up_plant()
     warm_up()
+    if file is not None:
+        with suppress(LabError):  # which its own process will tell
+            body = Lab(file.robot, file.path, MonotonicClock()).body
+            body.advance(body.advanced_ns + _STEP_NS)
 
 
 if __name__ == "__main__":

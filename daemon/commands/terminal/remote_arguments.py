@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 import msgspec
 
+from config.problems import did_you_mean
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
 from daemon.messages import Answer, Command
 from daemon.remote.client.address import Address, LocalAddress, TlsAddress
@@ -86,13 +87,23 @@ def addresses(arguments: argparse.Namespace) -> list[Address]:
         return [_named(LocalAddress.in_folder(arguments.runtime_dir), arguments.robot)]
     root = _runtime_root()
     if arguments.robot is not None:
-        return [LocalAddress.in_folder(root / arguments.robot)]
+        return [_by_name(arguments.robot, root)]
     folders = running_daemons(root)
     if not folders:
         raise DaemonNotRunningError(
             "no daemon is running: start one with `tentacled run`, or name its --runtime-dir"
         )
     return [LocalAddress.in_folder(folder) for folder in folders]
+
+
+def _by_name(robot: str, root: Path) -> LocalAddress:
+    """Raises DaemonNotRunningError, which names the robot that may have been meant."""
+    try:
+        return LocalAddress.in_folder(root / robot)
+    except DaemonNotRunningError as error:
+        running = [folder.name for folder in running_daemons(root)]
+        meant = did_you_mean(Path(robot).stem, running)
+        raise DaemonNotRunningError(f"{error}{meant}") from None
 
 
 def address(arguments: argparse.Namespace) -> Address:

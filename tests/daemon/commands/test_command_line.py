@@ -63,6 +63,14 @@ def test_a_short_list_of_choices_is_told_where_nothing_is_like_it(
     assert "there is no 'xyzzy': there are inside, outside" in line
 
 
+def test_who_says_nothing_sees_all_there_is(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([])
+    assert ended.value.code == USAGE
+    told = capsys.readouterr().err
+    assert all(f"\n    {name}" in told for name in command_line._COMMANDS)
+
+
 def test_an_option_may_be_shortened(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "nothing.yaml: No such file" in said(f"probe {tmp_path}/nothing.yaml --dur 1", capsys)
 

@@ -226,6 +226,15 @@ def test_without_a_daemon_the_exit_code_is_three(
         assert "no daemon is running" in capsys.readouterr().err
 
 
+def test_the_name_of_a_robot_that_runs_is_suggested_for_one_that_does_not(
+    root: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with Daemon(root / ROBOT):
+        for name in (f"{ROBOT}s", f"config/robots/{ROBOT}.yaml"):
+            assert tentacled("status", name) == NO_DAEMON
+            assert f"(did you mean '{ROBOT}'?)" in capsys.readouterr().err
+
+
 def test_an_answer_that_does_not_come_has_its_own_exit_code(root: Path, tmp_path: Path) -> None:
     robot = FakeRobot()
     robot.slow_until = asyncio.Event()
