@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+import shutil
 import sys
 from collections.abc import Mapping
 from contextlib import suppress
@@ -114,7 +115,8 @@ class Tour:
         """One line that is written over on a terminal; one now and then elsewhere."""
         line = _line(status)
         if self._on_terminal:
-            print(f"\r{line:<110}", end="\n" if last else "", flush=True)
+            columns = shutil.get_terminal_size().columns - 1
+            print(f"\r\x1b[K{line[:columns]}", end="\n" if last else "", flush=True)
             return
         now_s = status.t_ns * 1e-9
         closely = now_s - self._loaded_at_s < _CLOSELY_S
@@ -148,7 +150,7 @@ def _line(status: Status) -> str:
             words.append(f"error {status.error_mm:5.2f} mm")
     if status.tip_mm is not None:
         words.append("tip ({:6.1f},{:6.1f},{:6.1f}) mm".format(*status.tip_mm))
-    words.append(f"{status.loop.rate_hz:4.1f} Hz")
+    words.append(f"{status.loop.rate_hz:.0f} Hz")
     return "  ".join(words)
 
 

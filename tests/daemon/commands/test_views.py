@@ -13,6 +13,7 @@ from daemon.commands.terminal.page import Size, cut, grid, paragraph, table
 from daemon.commands.terminal.probe_snapshot import Observer, event, snapshot
 from daemon.commands.terminal.probe_view import view
 from daemon.commands.terminal.status_view import status_view
+from daemon.commands.terminal.tour import _line
 from daemon.messages import Inject, Reason, RiskStatus, Status
 from daemon.robot.checked_robot import check_robot
 from daemon.robot.hardware import Hardware, Listeners
@@ -180,6 +181,15 @@ def test_no_window_is_overrun(broken: Status, width: int, height: int) -> None:
     text = joined(printed(status_view(broken, size), size))
     assert "FAULT" in text
     assert broken.reasons[0].text in text
+
+
+def test_the_tour_s_line_fits_too(healthy: Status) -> None:
+    far = replace(healthy, error_mm=123.456, tip_mm=[-123.4, -123.4, -123.4])
+    line = _line(far)
+    assert len(line) < 80
+    assert line.startswith("running ")
+    assert "error 123.46 mm" in line
+    assert line.endswith(f"{healthy.loop.rate_hz:.0f} Hz")
 
 
 # Of the probe: real drivers beside emulated devices, in virtual time.
