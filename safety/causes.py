@@ -1,12 +1,12 @@
 """Everything that can be wrong with the robot, in one table: how bad it is, and what helps.
 
-A cause is set by whoever sees it; `safety.failsafe` decides from this table what follows.
+One home raises them, `daemon.supervision.checks`; `safety.failsafe` decides from this table what
+follows.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from enum import Enum, IntEnum
-from typing import Final
+from enum import Enum, IntEnum, StrEnum, unique
+from typing import Final, Self
 
 
 class Severity(IntEnum):
@@ -41,11 +41,9 @@ class ClearRule(Enum):
     """Stays after the condition is gone until it is cleared, if it came while energised."""
 
 
-@dataclass(frozen=True)
-class Cause:
-    """One row of the table."""
+class CauseRow(StrEnum):
+    """A table of causes: each member is one row of it. A base without members."""
 
-    name: str
     severity: Severity
     debounce_s: float
     """So long the condition must hold; a condition that flaps adds its times up."""
@@ -53,167 +51,280 @@ class Cause:
     text: str
     remedy: str
 
+    def __new__(
+        cls,
+        value: str,
+        severity: Severity,
+        debounce_s: float,
+        clears: ClearRule,
+        text: str,
+        remedy: str,
+    ) -> Self:
+        """value: the name under which it is told, recorded and written in tables."""
+        member = str.__new__(cls, value)
+        member._value_ = value
+        member.severity, member.debounce_s, member.clears = severity, debounce_s, clears
+        member.text, member.remedy = text, remedy
+        return member
+
 
 _W, _N, _H = Severity.WARNING, Severity.NOT_READY, Severity.HOLD
 _D, _F, _E = Severity.DISARM, Severity.FAULT, Severity.ESTOP
 _SELF, _RESUME, _CLEAR = ClearRule.BY_ITSELF, ClearRule.BY_RESUME, ClearRule.DELIBERATELY
 
+
 # fmt: off
-CAUSES: Final[tuple[Cause, ...]] = (
-    Cause("tracker_warning", _W, 0.5, _SELF,
-          "the tracker measures, but not as it should",
-          "see the detail; keep metal away and the sensors inside the measurement volume"),
-    Cause("bus_degraded", _W, 0.5, _SELF,
-          "the CAN bus works, but with errors or too much traffic",
-          "check plugs, cable length and both terminating resistors; see the detail"),
-    Cause("drive_warning", _W, 0.2, _SELF,
-          "a drive warns",
-          "look at its display or its manual before it becomes a fault"),
-    Cause("drive_limit", _W, 0.2, _SELF,
-          "a drive holds back because of one of its own limits",
-          "compare travel, velocity and torque in the drive with the robot file"),
-    Cause("loop_slow", _W, 1.0, _SELF,
-          "the control loop often misses its time",
-          "end other programs on this computer; see what the last late cycle was spent on"),
-    Cause("real_time_degraded", _W, 0.0, _SELF,
-          "the operating system does not give the loop its real-time rights",
-          "`tentacled doctor` names what is missing and how to grant it"),
-    Cause("recording_dropped", _W, 0.0, _SELF,
-          "the recorder cannot keep up: parts of the recording are missing",
-          "record to a faster disk, or end other programs that write to it"),
+@unique
+class Cause(CauseRow):
+    """What can be wrong. A member is told by its value, everywhere."""
 
-    Cause("tracker_not_ready", _N, 0.0, _SELF,
-          "the tracker is not measuring",
-          "see the detail; plug it in and switch it on"),
-    Cause("node_not_ready", _N, 0.0, _SELF,
-          "a drive is not set up",
-          "see the detail; check its power, its plug and its node number"),
-    Cause("drive_settings_changed", _N, 0.0, _SELF,
-          "a drive's settings, its own safety reactions among them, are not what they were set to",
-          "see which one and find out who writes to it; the drive is set up anew by itself when "
-          "nobody else commands it; then arm again"),
-    Cause("not_referenced", _N, 0.0, _SELF,
-          "an axis does not know where its zero is: its positions mean nothing",
-          "make sure that it may move, then `tentacled home`"),
-    Cause("bus_not_open", _N, 0.0, _SELF,
-          "the CAN interface is not open",
-          "plug the adapter in and bring the interface up; see the detail"),
-    Cause("recorder_failed", _N, 0.0, _SELF,
-          "the recorder does not run: nothing is recorded",
-          "it is started again by itself; where that fails, see to what the detail says"),
-    Cause("disk_low", _N, 0.0, _SELF,
-          "little space is left where recordings go",
-          "delete or move old recordings"),
+    TRACKER_WARNING = (
+        "tracker_warning", _W, 0.5, _SELF,
+        "the tracker measures, but not as it should",
+        "see the detail; keep metal away and the sensors inside the measurement volume",
+    )
+    BUS_DEGRADED = (
+        "bus_degraded", _W, 0.5, _SELF,
+        "the CAN bus works, but with errors or too much traffic",
+        "check plugs, cable length and both terminating resistors; see the detail",
+    )
+    DRIVE_WARNING = (
+        "drive_warning", _W, 0.2, _SELF,
+        "a drive warns",
+        "look at its display or its manual before it becomes a fault",
+    )
+    DRIVE_LIMIT = (
+        "drive_limit", _W, 0.2, _SELF,
+        "a drive holds back because of one of its own limits",
+        "compare travel, velocity and torque in the drive with the robot file",
+    )
+    LOOP_SLOW = (
+        "loop_slow", _W, 1.0, _SELF,
+        "the control loop often misses its time",
+        "end other programs on this computer; see what the last late cycle was spent on",
+    )
+    REAL_TIME_DEGRADED = (
+        "real_time_degraded", _W, 0.0, _SELF,
+        "the operating system does not give the loop its real-time rights",
+        "`tentacled doctor` names what is missing and how to grant it",
+    )
+    RECORDING_DROPPED = (
+        "recording_dropped", _W, 0.0, _SELF,
+        "the recorder cannot keep up: parts of the recording are missing",
+        "record to a faster disk, or end other programs that write to it",
+    )
 
-    Cause("tracker_late", _H, 0.0, _SELF,
-          "no believed measurement of the tip for too long",
-          "look for metal or a cable in the way; resume when it is back"),
-    Cause("tracker_quality", _H, 0.1, _SELF,
-          "too many measurements of the tip are missing or not believed",
-          "bring the sensors closer to the field generator and away from metal, then resume"),
-    Cause("bus_queue_full", _H, 0.05, _SELF,
-          "the CAN interface does not get its frames sent",
-          "check plugs and terminating resistors; lengthen cycle_period_s or raise the bit rate"),
-    Cause("drive_emergency", _H, 0.0, _RESUME,
-          "a drive reports an error",
-          "the code is named; its manual says more; then resume"),
-    Cause("loop_late", _H, 0.0, _SELF,
-          "the control loop came much too late",
-          "see what the time was spent on; end other programs, then resume"),
-    Cause("lease_lost", _H, 0.0, _SELF,
-          "whoever controlled the robot no longer renews the lease",
-          "connect again and take the lease, then resume"),
-    Cause("setpoint_late", _H, 0.0, _SELF,
-          "no valid set-point for too long",
-          "check the client and the network, then resume"),
-    Cause("risk_too_high", _H, 0.2, _RESUME,
-          "going on would probably touch something",
-          "follow another reference; or move what is in the way, load its new place, and resume"),
-    Cause("risk_unavailable", _H, 0.1, _RESUME,
-          "the risk of collision is not known: its model is missing, late or outside what it knows",
-          "see the detail; resume when the model answers in time"),
-    Cause("body_not_as_modelled", _H, 0.0, _SELF,
-          "the tip is not where the model of the body has it, so the risk of collision is unknown",
-          "look for what the body touches; take off what hangs at the tip, or train a model with it"
-          " and declare it as risk.tip_load_g; then resume"),
-    Cause("gate_refused", _H, 1.0, _RESUME,
-          "the limits leave nothing of what the controller asks for",
-          "see which limit; resume with a reference that the robot can reach"),
-    Cause("controller_failed", _H, 0.0, _RESUME,
-          "the controller gave no usable answer",
-          "see the detail; choose another controller or model, then resume"),
-    Cause("tracking_diverges", _H, 0.0, _RESUME,
-          "the tip does not get to its reference, or goes away from it",
-          "choose another controller, or learn a model first, then resume; look whether something "
-          "holds the body"),
-    Cause("out_of_workspace", _H, 0.1, _SELF,
-          "the tip is outside its workspace",
-          "stop, and bring it back by hand or by a reference that leads inside"),
-    Cause("tendon_slack", _H, 0.2, _SELF,
-          "a tendon has gone slack",
-          "disarm: the drives hold their spools; put it back on its spool and wind it up by hand "
-          "until it is tight, then arm, and start again"),
-    Cause("not_recorded", _H, 0.0, _SELF,
-          "the motion is not recorded, and the recorder could not be started again",
-          "disarm, see to what the detail says, and arm: that begins a new recording"),
-    Cause("disk_full", _H, 0.0, _SELF,
-          "no space is left where recordings go",
-          "delete or move old recordings, then resume"),
-    Cause("operator_hold", _H, 0.0, _RESUME,
-          "the operator has asked for a hold",
-          "resume, or stop"),
+    TRACKER_NOT_READY = (
+        "tracker_not_ready", _N, 0.0, _SELF,
+        "the tracker is not measuring",
+        "see the detail; plug it in and switch it on",
+    )
+    NODE_NOT_READY = (
+        "node_not_ready", _N, 0.0, _SELF,
+        "a drive is not set up",
+        "see the detail; check its power, its plug and its node number",
+    )
+    DRIVE_SETTINGS_CHANGED = (
+        "drive_settings_changed", _N, 0.0, _SELF,
+        "a drive's settings, its own safety reactions among them, are not what they were set to",
+        "see which one and find out who writes to it; the drive is set up anew by itself when "
+        "nobody else commands it; then arm again",
+    )
+    NOT_REFERENCED = (
+        "not_referenced", _N, 0.0, _SELF,
+        "an axis does not know where its zero is: its positions mean nothing",
+        "make sure that it may move, then `tentacled home`",
+    )
+    BUS_NOT_OPEN = (
+        "bus_not_open", _N, 0.0, _SELF,
+        "the CAN interface is not open",
+        "plug the adapter in and bring the interface up; see the detail",
+    )
+    RECORDER_FAILED = (
+        "recorder_failed", _N, 0.0, _SELF,
+        "the recorder does not run: nothing is recorded",
+        "it is started again by itself; where that fails, see to what the detail says",
+    )
+    DISK_LOW = (
+        "disk_low", _N, 0.0, _SELF,
+        "little space is left where recordings go",
+        "delete or move old recordings",
+    )
 
-    Cause("tracker_gone", _D, 0.0, _SELF,
-          "the tracker has been silent for so long that it will not come back soon",
-          "check its power and its cable, then arm again"),
-    Cause("lease_abandoned", _D, 0.0, _SELF,
-          "the robot was energised and nobody was in control",
-          "take the lease, then arm again"),
-    Cause("arming_failed", _D, 0.0, _SELF,
-          "the drives did not all come on in time",
-          "see which one; look at its display, then arm again"),
+    TRACKER_LATE = (
+        "tracker_late", _H, 0.0, _SELF,
+        "no believed measurement of the tip for too long",
+        "look for metal or a cable in the way; resume when it is back",
+    )
+    TRACKER_QUALITY = (
+        "tracker_quality", _H, 0.1, _SELF,
+        "too many measurements of the tip are missing or not believed",
+        "bring the sensors closer to the field generator and away from metal, then resume",
+    )
+    BUS_QUEUE_FULL = (
+        "bus_queue_full", _H, 0.05, _SELF,
+        "the CAN interface does not get its frames sent",
+        "check plugs and terminating resistors; lengthen cycle_period_s or raise the bit rate",
+    )
+    DRIVE_EMERGENCY = (
+        "drive_emergency", _H, 0.0, _RESUME,
+        "a drive reports an error",
+        "the code is named; its manual says more; then resume",
+    )
+    LOOP_LATE = (
+        "loop_late", _H, 0.0, _SELF,
+        "the control loop came much too late",
+        "see what the time was spent on; end other programs, then resume",
+    )
+    LEASE_LOST = (
+        "lease_lost", _H, 0.0, _SELF,
+        "whoever controlled the robot no longer renews the lease",
+        "connect again and take the lease, then resume",
+    )
+    SETPOINT_LATE = (
+        "setpoint_late", _H, 0.0, _SELF,
+        "no valid set-point for too long",
+        "check the client and the network, then resume",
+    )
+    RISK_TOO_HIGH = (
+        "risk_too_high", _H, 0.2, _RESUME,
+        "going on would probably touch something",
+        "follow another reference; or move what is in the way, load its new place, and resume",
+    )
+    RISK_UNAVAILABLE = (
+        "risk_unavailable", _H, 0.1, _RESUME,
+        "the risk of collision is not known: its model is missing, late or outside what it knows",
+        "see the detail; resume when the model answers in time",
+    )
+    BODY_NOT_AS_MODELLED = (
+        "body_not_as_modelled", _H, 0.0, _SELF,
+        "the tip is not where the model of the body has it, so the risk of collision is unknown",
+        "look for what the body touches; take off what hangs at the tip, or train a model with it"
+        " and declare it as risk.tip_load_g; then resume",
+    )
+    GATE_REFUSED = (
+        "gate_refused", _H, 1.0, _RESUME,
+        "the limits leave nothing of what the controller asks for",
+        "see which limit; resume with a reference that the robot can reach",
+    )
+    CONTROLLER_FAILED = (
+        "controller_failed", _H, 0.0, _RESUME,
+        "the controller gave no usable answer",
+        "see the detail; choose another controller or model, then resume",
+    )
+    TRACKING_DIVERGES = (
+        "tracking_diverges", _H, 0.0, _RESUME,
+        "the tip does not get to its reference, or goes away from it",
+        "choose another controller, or learn a model first, then resume; look whether something "
+        "holds the body",
+    )
+    OUT_OF_WORKSPACE = (
+        "out_of_workspace", _H, 0.1, _SELF,
+        "the tip is outside its workspace",
+        "stop, and bring it back by hand or by a reference that leads inside",
+    )
+    TENDON_SLACK = (
+        "tendon_slack", _H, 0.2, _SELF,
+        "a tendon has gone slack",
+        "disarm: the drives hold their spools; put it back on its spool and wind it up by hand "
+        "until it is tight, then arm, and start again",
+    )
+    NOT_RECORDED = (
+        "not_recorded", _H, 0.0, _SELF,
+        "the motion is not recorded, and the recorder could not be started again",
+        "disarm, see to what the detail says, and arm: that begins a new recording",
+    )
+    DISK_FULL = (
+        "disk_full", _H, 0.0, _SELF,
+        "no space is left where recordings go",
+        "delete or move old recordings, then resume",
+    )
+    OPERATOR_HOLD = (
+        "operator_hold", _H, 0.0, _RESUME,
+        "the operator has asked for a hold",
+        "resume, or stop",
+    )
 
-    Cause("foreign_master", _F, 0.0, _CLEAR,
-          "somebody else commands the drives on the bus",
-          "end the other program, or take its adapter off the bus; then clear"),
-    Cause("bus_gone", _F, 0.0, _CLEAR,
-          "the CAN interface went away while the drives were on",
-          "plug the adapter in again; it is reopened by itself; then clear"),
-    Cause("bus_off", _F, 0.0, _CLEAR,
-          "the CAN interface has taken itself off the bus after too many errors",
-          "check cable, bit rate and terminating resistors, then clear"),
-    Cause("drive_fault", _F, 0.0, _CLEAR,
-          "a drive has switched itself off",
-          "the code is named; remove the cause, then clear"),
-    Cause("drive_following_error", _F, 0.0, _CLEAR,
-          "an axis does not follow its target",
-          "look for something that blocks it, check its load, then clear"),
-    Cause("drive_not_enabled", _F, 0.0, _CLEAR,
-          "a drive does not do what it is told",
-          "look for an open enable input or brake, or a fault at its display, then clear"),
-    Cause("node_lost", _F, 0.0, _CLEAR,
-          "a drive is no longer heard",
-          "check its power and its plug, then clear"),
-    Cause("node_reset", _F, 0.0, _CLEAR,
-          "a drive has started anew by itself",
-          "check its supply for dips, then clear; it is set up again by itself"),
-    Cause("loop_stalled", _F, 0.0, _CLEAR,
-          "the control loop stood still for so long that the drives had to stop by themselves",
-          "see what the time was spent on, then clear"),
-    Cause("tendon_over_tension", _F, 0.05, _CLEAR,
-          "a tendon is pulled harder than it may be",
-          "release it by hand, look for what blocks the body, then clear"),
-    Cause("internal_error", _F, 0.0, _CLEAR,
-          "the daemon has met an error of its own",
-          "keep the recording and report it with the detail; then clear"),
+    TRACKER_GONE = (
+        "tracker_gone", _D, 0.0, _SELF,
+        "the tracker has been silent for so long that it will not come back soon",
+        "check its power and its cable, then arm again",
+    )
+    LEASE_ABANDONED = (
+        "lease_abandoned", _D, 0.0, _SELF,
+        "the robot was energised and nobody was in control",
+        "take the lease, then arm again",
+    )
+    ARMING_FAILED = (
+        "arming_failed", _D, 0.0, _SELF,
+        "the drives did not all come on in time",
+        "see which one; look at its display, then arm again",
+    )
 
-    Cause("drive_no_voltage", _E, 0.0, _CLEAR,
-          "the motor voltage is gone: the external chain is open, or the supply failed",
-          "make sure that it is safe, close the chain or switch the supply on, then clear"),
-)
+    FOREIGN_MASTER = (
+        "foreign_master", _F, 0.0, _CLEAR,
+        "somebody else commands the drives on the bus",
+        "end the other program, or take its adapter off the bus; then clear",
+    )
+    BUS_GONE = (
+        "bus_gone", _F, 0.0, _CLEAR,
+        "the CAN interface went away while the drives were on",
+        "plug the adapter in again; it is reopened by itself; then clear",
+    )
+    BUS_OFF = (
+        "bus_off", _F, 0.0, _CLEAR,
+        "the CAN interface has taken itself off the bus after too many errors",
+        "check cable, bit rate and terminating resistors, then clear",
+    )
+    DRIVE_FAULT = (
+        "drive_fault", _F, 0.0, _CLEAR,
+        "a drive has switched itself off",
+        "the code is named; remove the cause, then clear",
+    )
+    DRIVE_FOLLOWING_ERROR = (
+        "drive_following_error", _F, 0.0, _CLEAR,
+        "an axis does not follow its target",
+        "look for something that blocks it, check its load, then clear",
+    )
+    DRIVE_NOT_ENABLED = (
+        "drive_not_enabled", _F, 0.0, _CLEAR,
+        "a drive does not do what it is told",
+        "look for an open enable input or brake, or a fault at its display, then clear",
+    )
+    NODE_LOST = (
+        "node_lost", _F, 0.0, _CLEAR,
+        "a drive is no longer heard",
+        "check its power and its plug, then clear",
+    )
+    NODE_RESET = (
+        "node_reset", _F, 0.0, _CLEAR,
+        "a drive has started anew by itself",
+        "check its supply for dips, then clear; it is set up again by itself",
+    )
+    LOOP_STALLED = (
+        "loop_stalled", _F, 0.0, _CLEAR,
+        "the control loop stood still for so long that the drives had to stop by themselves",
+        "see what the time was spent on, then clear",
+    )
+    TENDON_OVER_TENSION = (
+        "tendon_over_tension", _F, 0.05, _CLEAR,
+        "a tendon is pulled harder than it may be",
+        "release it by hand, look for what blocks the body, then clear",
+    )
+    INTERNAL_ERROR = (
+        "internal_error", _F, 0.0, _CLEAR,
+        "the daemon has met an error of its own",
+        "keep the recording and report it with the detail; then clear",
+    )
+
+    DRIVE_NO_VOLTAGE = (
+        "drive_no_voltage", _E, 0.0, _CLEAR,
+        "the motor voltage is gone: the external chain is open, or the supply failed",
+        "make sure that it is safe, close the chain or switch the supply on, then clear",
+    )
 # fmt: on
 
-_BY_NAME: Final = {row.name: row for row in CAUSES}
+_BY_NAME: Final = {one.value: one for one in Cause}
 
 
 def cause(name: str) -> Cause:
@@ -221,7 +332,7 @@ def cause(name: str) -> Cause:
     return _BY_NAME[name]
 
 
-def causes_as_markdown(causes: Iterable[Cause] = CAUSES) -> str:
+def causes_as_markdown(causes: Iterable[CauseRow] = Cause) -> str:
     """The table as people read it, worst first."""
     rows = [
         "| cause | severity | after | goes | what it means | what helps |",
@@ -230,7 +341,7 @@ def causes_as_markdown(causes: Iterable[Cause] = CAUSES) -> str:
     for row in sorted(causes, key=lambda one: -one.severity):
         after = f"{row.debounce_s:g} s" if row.debounce_s else "at once"
         rows.append(
-            f"| `{row.name}` | {row.severity.name} | {after} | {row.clears.value} "
+            f"| `{row.value}` | {row.severity.name} | {after} | {row.clears.value} "
             f"| {row.text} | {row.remedy} |"
         )
     return "\n".join(rows) + "\n"

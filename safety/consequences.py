@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from safety.causes import Severity
+from safety.causes import Cause, CauseRow, Severity
 from safety.failsafe import ActiveReason
 
 _BEFORE_NS: Final = 1_000_000_000
@@ -20,84 +20,93 @@ _TOGETHER_NS: Final = 500_000_000
 """The same cause of several subjects, within this: they have one origin."""
 
 _OF_A_DRIVE_THAT_IS_AWAY: Final = (
-    "node_not_ready",
-    "drive_fault",
-    "drive_following_error",
-    "drive_not_enabled",
-    "drive_emergency",
-    "drive_warning",
-    "drive_limit",
-    "tendon_slack",
-    "arming_failed",
+    Cause.NODE_NOT_READY,
+    Cause.DRIVE_FAULT,
+    Cause.DRIVE_FOLLOWING_ERROR,
+    Cause.DRIVE_NOT_ENABLED,
+    Cause.DRIVE_EMERGENCY,
+    Cause.DRIVE_WARNING,
+    Cause.DRIVE_LIMIT,
+    Cause.TENDON_SLACK,
+    Cause.ARMING_FAILED,
 )
 _OF_A_DRIVE: Final = (
-    "drive_no_voltage",
-    "node_reset",
-    "node_lost",
+    Cause.DRIVE_NO_VOLTAGE,
+    Cause.NODE_RESET,
+    Cause.NODE_LOST,
     *_OF_A_DRIVE_THAT_IS_AWAY,
 )
 _OF_LATE_CYCLES: Final = (
     *_OF_A_DRIVE,
-    "bus_queue_full",
-    "bus_degraded",
-    "tracker_not_ready",
-    "tracker_warning",
-    "tracker_late",
-    "tracker_quality",
-    "setpoint_late",
-    "lease_lost",
-    "lease_abandoned",
-    "risk_unavailable",
-    "recording_dropped",
-    "loop_slow",
+    Cause.BUS_QUEUE_FULL,
+    Cause.BUS_DEGRADED,
+    Cause.TRACKER_NOT_READY,
+    Cause.TRACKER_WARNING,
+    Cause.TRACKER_LATE,
+    Cause.TRACKER_QUALITY,
+    Cause.SETPOINT_LATE,
+    Cause.LEASE_LOST,
+    Cause.LEASE_ABANDONED,
+    Cause.RISK_UNAVAILABLE,
+    Cause.RECORDING_DROPPED,
+    Cause.LOOP_SLOW,
 )
-_OF_A_BUS: Final = ("bus_not_open", "bus_queue_full", "bus_degraded", *_OF_A_DRIVE)
+_OF_A_BUS: Final = (Cause.BUS_NOT_OPEN, Cause.BUS_QUEUE_FULL, Cause.BUS_DEGRADED, *_OF_A_DRIVE)
 
-LEADS_TO: Final[Mapping[str, tuple[str, ...]]] = {
-    "internal_error": ("loop_stalled", "loop_late", *_OF_LATE_CYCLES),
-    "loop_stalled": ("loop_late", *_OF_LATE_CYCLES),
-    "loop_late": _OF_LATE_CYCLES,
-    "foreign_master": ("bus_off", "drive_settings_changed", *_OF_A_BUS),
-    "bus_gone": ("bus_off", *_OF_A_BUS),
-    "bus_off": _OF_A_BUS,
-    "bus_not_open": ("bus_queue_full", "bus_degraded", *_OF_A_DRIVE),
-    "bus_queue_full": ("bus_degraded", *_OF_A_DRIVE),
-    "drive_no_voltage": _OF_A_DRIVE[1:],
-    "node_reset": ("node_lost", "drive_settings_changed", *_OF_A_DRIVE_THAT_IS_AWAY),
-    "node_lost": _OF_A_DRIVE_THAT_IS_AWAY,
-    "drive_settings_changed": ("node_not_ready", "arming_failed"),
-    "node_not_ready": ("drive_not_enabled", "arming_failed"),
-    "drive_following_error": ("drive_fault", "drive_not_enabled", "drive_emergency"),
-    "drive_fault": (
-        "drive_not_enabled",
-        "drive_emergency",
-        "drive_warning",
-        "drive_limit",
-        "tendon_slack",
-        "arming_failed",
+LEADS_TO: Final[Mapping[CauseRow, tuple[Cause, ...]]] = {
+    Cause.INTERNAL_ERROR: (Cause.LOOP_STALLED, Cause.LOOP_LATE, *_OF_LATE_CYCLES),
+    Cause.LOOP_STALLED: (Cause.LOOP_LATE, *_OF_LATE_CYCLES),
+    Cause.LOOP_LATE: _OF_LATE_CYCLES,
+    Cause.FOREIGN_MASTER: (Cause.BUS_OFF, Cause.DRIVE_SETTINGS_CHANGED, *_OF_A_BUS),
+    Cause.BUS_GONE: (Cause.BUS_OFF, *_OF_A_BUS),
+    Cause.BUS_OFF: _OF_A_BUS,
+    Cause.BUS_NOT_OPEN: (Cause.BUS_QUEUE_FULL, Cause.BUS_DEGRADED, *_OF_A_DRIVE),
+    Cause.BUS_QUEUE_FULL: (Cause.BUS_DEGRADED, *_OF_A_DRIVE),
+    Cause.DRIVE_NO_VOLTAGE: _OF_A_DRIVE[1:],
+    Cause.NODE_RESET: (Cause.NODE_LOST, Cause.DRIVE_SETTINGS_CHANGED, *_OF_A_DRIVE_THAT_IS_AWAY),
+    Cause.NODE_LOST: _OF_A_DRIVE_THAT_IS_AWAY,
+    Cause.DRIVE_SETTINGS_CHANGED: (Cause.NODE_NOT_READY, Cause.ARMING_FAILED),
+    Cause.NODE_NOT_READY: (Cause.DRIVE_NOT_ENABLED, Cause.ARMING_FAILED),
+    Cause.DRIVE_FOLLOWING_ERROR: (
+        Cause.DRIVE_FAULT,
+        Cause.DRIVE_NOT_ENABLED,
+        Cause.DRIVE_EMERGENCY,
     ),
-    "drive_not_enabled": ("arming_failed", "tendon_slack"),
-    "tracker_not_ready": ("tracker_warning", "tracker_late", "tracker_quality", "tracker_gone"),
-    "tracker_warning": ("tracker_late", "tracker_quality", "tracker_gone"),
-    "tracker_late": ("tracker_quality", "tracker_gone"),
-    "lease_lost": ("lease_abandoned", "setpoint_late"),
-    "disk_full": ("disk_low", "recorder_failed", "recording_dropped"),
-    "disk_low": ("recorder_failed", "recording_dropped"),
-    "recorder_failed": ("recording_dropped",),
-    "risk_unavailable": ("gate_refused",),
-    "risk_too_high": ("gate_refused",),
+    Cause.DRIVE_FAULT: (
+        Cause.DRIVE_NOT_ENABLED,
+        Cause.DRIVE_EMERGENCY,
+        Cause.DRIVE_WARNING,
+        Cause.DRIVE_LIMIT,
+        Cause.TENDON_SLACK,
+        Cause.ARMING_FAILED,
+    ),
+    Cause.DRIVE_NOT_ENABLED: (Cause.ARMING_FAILED, Cause.TENDON_SLACK),
+    Cause.TRACKER_NOT_READY: (
+        Cause.TRACKER_WARNING,
+        Cause.TRACKER_LATE,
+        Cause.TRACKER_QUALITY,
+        Cause.TRACKER_GONE,
+    ),
+    Cause.TRACKER_WARNING: (Cause.TRACKER_LATE, Cause.TRACKER_QUALITY, Cause.TRACKER_GONE),
+    Cause.TRACKER_LATE: (Cause.TRACKER_QUALITY, Cause.TRACKER_GONE),
+    Cause.LEASE_LOST: (Cause.LEASE_ABANDONED, Cause.SETPOINT_LATE),
+    Cause.DISK_FULL: (Cause.DISK_LOW, Cause.RECORDER_FAILED, Cause.RECORDING_DROPPED),
+    Cause.DISK_LOW: (Cause.RECORDER_FAILED, Cause.RECORDING_DROPPED),
+    Cause.RECORDER_FAILED: (Cause.RECORDING_DROPPED,),
+    Cause.RISK_UNAVAILABLE: (Cause.GATE_REFUSED,),
+    Cause.RISK_TOO_HIGH: (Cause.GATE_REFUSED,),
 }
 """From what is nearest to the origin to what is farthest: of several leads the first one counts."""
 
-LEADS_LATER_TO: Final[Mapping[str, tuple[str, ...]]] = {
-    "node_lost": ("bus_queue_full", "bus_degraded"),
+LEADS_LATER_TO: Final[Mapping[CauseRow, tuple[Cause, ...]]] = {
+    Cause.NODE_LOST: (Cause.BUS_QUEUE_FULL, Cause.BUS_DEGRADED),
 }
 """What may be the origin of a cause also comes of it, if it comes much later: where no drive is
 left to acknowledge them, frames stay in the queue, and it fills as slowly as they are sent."""
 
-_RANK: Final = {name: rank for rank, name in enumerate(LEADS_TO)}
+_RANK: Final = {lead: rank for rank, lead in enumerate(LEADS_TO)}
 
-_Key = tuple[str, str]
+_Key = tuple[CauseRow, str]
 
 
 @dataclass(slots=True)
@@ -137,7 +146,7 @@ class Consequences:
             lead = self._known[origin].reason
             ordered.append(lead if origin in present else replace(lead, over=True, latched=False))
             ordered += [
-                replace(reason, follows_from=lead.cause.name)
+                replace(reason, follows_from=lead.cause.value)
                 for reason in members
                 if _key(reason) != origin
             ]
@@ -160,11 +169,11 @@ class Consequences:
 
     def _look_for_lead(self, known: _Known) -> None:
         """The one nearest to the origin; of equals the oldest. What was found before may change."""
-        since_ns, name = known.reason.since_ns, known.reason.cause.name
+        since_ns, cause = known.reason.since_ns, known.reason.cause
         found = [
-            (_RANK.get(lead.reason.cause.name, len(_RANK)), lead.reason.since_ns, key)
+            (_RANK.get(lead.reason.cause, len(_RANK)), lead.reason.since_ns, key)
             for key, lead in self._known.items()
-            if lead is not known and _may_lead(lead, name, since_ns, known.reason.subject)
+            if lead is not known and _may_lead(lead, cause, since_ns, known.reason.subject)
         ]
         if found:
             known.lead = min(found)[2]
@@ -185,16 +194,16 @@ class Consequences:
                 del self._known[key]
 
 
-def _may_lead(lead: _Known, name: str, since_ns: int, subject: str) -> bool:
-    """Whether a cause of that name and subject, which came then, can follow from `lead`."""
-    began_ns, leads = lead.reason.since_ns, lead.reason.cause.name
-    if leads == name:
+def _may_lead(lead: _Known, cause: CauseRow, since_ns: int, subject: str) -> bool:
+    """Whether that cause of that subject, which came then, can follow from `lead`."""
+    began_ns, leads = lead.reason.since_ns, lead.reason.cause
+    if leads is cause:
         earlier = (began_ns, lead.reason.subject) < (since_ns, subject)
         return earlier and since_ns - began_ns <= _TOGETHER_NS
-    if name in LEADS_LATER_TO.get(leads, ()):
+    if cause in LEADS_LATER_TO.get(leads, ()):
         if since_ns <= began_ns + _BEFORE_NS:
             return False
-    elif name not in LEADS_TO.get(leads, ()) or since_ns < began_ns - _BEFORE_NS:
+    elif cause not in LEADS_TO.get(leads, ()) or since_ns < began_ns - _BEFORE_NS:
         return False
     return lead.over_ns is None or since_ns <= lead.over_ns + _AFTER_NS
 
@@ -214,4 +223,4 @@ def with_leads(reasons: Sequence[ActiveReason], severity: Severity) -> tuple[Act
 
 
 def _key(reason: ActiveReason) -> _Key:
-    return reason.cause.name, reason.subject
+    return reason.cause, reason.subject

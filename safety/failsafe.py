@@ -1,10 +1,9 @@
 """What is wrong right now, and how bad it is: the mechanism behind the table of causes."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from safety.causes import CAUSES, Cause, ClearRule, Severity
+from safety.causes import CauseRow, ClearRule, Severity
 
 _DRAINS_SLOWER: Final = 4
 """A condition that holds a fifth of the time still fires."""
@@ -14,7 +13,7 @@ _DRAINS_SLOWER: Final = 4
 class ActiveReason:
     """A cause that has fired, for one subject."""
 
-    cause: Cause
+    cause: CauseRow
     subject: str
     """What it is about: `tracker`, `can0/3`, `loop`."""
     detail: str
@@ -68,7 +67,7 @@ class _Watch:
         "untold",
     )
 
-    def __init__(self, cause: Cause, subject: str, t_ns: int) -> None:
+    def __init__(self, cause: CauseRow, subject: str, t_ns: int) -> None:
         self.cause = cause
         self.subject = subject
         self.detail = ""
@@ -136,26 +135,25 @@ class _Watch:
 class Failsafe:
     """Takes conditions from whoever sees them, and says what they amount to."""
 
-    def __init__(self, causes: Iterable[Cause] = CAUSES) -> None:
-        self._causes = {cause.name: cause for cause in causes}
-        self._watches: dict[tuple[str, str], _Watch] = {}
+    def __init__(self) -> None:
+        self._watches: dict[tuple[CauseRow, str], _Watch] = {}
         self._verdict = _ALL_WELL
 
-    def set(self, name: str, present: bool, t_ns: int, subject: str = "", detail: str = "") -> None:
+    def set(
+        self, cause: CauseRow, present: bool, t_ns: int, subject: str = "", detail: str = ""
+    ) -> None:
         """The condition of a cause is present from now on, or absent.
 
         What comes and goes between two verdicts is still in the next one. While it is present, a
-        new detail replaces the old one: leave numbers that always change out of it. Raises
-        KeyError for a name that is not in the table.
+        new detail replaces the old one: leave numbers that always change out of it.
         """
-        cause = self._causes[name]
         if not (present or self._watches):
             return  # as nearly always
-        watch = self._watches.get((name, subject))
+        watch = self._watches.get((cause, subject))
         if watch is None:
             if not present:
                 return
-            watch = self._watches[name, subject] = _Watch(cause, subject, t_ns)
+            watch = self._watches[cause, subject] = _Watch(cause, subject, t_ns)
         watch.set(present, t_ns, detail)
 
     @property
@@ -206,4 +204,4 @@ class Failsafe:
 
 
 def _worst_first(reason: ActiveReason) -> tuple[int, int, str, str]:
-    return -reason.severity, reason.since_ns, reason.cause.name, reason.subject
+    return -reason.severity, reason.since_ns, reason.cause.value, reason.subject

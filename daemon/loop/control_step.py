@@ -16,10 +16,10 @@ from daemon.loop.timekeeping import Timekeeping
 from daemon.messages import Axes, Message, Risk, Tip
 from daemon.reference.reference import Aim, Reference
 from daemon.robot.axes import AxisRanges
+from daemon.supervision.checks import NOTHING_REFUSED, GateReport, in_order
 from daemon.supervision.supervisor import Supervisor
 from daemon.supervision.tracking_error import TrackingError
 from drivers.aurora.frame import TrackerFrame
-from drivers.cia402.axis_channel import AxisChannel
 from drivers.cia402.drive_bus import DriveBus
 from drivers.clock import Clock
 from drivers.pose import Pose, Vector
@@ -43,7 +43,6 @@ _REQUESTED_ABOVE: Final = 1e-3
 """mm or rad: what is less is a few counts."""
 _LATELY_NS: Final = (0, 100_000_000, 200_000_000, 300_000_000)
 """Before a frame: a body follows its axes late, one of gas by 0.05 to 0.2 s."""
-_OF_THE_GATE: Final = ("risk_too_high", "risk_unavailable", "gate_refused")
 SLIDING: Final = "sliding"
 _STUCK_BELOW: Final = 0.02
 """Share of a proposal under which the gate lets practically nothing through."""
@@ -101,7 +100,7 @@ class ControlLoop:
         self.note = ""
         """What the controller says that it is doing."""
         self.decision: Decision | None = None
-        self.channels = _in_order(buses)
+        self.channels = in_order(buses)
         self._scales = [channel.scale for channel in self.channels]
         self._buses = buses
         self._gate = gate
@@ -169,8 +168,7 @@ class ControlLoop:
 
     def withdraw_refusals(self, t_ns: int) -> None:
         """Nothing is asked of the gate, and so nothing is refused, even if no more frames come."""
-        for cause in _OF_THE_GATE:
-            self._supervisor.failsafe.set(cause, False, t_ns, "gate")
+        self._supervisor.checks.gate(t_ns, NOTHING_REFUSED)
 
     def begin(self) -> None:
         """Follow the reference from here with the next step."""
@@ -232,7 +230,7 @@ class ControlLoop:
             return
         self._compared = found
         now_ns = self._clock.now_ns()
-        self._supervisor.failsafe.set("body_not_as_modelled", bool(found.doubt), now_ns, "tip")
+        self._supervisor.checks.body_not_as_modelled(bool(found.doubt), now_ns)
 
     def _believe(self, tip: TipEstimate | None) -> None:
         self.tip = tip
@@ -271,7 +269,7 @@ class ControlLoop:
         try:
             return self._ask(controller, observation, running)
         except ControllerError as error:
-            self._supervisor.raise_cause("controller_failed", sensed.frame.received_ns, str(error))
+            self._supervisor.checks.controller_failed(sensed.frame.received_ns, str(error))
             return None
 
     def _ask(
@@ -351,15 +349,11 @@ class ControlLoop:
         too_high, unknown = decision.refused == RISK, decision.refused == RISK_UNAVAILABLE
         if self._compared is not None and self._compared.doubt:
             unknown = False  # that follows from a cause which is told by itself
-        detail = decision.risk_detail
-        supervisor.failsafe.set("risk_too_high", too_high, now_ns, "gate", detail)
-        supervisor.failsafe.set("risk_unavailable", unknown, now_ns, "gate", detail)
-        requests_motion = any(
-            abs(change) > _REQUESTED_ABOVE for change in requested.delta_u.tolist()
-        )
-        stuck = requests_motion and not (too_high or unknown) and decision.scale < _STUCK_BELOW
-        detail = decision.refused or ", ".join(decision.limits) if stuck else ""
-        supervisor.failsafe.set("gate_refused", stuck, now_ns, "gate", detail)
+        moves = any(abs(change) > _REQUESTED_ABOVE for change in requested.delta_u.tolist())
+        stuck = moves and not (too_high or unknown) and decision.scale < _STUCK_BELOW
+        limits = decision.refused or ", ".join(decision.limits) if stuck else ""
+        report = GateReport(too_high, unknown, decision.risk_detail, stuck, limits)
+        supervisor.checks.gate(now_ns, report)
 
     def _judge(
         self,
@@ -381,7 +375,7 @@ class ControlLoop:
             if detail:
                 self._tracking_error.begin()
                 detail = f"{detail}; the controller is {controller.name}"
-                self._supervisor.raise_cause("tracking_diverges", self._clock.now_ns(), detail)
+                self._supervisor.checks.tracking_diverges(self._clock.now_ns(), detail)
 
     def _publish(
         self,
@@ -479,8 +473,3 @@ def _risk_details(nearest: Nearest | None, tip: TipComparison | None) -> dict[st
         "obstacle_mm": list(nearest.obstacle_mm),
         "means_mm": [list(mean) for mean in nearest.means_mm] or None,
     }
-
-
-def _in_order(buses: Sequence[DriveBus]) -> list[AxisChannel]:
-    """All axes, in the order of the actuation vector."""
-    return sorted((channel for bus in buses for channel in bus.channels), key=lambda c: c.index)

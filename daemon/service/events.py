@@ -68,15 +68,15 @@ class Events:
             after.value,
             f"{before.value} → {after.value}",
             subject="robot",
-            detail="" if worst is None else f"{worst.cause.name}: {worst.cause.text}",
+            detail="" if worst is None else f"{worst.cause.value}: {worst.cause.text}",
         )
 
     def reasons(self, reasons: tuple[ActiveReason, ...]) -> None:
         """These hold now: tell what has gone and what has come."""
         if reasons is self._reasons:
             return
-        before = {(reason.cause.name, reason.subject): reason for reason in self._reasons}
-        after = {(reason.cause.name, reason.subject): reason for reason in reasons}
+        before = {(reason.cause.value, reason.subject): reason for reason in self._reasons}
+        after = {(reason.cause.value, reason.subject): reason for reason in reasons}
         self._reasons = reasons
         gone = [key for key in before if key not in after]
         come = [key for key in after if key not in before]
@@ -84,7 +84,7 @@ class Events:
             reason = after.get(key) or before[key]
             self.tell(
                 "cause",
-                reason.cause.name,
+                reason.cause.value,
                 reason.cause.text,
                 subject=reason.subject,
                 present=key in after,

@@ -9,9 +9,7 @@ from daemon.recording.run_folder import free_mb
 from daemon.service.dependencies import Dependencies
 from daemon.service.lease import Lease
 from daemon.supervision.supervisor import Supervisor
-from daemon.supervision.watchdogs import FollowingError
 from drivers.aurora.tracker import AuroraTracker
-from safety.states import OperatingState
 
 _FEW_MISSED_PER_S = 2
 
@@ -50,7 +48,6 @@ class Monitors:
         self._timekeeping = timekeeping
         self._lease = lease
         self._dependencies = dependencies
-        self._following_error = FollowingError(loop.channels)
         self._tendons = [
             (channel, limits)
             for channel in loop.channels
@@ -62,10 +59,13 @@ class Monitors:
 
     def look(self, now_ns: int) -> None:
         """Before each supervision."""
-        watched, loop, failsafe = self._supervisor.watched, self._loop, self._supervisor.failsafe
+        watched, loop = self._supervisor.checks.watched, self._loop
         watched.tracking = self._tracker.tracking
         watched.tip_age_s = loop.filter.age_s(now_ns)
         watched.tip_quality = loop.filter.quality
+        watched.outside_workspace = loop.outside_workspace
+        watched.targets = loop.target_counts(now_ns)
+        watched.cycles_missed = self._missing_cycles
         watched.lease_missing_s = self._lease.unheld_s(now_ns)
         watched.lease_held = watched.lease_missing_s <= 0.0
         watched.setpoint_age_s = self.setpoint_age_s(now_ns)
@@ -73,21 +73,10 @@ class Monitors:
             (channel.axis.name, channel.scale.force(channel.torque_permille), *limits)
             for channel, limits in self._tendons
         ]
-        failsafe.set("loop_slow", self._missing_cycles, now_ns, "loop")
-        homing = self._supervisor.state is OperatingState.HOMING
-        outside = self._supervisor.energised and not homing and loop.outside_workspace
-        failsafe.set("out_of_workspace", outside, now_ns, "tip")
-        behind = self._following_error.behind(loop.target_counts(now_ns), now_ns)
-        if behind or failsafe.watching:
-            for place, channel in enumerate(loop.channels):
-                detail = "it does not move" if place in behind else ""
-                failsafe.set(
-                    "drive_following_error", place in behind, now_ns, channel.axis.name, detail
-                )
 
     def look_at_recorder(self) -> None:
         """How the recording does, and how much room there is for it."""
-        watched, recorder = self._supervisor.watched, self._dependencies.recorder.status
+        watched, recorder = self._supervisor.checks.watched, self._dependencies.recorder.status
         watched.recorder_failed, watched.recording_lost = self.look_at_recording()
         watched.recordings_dropped = recorder.dropped
         watched.disk_free_mb = recorder.free_mb if recorder.recording else self._free_mb

@@ -42,6 +42,7 @@ from daemon.service.robot_service import AT_REST_WITHIN_S, RobotService
 from daemon.service.run_recording import RunRecording
 from daemon.service.setpoints import Setpoints
 from daemon.supervision.explained import explained
+from safety.causes import Cause
 from safety.failsafe import ActiveReason
 from safety.states import Request
 
@@ -54,9 +55,9 @@ _CONTACT_REMEDY: Final = (
 _RESET_WITHIN_S: Final = 0.2
 _READY_WITHIN_S: Final = 6.0
 _PASSES: Final = frozenset(
-    {"node_not_ready", "tracker_not_ready", "tracker_late", "tracker_quality"}
+    {Cause.NODE_NOT_READY, Cause.TRACKER_NOT_READY, Cause.TRACKER_LATE, Cause.TRACKER_QUALITY}
 )
-_COMES_BACK: Final = frozenset({"node_lost", "node_reset"})
+_COMES_BACK: Final = frozenset({Cause.NODE_LOST, Cause.NODE_RESET})
 """What a stall leaves behind: drives are set up anew, and the tip is seen again."""
 """What a fault reset has done shows in the drives' next answers."""
 
@@ -327,7 +328,7 @@ class Operator:
         if left := await self._cleared():
             raise CommandRefusedError("still_wrong", "the cause has to go first", left)
         await self._pass(lambda: self._only_for_a_moment or self._still_on, _READY_WITHIN_S)
-        names = dict.fromkeys(reason.cause.name for reason in supervisor.blocking)
+        names = dict.fromkeys(reason.cause.value for reason in supervisor.blocking)
         return self._answer(command, text=f"not ready yet: {', '.join(names)}" if names else "")
 
     async def _cleared(self) -> tuple[ActiveReason, ...]:
@@ -335,7 +336,7 @@ class Operator:
         supervisor, clock = self._service.supervisor, self._service.clock
         began_ns = clock.now_ns()
         while left := supervisor.clear(clock.now_ns()):
-            returns = all(reason.cause.name in _COMES_BACK for reason in left)
+            returns = all(reason.cause in _COMES_BACK for reason in left)
             within_s = _READY_WITHIN_S if returns else _RESET_WITHIN_S
             if clock.now_ns() - began_ns >= within_s * 1e9:
                 break
@@ -345,10 +346,8 @@ class Operator:
     @property
     def _only_for_a_moment(self) -> bool:
         """Whether nothing keeps the robot from being armed but what goes by itself soon."""
-        names = {
-            reason.cause.name for reason in self._service.supervisor.blocking if not reason.over
-        }
-        return bool(names) and names <= _PASSES
+        causes = {reason.cause for reason in self._service.supervisor.blocking if not reason.over}
+        return bool(causes) and causes <= _PASSES
 
     @property
     def _still_on(self) -> bool:

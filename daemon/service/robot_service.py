@@ -31,6 +31,7 @@ from drivers.aurora.frame import TrackerFrame
 from drivers.axis_scale import axis_scale, count_limits
 from drivers.cia402.drive_bus import DriveBus
 from drivers.conditions import ConditionChange
+from safety.causes import Cause
 from safety.gate import Gate
 from safety.risk_source import name_of
 from safety.states import OperatingState, Request
@@ -141,10 +142,7 @@ class RobotService:
         real_time.enter()
         self.timekeeping.forgive()
         now_ns = self.clock.now_ns()
-        refused = real_time.refused
-        self.supervisor.failsafe.set(
-            "real_time_degraded", bool(refused), now_ns, "loop", "; ".join(refused)
-        )
+        self.supervisor.checks.real_time(now_ns, real_time.refused)
 
     def relax(self) -> None:
         """Give it back."""
@@ -171,7 +169,7 @@ class RobotService:
             self._broken("control step", error)
 
     def _on_condition(self, change: ConditionChange) -> None:
-        self.supervisor.condition_changed(change)
+        self.supervisor.checks.condition_changed(change)
         self.events.condition(change)
 
     def _on_cycle(self, bus: DriveBus, tick: Tick) -> None:
@@ -240,7 +238,7 @@ class RobotService:
             self.loop.withdraw_refusals(t_ns)
         worst = self.supervisor.reasons[0] if self.supervisor.reasons else None
         if after is OperatingState.HOLD and worst is not None:
-            self.holds += worst.cause.name != "operator_hold"
+            self.holds += worst.cause is not Cause.OPERATOR_HOLD
         if after in (OperatingState.FAULT, OperatingState.ESTOP):
             self.dependencies.recorder.urgent()
         self.events.state(before, after, worst)
@@ -249,7 +247,7 @@ class RobotService:
     def _broken(self, part: str, error: Exception) -> None:
         """Something that cannot happen has happened: stop, and say what."""
         detail = f"{part}: {type(error).__name__}: {error}"
-        self.supervisor.raise_cause("internal_error", self.clock.now_ns(), detail)
+        self.supervisor.checks.internal_error(self.clock.now_ns(), detail)
 
     # Putting it together.
 

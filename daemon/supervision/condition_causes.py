@@ -7,8 +7,9 @@ from drivers.aurora import conditions as tracker
 from drivers.can import conditions as bus
 from drivers.cia402 import conditions as drive
 from drivers.conditions import Condition
+from safety.causes import Cause
 
-CAUSE_OF_CONDITION: Final[Mapping[Condition, str]] = {
+CAUSE_OF_CONDITION: Final[Mapping[Condition, Cause]] = {
     **dict.fromkeys(
         (
             tracker.PORT_MISSING,
@@ -27,7 +28,7 @@ CAUSE_OF_CONDITION: Final[Mapping[Condition, str]] = {
             tracker.TOOL_REFUSED,
             tracker.TOOL_UNIDENTIFIED,
         ),
-        "tracker_not_ready",
+        Cause.TRACKER_NOT_READY,
     ),
     # Whether these matter shows in the age and the quality of the tip.
     **dict.fromkeys(
@@ -47,13 +48,13 @@ CAUSE_OF_CONDITION: Final[Mapping[Condition, str]] = {
             tracker.SENSOR_FAULT,
             tracker.IMPLAUSIBLE_POSE,
         ),
-        "tracker_warning",
+        Cause.TRACKER_WARNING,
     ),
-    **dict.fromkeys((bus.CANNOT_OPEN, bus.TAKEN), "bus_not_open"),
-    bus.FOREIGN_MASTER: "foreign_master",
-    bus.GONE: "bus_gone",
-    **dict.fromkeys((bus.DOWN, bus.OFF), "bus_off"),
-    bus.QUEUE_FULL: "bus_queue_full",
+    **dict.fromkeys((bus.CANNOT_OPEN, bus.TAKEN), Cause.BUS_NOT_OPEN),
+    bus.FOREIGN_MASTER: Cause.FOREIGN_MASTER,
+    bus.GONE: Cause.BUS_GONE,
+    **dict.fromkeys((bus.DOWN, bus.OFF), Cause.BUS_OFF),
+    bus.QUEUE_FULL: Cause.BUS_QUEUE_FULL,
     **dict.fromkeys(
         (
             bus.PASSIVE,
@@ -63,7 +64,7 @@ CAUSE_OF_CONDITION: Final[Mapping[Condition, str]] = {
             bus.FOREIGN_FRAMES,
             bus.OVERLOADED,
         ),
-        "bus_degraded",
+        Cause.BUS_DEGRADED,
     ),
     **dict.fromkeys(
         (
@@ -76,20 +77,20 @@ CAUSE_OF_CONDITION: Final[Mapping[Condition, str]] = {
             drive.PDO_MALFORMED,
             drive.MODE_REFUSED,
         ),
-        "node_not_ready",
+        Cause.NODE_NOT_READY,
     ),
-    drive.SETTINGS_CHANGED: "drive_settings_changed",
-    drive.LOST: "node_lost",
-    drive.PDO_SILENT: "node_lost",
-    drive.RESET: "node_reset",
-    drive.EMERGENCY: "drive_emergency",
-    drive.FAULT: "drive_fault",
-    drive.FOLLOWING_ERROR: "drive_following_error",
-    drive.NO_VOLTAGE: "drive_no_voltage",
-    drive.UNWILLING: "drive_not_enabled",
-    drive.LIMIT_ACTIVE: "drive_limit",
+    drive.SETTINGS_CHANGED: Cause.DRIVE_SETTINGS_CHANGED,
+    drive.LOST: Cause.NODE_LOST,
+    drive.PDO_SILENT: Cause.NODE_LOST,
+    drive.RESET: Cause.NODE_RESET,
+    drive.EMERGENCY: Cause.DRIVE_EMERGENCY,
+    drive.FAULT: Cause.DRIVE_FAULT,
+    drive.FOLLOWING_ERROR: Cause.DRIVE_FOLLOWING_ERROR,
+    drive.NO_VOLTAGE: Cause.DRIVE_NO_VOLTAGE,
+    drive.UNWILLING: Cause.DRIVE_NOT_ENABLED,
+    drive.LIMIT_ACTIVE: Cause.DRIVE_LIMIT,
     **dict.fromkeys(
-        (drive.WARNING, drive.SAFETY_MISSING, drive.CYCLIC_MODE_NOT_LISTED), "drive_warning"
+        (drive.WARNING, drive.SAFETY_MISSING, drive.CYCLIC_MODE_NOT_LISTED), Cause.DRIVE_WARNING
     ),
 }
 

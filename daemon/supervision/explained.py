@@ -7,7 +7,7 @@ from safety.failsafe import ActiveReason
 def explained(reason: ActiveReason, t_ns: int) -> Reason:
     """One reason as operators and programs get it."""
     return Reason(
-        name=reason.cause.name,
+        name=reason.cause.value,
         severity=reason.cause.severity.name.lower(),
         subject=reason.subject,
         text=reason.cause.text,

@@ -3,12 +3,10 @@
 from collections.abc import Callable, Sequence
 
 from config.control import Supervision
-from daemon.supervision.condition_causes import CAUSE_OF_CONDITION, ONCE
+from daemon.supervision.checks import Checks
 from daemon.supervision.power import Phase, Power
-from daemon.supervision.watchdogs import NOT_REFERENCED, Watchdogs, Watched
 from drivers.cia402.drive_bus import DriveBus
-from drivers.conditions import ConditionChange
-from safety.causes import Severity
+from safety.causes import Cause, Severity
 from safety.consequences import Consequences, with_leads
 from safety.failsafe import ActiveReason, Failsafe
 from safety.states import OperatingState, Request, next_state, refusal
@@ -26,14 +24,15 @@ class Supervisor:
         self.state = OperatingState.STANDBY
         self.failsafe = Failsafe()
         self.power = Power(buses)
-        self.watched = Watched()
         self.arming = False
         """The drives are being enabled."""
         self.stopped_by: tuple[ActiveReason, ...] = ()
         """Why the robot was last held or switched off, worst first; nothing once motion goes on.
         What has stopped it may be over before anybody could see it."""
         self._buses = buses
-        self._watchdogs = Watchdogs(self.failsafe, settings, buses, self.power)
+        self.checks = Checks(
+            self.failsafe, settings, buses, self.power, lambda t_ns: self._go(t_ns, None)
+        )
         self._on_state = on_state
         self._verdict = self.failsafe.evaluate(0, False)
         self._consequences = Consequences()
@@ -69,9 +68,9 @@ class Supervisor:
 
     def cycle(self, t_ns: int, gap_s: float, why_late: str) -> None:
         """Once per bus cycle, before anything is sent."""
-        self._watchdogs.check_gap(gap_s, t_ns, why_late)
+        self.checks.gap(gap_s, t_ns, why_late)
         homing = self.state is OperatingState.HOMING
-        self._watchdogs.check(self.watched, t_ns, self.energised, self.running, homing)
+        self.checks.cycle(t_ns, self.energised, self.running, homing)
         self.power.cycle(t_ns)
         if self.arming and self.power.phase is Phase.ENABLED:
             self.arming = False
@@ -79,22 +78,6 @@ class Supervisor:
         self._go(t_ns, None)
         if self.power.wanted and not self.energised:  # something went missing while they came on
             self.power.stop(t_ns)
-
-    def condition_changed(self, change: ConditionChange) -> None:
-        """A driver says that something is wrong, or is no longer."""
-        name = CAUSE_OF_CONDITION[change.active.condition]
-        # Several conditions may raise one cause about one subject: each is kept apart.
-        subject = f"{change.active.subject} {change.active.condition.name}"
-        detail = ": ".join(filter(None, (change.active.condition.text, change.active.detail)))
-        self.failsafe.set(name, change.present, change.t_ns, subject, detail)
-        if change.active.condition in ONCE:
-            self.failsafe.set(name, False, change.t_ns, subject)
-
-    def raise_cause(self, name: str, t_ns: int, detail: str = "", subject: str = "loop") -> None:
-        """Something went wrong here and now. What stays of it, the table says."""
-        self.failsafe.set(name, True, t_ns, subject, detail)
-        self.failsafe.set(name, False, t_ns, subject)
-        self._go(t_ns, None)
 
     # What operators ask for. Whether they may is the service's business.
 
@@ -113,7 +96,7 @@ class Supervisor:
         """What stands in the way of a request to arm, or to home: which takes one of them away."""
         if request is not Request.HOME:
             return self.blocking
-        return tuple(one for one in self.blocking if one.cause.name != NOT_REFERENCED)
+        return tuple(one for one in self.blocking if one.cause is not Cause.NOT_REFERENCED)
 
     def arm(self, t_ns: int) -> None:
         """Energise the drives where they stand; ARMED when they all follow."""
@@ -125,7 +108,7 @@ class Supervisor:
         if request is Request.RESUME:
             self.failsafe.resume()
         elif request is Request.HOLD and self.state is not OperatingState.HOMING:
-            self.raise_cause("operator_hold", t_ns, subject="operator")
+            self.checks.operator_hold(t_ns)
         elif request in (Request.STOP, Request.DISARM, Request.HOMED):
             self.arming = False
             self.power.stop(t_ns)
@@ -148,6 +131,9 @@ class Supervisor:
     def comes_to_rest(self) -> bool:
         """The drives were told to stop, and are not off yet."""
         return not self.power.at_rest and not self.power.wanted
+
+    def _react(self, t_ns: int) -> None:
+        self._go(t_ns, None)
 
     def _go(self, t_ns: int, request: Request | None) -> None:
         """Work out the state anew; more than one step where one leads to the next."""

@@ -221,7 +221,7 @@ async def back_to_running(rig: Rig, setting: Setting) -> None:
 
 async def _tension_by_hand(rig: Rig) -> None:
     """As the remedy says: the robot does not move while a tendon hangs loose."""
-    loose = {one.subject for one in rig.service.supervisor.reasons if one.cause.name == _SLACK}
+    loose = {one.subject for one in rig.service.supervisor.reasons if one.cause.value == _SLACK}
     await rig.ask(Disarm(token=rig.token))
     for _ in range(_PULLS):
         for axis, shaft in zip(rig.service.robot.axes, _shafts(rig), strict=True):

@@ -24,7 +24,7 @@ from daemon.remote.client.client_errors import RefusedError
 from daemon.risk.mesh_file import write_mesh
 from daemon.robot.lab_connections import ask
 from daemon.workbench.body_model.evaluation.shapes import box, turned
-from safety.causes import CAUSES, Severity, cause
+from safety.causes import Cause, Severity, cause
 from safety.states import OperatingState
 from tests.hil.daemon_rig import (
     AS_SHIPPED,
@@ -225,7 +225,7 @@ def robot(place: Place) -> Rig:
 
 
 def test_every_cause_is_brought_about_or_it_is_said_why_not() -> None:
-    names = {row.name for row in CAUSES}
+    names = {row.value for row in Cause}
     here = {row.cause for row in WHILE_RUNNING} | ALONE
     assert here | NOT_FROM_OUTSIDE.keys() == names
     assert not here & NOT_FROM_OUTSIDE.keys()
@@ -238,7 +238,7 @@ def assert_told(one: Rig, name: str) -> None:
     assert told.severity == cause(name).severity.name.lower()
 
 
-@pytest.mark.parametrize("row", WHILE_RUNNING, ids=lambda row: f"{row.cause}-{row.name}")
+@pytest.mark.parametrize("row", WHILE_RUNNING, ids=lambda row: f"{row.cause}-{row.value}")
 def test_while_running(robot: Rig, row: Row) -> None:
     robot.running()
     row.act(robot)

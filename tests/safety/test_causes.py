@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from safety.causes import CAUSES, Cause, ClearRule, Severity, cause, causes_as_markdown
+from safety.causes import Cause, ClearRule, Severity, cause, causes_as_markdown
 
 BY_SEVERITY = {
     Severity.WARNING: "tracker_warning bus_degraded drive_warning drive_limit loop_slow "
@@ -32,7 +32,7 @@ ARE_OVER_BEFORE_ANYBODY_LOOKS = {
 
 
 def test_every_cause_is_as_bad_as_agreed() -> None:
-    assert {row.name: row.severity for row in CAUSES} == {
+    assert {row.value: row.severity for row in Cause} == {
         name: severity for severity, names in BY_SEVERITY.items() for name in names.split()
     }
 
@@ -51,10 +51,10 @@ def test_severities_are_ordered_so_that_the_worst_wins() -> None:
 
 
 def test_names_are_unique() -> None:
-    assert len({row.name for row in CAUSES}) == len(CAUSES)
+    assert len({row.value for row in Cause}) == len(Cause)
 
 
-@pytest.mark.parametrize("row", CAUSES, ids=lambda row: row.name)
+@pytest.mark.parametrize("row", Cause, ids=lambda row: row.value)
 def test_every_cause_says_in_words_what_it_means_and_what_helps(row: Cause) -> None:
     for words in (row.text, row.remedy):
         assert len(words.split()) >= 2
@@ -64,14 +64,14 @@ def test_every_cause_says_in_words_what_it_means_and_what_helps(row: Cause) -> N
     assert row.text != row.remedy
 
 
-@pytest.mark.parametrize("row", CAUSES, ids=lambda row: row.name)
+@pytest.mark.parametrize("row", Cause, ids=lambda row: row.value)
 def test_what_powers_off_for_good_must_be_cleared_and_nothing_else(row: Cause) -> None:
     assert (row.clears is ClearRule.DELIBERATELY) is (row.severity >= Severity.FAULT)
-    assert (row.clears is ClearRule.BY_RESUME) is (row.name in ARE_OVER_BEFORE_ANYBODY_LOOKS)
+    assert (row.clears is ClearRule.BY_RESUME) is (row.value in ARE_OVER_BEFORE_ANYBODY_LOOKS)
 
 
 def test_only_what_may_be_a_moment_of_noise_is_waited_for() -> None:
-    assert {row.name: row.debounce_s for row in CAUSES if row.debounce_s} == {
+    assert {row.value: row.debounce_s for row in Cause if row.debounce_s} == {
         "tracker_warning": 0.5,
         "bus_degraded": 0.5,
         "drive_warning": 0.2,
@@ -103,7 +103,7 @@ def test_the_table_can_be_read_in_markdown() -> None:
     lines = causes_as_markdown().splitlines()
     assert lines[0].startswith("| cause | severity |")
     assert set(lines[1]) == {"|", "-"}
-    assert len(lines) == 2 + len(CAUSES)
+    assert len(lines) == 2 + len(Cause)
     assert all(line.count("|") == 7 for line in lines)
     assert lines[2].startswith("| `drive_no_voltage` | ESTOP | at once | by clearing | the motor")
     assert lines[-1].startswith("| `recording_dropped` | WARNING | at once | by itself |")

@@ -4,7 +4,7 @@ from itertools import product
 
 import pytest
 
-from safety.causes import CAUSES, Severity, cause
+from safety.causes import Cause, Severity, cause
 from safety.consequences import LEADS_LATER_TO, LEADS_TO, Consequences, with_leads
 from safety.failsafe import ActiveReason
 
@@ -16,11 +16,11 @@ def reason(name: str, at_s: float, subject: str = "x", *, latched: bool = False)
 
 
 def worst_first(*reasons: ActiveReason) -> list[ActiveReason]:
-    return sorted(reasons, key=lambda one: (-one.severity, one.since_ns, one.cause.name))
+    return sorted(reasons, key=lambda one: (-one.severity, one.since_ns, one.cause.value))
 
 
 def shown(ordered: tuple[ActiveReason, ...]) -> list[tuple[str, str, bool]]:
-    return [(one.cause.name, one.follows_from, one.over) for one in ordered]
+    return [(one.cause.value, one.follows_from, one.over) for one in ordered]
 
 
 def ordered_once(*reasons: ActiveReason, at_s: float = 100.0) -> list[tuple[str, str, bool]]:
@@ -28,7 +28,7 @@ def ordered_once(*reasons: ActiveReason, at_s: float = 100.0) -> list[tuple[str,
 
 
 def test_the_table_names_causes_and_goes_in_no_circle() -> None:
-    names = {row.name for row in CAUSES}
+    names = {row.value for row in Cause}
     order = list(LEADS_TO)
     for lead, follow in LEADS_TO.items():
         assert {lead, *follow} <= names
@@ -112,7 +112,7 @@ def test_a_queue_that_is_full_long_after_the_drives_have_gone_follows_from_that(
 
 
 def test_what_leads_later_is_in_the_table_the_other_way_round_or_not_at_all() -> None:
-    names = {row.name for row in CAUSES}
+    names = {row.value for row in Cause}
     for lead, follow in LEADS_LATER_TO.items():
         assert {lead, *follow} <= names
         assert not set(follow) & set(LEADS_TO.get(lead, ()))
@@ -179,13 +179,13 @@ def test_a_lead_that_comes_last_is_told_first() -> None:
 
 
 def test_nothing_is_lost_and_nothing_is_told_twice() -> None:
-    everything = [reason(row.name, 10.0, subject) for row, subject in product(CAUSES, "ab")]
+    everything = [reason(row.value, 10.0, subject) for row, subject in product(Cause, "ab")]
     ordered = Consequences().ordered(worst_first(*everything), 11 * S)
-    assert {(one.cause.name, one.subject) for one in ordered} == {
-        (one.cause.name, one.subject) for one in everything
+    assert {(one.cause.value, one.subject) for one in ordered} == {
+        (one.cause.value, one.subject) for one in everything
     }
     assert len(ordered) == len(everything)
-    leads = {one.cause.name for one in ordered if not one.follows_from}
+    leads = {one.cause.value for one in ordered if not one.follows_from}
     assert "internal_error" in leads
     assert not leads & {"node_lost", "tracker_late", "drive_fault", "loop_slow"}
 
@@ -201,7 +201,7 @@ def test_of_those_that_are_bad_enough_each_comes_with_its_lead() -> None:
         ),
         11 * S,
     )
-    kept = [one.cause.name for one in with_leads(ordered, Severity.HOLD)]
+    kept = [one.cause.value for one in with_leads(ordered, Severity.HOLD)]
     assert kept == ["tracker_warning", "tracker_late", "tracker_quality"]
     assert with_leads(ordered, Severity.FAULT) == ()
     assert with_leads((), Severity.NONE) == ()

@@ -218,4 +218,4 @@ class Trial:
 
     def _why(self) -> str:
         reasons = self._service.supervisor.reasons
-        return "; ".join(f"{r.cause.name} ({r.subject}): {r.detail}" for r in reasons) or "?"
+        return "; ".join(f"{r.cause.value} ({r.subject}): {r.detail}" for r in reasons) or "?"

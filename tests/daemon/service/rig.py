@@ -116,7 +116,7 @@ class Rig:
 
     @property
     def causes(self) -> set[str]:
-        return {reason.cause.name for reason in self.service.supervisor.reasons}
+        return {reason.cause.value for reason in self.service.supervisor.reasons}
 
     @property
     def status(self) -> Status:

@@ -24,7 +24,7 @@ def test_no_condition_is_left_out(module: ModuleType) -> None:
 
 @pytest.mark.parametrize("name", sorted(set(CAUSE_OF_CONDITION.values())))
 def test_every_cause_is_in_the_table(name: str) -> None:
-    assert cause(name).name == name
+    assert cause(name) is name
 
 
 def test_what_is_over_at_once_needs_no_debounce() -> None:
