@@ -1,1 +1,1 @@
-"""From measured poses to where the tip is: read constant_velocity, then pose_filter."""
+"""From measured poses to where the tip is: pose_filter while a robot runs, recorded_path after."""

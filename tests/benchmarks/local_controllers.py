@@ -20,9 +20,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from daemon.learning.inverse.bank import BankControllers, BankPrecision
-from daemon.learning.inverse.batch import BatchControllers
+from daemon.learning.inverse.exact import BatchControllers, OracleControllers
 from daemon.learning.inverse.local_controllers import Command, LocalControllers
-from daemon.learning.inverse.oracle import OracleControllers
 from daemon.learning.inverse.prior import Prior
 from daemon.learning.samples.motion import MotionSample
 from daemon.learning.samples.receptive_fields import ReceptiveFields

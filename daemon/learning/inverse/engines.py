@@ -5,10 +5,9 @@ from typing import Literal
 import numpy as np
 
 from daemon.learning.inverse.bank import BankControllers
-from daemon.learning.inverse.batch import BatchControllers
+from daemon.learning.inverse.exact import BatchControllers, OracleControllers
 from daemon.learning.inverse.local_controller_settings import LocalControllerSettings
 from daemon.learning.inverse.local_controllers import LocalControllers
-from daemon.learning.inverse.oracle import OracleControllers
 from daemon.learning.inverse.prior import Prior
 from daemon.learning.samples.motion import MotionSample
 from daemon.learning.samples.receptive_fields import ReceptiveFields

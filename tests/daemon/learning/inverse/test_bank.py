@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daemon.learning.inverse.bank import BankControllers, BankPrecision
-from daemon.learning.inverse.batch import BatchControllers
+from daemon.learning.inverse.exact import BatchControllers
 from daemon.learning.inverse.prior import Prior
 from daemon.learning.samples.motion import MotionSample
 from daemon.learning.samples.receptive_fields import ReceptiveFields

@@ -21,9 +21,8 @@ from daemon.messages import Event, Message, Risk, Status, Tip
 from daemon.recording.result import CycleError, Result, read_result, write_result
 from daemon.recording.run_folder import describe_run
 from daemon.recording.run_writer import RunWriter
-from daemon.workbench.report.report import report_html, write_report
+from daemon.workbench.report.report import report_html, smoothed_cycles, write_report
 from daemon.workbench.report.report_data import _COLUMNS, read_run
-from daemon.workbench.report.report_errors import smoothed_cycles
 from daemon.workbench.report.report_series import risk_figure, timing_figure
 from tests import SOFT_ARM
 from tests.daemon.recording.synthetic_run import (
