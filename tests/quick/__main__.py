@@ -63,9 +63,10 @@ def run() -> int:
         tested_s = time.monotonic()
         said, _ = types.communicate()
     print(said, end="")
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
     print(
         f"lint {linted_s - began_s:.0f} s, tests {tested_s - linted_s:.0f} s beside types, "
-        f"{time.monotonic() - began_s:.0f} s in all"
+        f"{time.monotonic() - began_s:.0f} s in all; {used.ru_utime + used.ru_stime:.0f} s of CPU"
     )
     return tested or types.returncode
 
