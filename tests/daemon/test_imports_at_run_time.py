@@ -6,7 +6,7 @@ import sys
 import pytest
 
 NEVER = (
-    *("torch", "matplotlib", "trimesh"),
+    *("torch", "matplotlib", "trimesh", "filterpy"),
     *("scipy.stats", "scipy.optimize", "scipy.interpolate", "scipy.spatial"),
 )
 CODE = """

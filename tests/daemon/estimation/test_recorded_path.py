@@ -1,8 +1,5 @@
 """The smoother of recorded paths: it agrees with the filter in the loop, and does not come late."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 from filterpy.common import Q_discrete_white_noise
@@ -106,13 +103,3 @@ def test_the_noise_is_that_of_white_acceleration_per_coordinate() -> None:
     np.testing.assert_array_equal(move, np.kron(np.eye(3), [[1.0, 0.025], [0.0, 1.0]]))
     begun = first_state(np.array([1.0, 2.0, 3.0]), SETTINGS)
     np.testing.assert_array_equal(begun.x, [1.0, 0.0, 2.0, 0.0, 3.0, 0.0])
-
-
-def test_the_running_daemon_does_without_filterpy() -> None:
-    """It takes seconds to come, and brings most of scipy with it."""
-    program = (
-        "import sys, daemon.commands.run, daemon.service.robot_service;"
-        "print('filterpy' in sys.modules)"
-    )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
-    assert done.stdout == "False\n", done.stderr
