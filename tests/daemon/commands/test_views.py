@@ -224,7 +224,7 @@ def probed(robot: Path, *faults: str) -> tuple[dict[str, Any], list[dict[str, An
     return run_in_virtual_time(scene())
 
 
-@pytest.mark.parametrize("robot", [SOFT_ARM, TENDON_ARM])
+@pytest.mark.parametrize("robot", sorted(SHIPPED_ROBOTS.glob("*.yaml")), ids=lambda path: path.stem)
 def test_a_healthy_robot_is_probed_on_one_page(robot: Path) -> None:
     told, events = probed(robot)
     lines = printed(view(told, events[-6:], SMALL))
@@ -241,7 +241,7 @@ def test_a_healthy_robot_is_probed_on_one_page(robot: Path) -> None:
     assert "…" not in text
 
 
-@pytest.mark.parametrize("robot", [SOFT_ARM, TENDON_ARM])
+@pytest.mark.parametrize("robot", sorted(SHIPPED_ROBOTS.glob("*.yaml")), ids=lambda path: path.stem)
 def test_what_is_wrong_is_probed_with_its_remedies_on_one_page(robot: Path) -> None:
     told, events = probed(
         robot,
