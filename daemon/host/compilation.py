@@ -78,7 +78,7 @@ def kernels_to_compile() -> dict[str, int]:
     for name, module in list(sys.modules.items()):
         if name.split(".")[0] not in _OURS or name in _SELDOM:
             continue
-        for kernel in vars(module).values():
+        for kernel in list(vars(module).values()):
             if isinstance(kernel, Dispatcher) and not kernel.signatures and not _kept(kernel):
                 found[_name(kernel.py_func)] = _size(kernel.py_func)
     return found

@@ -22,7 +22,7 @@ def telling_progress() -> Iterator[ProgressLine]:
     # numba, which who asks for help alone does not wait for.
     from daemon.host.compilation import compilation_told
 
-    with ProgressLine() as line, compilation_told(line):
+    with ProgressLine() as line, compilation_told(line.between()):
         yield line
 
 

@@ -19,28 +19,63 @@ _ENDS_WITHIN_S: Final = 2.0
 _CLEAR: Final = "\r\x1b[K"
 
 
+class _Place:
+    """Where lines go: the last line of a terminal, or one after the other."""
+
+    def __init__(self, out: TextIO) -> None:
+        self.on_terminal = out.isatty()
+        self._out = out
+        self._there = False
+        """Whether there is a line of ours on the terminal."""
+
+    def show(self, line: str) -> None:
+        """Instead of the one that is there; below it where there is no terminal."""
+        if not self.on_terminal:
+            self._write(f"{line}\n")
+            return
+        columns = shutil.get_terminal_size().columns - 1
+        self._write(f"{_CLEAR}{line[:columns]}")
+        self._there = True
+
+    def take_away(self) -> None:
+        """What is there, if it can be."""
+        if self._there:
+            self._write(_CLEAR)
+            self._there = False
+
+    def _write(self, text: str) -> None:
+        try:
+            self._out.write(text)
+            self._out.flush()
+        except (OSError, ValueError):  # nobody reads it: no reason to stop
+            self.on_terminal = self._there = False
+
+
 class ProgressLine:
     """A `daemon.host.progress.Progress` for people. What is told otherwise comes past it.
 
     Where stderr is a terminal, its last line is ours, and is taken away in the end.
     """
 
-    def __init__(self, out: TextIO | None = None, clock: Clock | None = None) -> None:
-        """out: instead of stderr. clock: instead of the machine's."""
-        self._out = sys.stderr if out is None else out
-        self._on_terminal = self._out.isatty()
+    def __init__(
+        self, out: TextIO | None = None, clock: Clock | None = None, place: _Place | None = None
+    ) -> None:
+        """out: instead of stderr. clock: instead of the machine's. place: that is shared."""
+        self._place = _Place(sys.stderr if out is None else out) if place is None else place
         self._clock = MonotonicClock() if clock is None else clock
         self._pace: Pace | None = None
         self._milestones = Milestones(0.0)
         self._shown_s = 0.0
-        self._there = False
-        """Whether there is a line of ours on the terminal."""
 
     def __enter__(self) -> "ProgressLine":
         return self
 
     def __exit__(self, *_: object) -> None:
         self.end()
+
+    def between(self) -> "ProgressLine":
+        """For what is done now and then while something else goes on, on the same line."""
+        return ProgressLine(clock=self._clock, place=self._place)
 
     def begin(self, what: str, total: float, done: float = 0.0) -> None:
         """Something else begins: what was before is over."""
@@ -64,39 +99,25 @@ class ProgressLine:
 
     def tell(self, text: str, out: TextIO | None = None) -> None:
         """Something that is to stay, past the line that is written over. out: instead of stdout."""
-        self._take_away()
+        self._place.take_away()
         print(text, file=out, flush=True)
 
     def end(self) -> None:
         """Nothing is being done; the line goes."""
-        self._take_away()
+        self._place.take_away()
         self._pace = None
 
     def _show(self, pace: Pace, now_s: float) -> None:
-        if not self._on_terminal:
+        if not self._place.on_terminal:
             pace.to_go_s(now_s)  # it is smoothed from look to look
             if self._milestones.due(pace.share, now_s):
-                self._write(f"{pace.line(now_s)}\n")
+                self._place.show(pace.line(now_s))
         elif now_s - self._shown_s >= _EACH_S:
             self._shown_s = now_s
-            columns = shutil.get_terminal_size().columns - 1
-            self._write(f"{_CLEAR}{pace.line(now_s)[:columns]}")
-            self._there = True
-
-    def _take_away(self) -> None:
-        if self._there:
-            self._write(_CLEAR)
-            self._there = False
+            self._place.show(pace.line(now_s))
 
     def _now_s(self) -> float:
         return self._clock.now_ns() * 1e-9
-
-    def _write(self, text: str) -> None:
-        try:
-            self._out.write(text)
-            self._out.flush()
-        except (OSError, ValueError):  # nobody reads it: no reason to stop
-            self._on_terminal = self._there = False
 
 
 class Aside:

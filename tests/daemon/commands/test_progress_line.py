@@ -47,7 +47,7 @@ def work(line: ProgressLine, clock: Clock, parts: int = 100, each_s: float = 1.0
     for _ in range(parts):
         clock.now_s += each_s
         line.advance()
-        out = line._out
+        out = line._place._out
         assert isinstance(out, Screen)
         seen.append(out.seen())
     return seen
@@ -116,8 +116,24 @@ def test_a_reader_that_has_left_is_no_reason_to_stop(clock: Clock) -> None:
         line.begin("learning", 10.0)
         screen.close()
         clock.now_s += 5.0
-        line._on_terminal = True
         line.advance()
+
+
+def test_what_is_done_between_does_not_disturb_how_far_the_rest_is(clock: Clock) -> None:
+    screen = Screen(terminal=True)
+    with ProgressLine(screen, clock) as line:
+        work(line, clock, 30)
+        between = line.between()
+        between.begin("compiling kernels", 40_000.0)
+        clock.now_s += 1.0
+        between.reach(10_000.0)
+        assert screen.seen() == "compiling kernels, 25%"
+        clock.now_s += 1.0
+        line.reach(31.0)
+        assert screen.seen().startswith("learning, 31%, about 1 min to go")
+        between.reach(20_000.0)
+        line.tell("past all of it")
+        assert screen.seen() == ""
 
 
 def test_who_must_not_wait_has_it_told_aside(clock: Clock) -> None:
