@@ -27,10 +27,8 @@ from daemon.robot.lab_connections import LabListener, LabRefusedError, LabUnreac
 from daemon.robot.runtime_directory import default_runtime_directory, uses_lab, with_lab_ports
 from daemon.service.dependencies import Dependencies
 from daemon.service.motion_loader import in_a_thread
-from daemon.service.operator import Operator
-from daemon.service.robot_service import RobotService
-from daemon.service.run_recording import MakeFolder, RunRecording
-from drivers.bounded import end_tasks
+from daemon.service.run_recording import MakeFolder
+from daemon.service.session import Session
 from drivers.can.bus_lock import BusTakenError, check_buses_are_free
 from drivers.canopen.object_dictionary import EdsError
 from drivers.clock import WallClock
@@ -38,8 +36,6 @@ from safety.risk_source import RiskSource
 
 _SWITCH_INTERVAL_S: Final = 0.0005
 """Python's own is ten times as long: so long the loop would wait for a thread that reads a file."""
-_ENDS_WITHIN_S: Final = 8.0
-"""Longer than hardware takes at the most."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -115,17 +111,22 @@ async def _serve(checked: CheckedRobot, arguments: argparse.Namespace, risk: Ris
     )
     if dependencies.real_time is not None:
         dependencies.real_time.prepare()
-    service = RobotService(checked.file, with_lab_ports(robot, directory), dependencies)
-    make_folder = _folder_maker(checked, arguments.runs, clock, arguments.seed)
-    recording = RunRecording(service, make_folder, arguments.seed, in_a_thread)
-    inject = _injector(directory) if simulated else None
-    files = arguments.files or models_directory()
-    operator = Operator(service, recording, arguments.seed, inject, files, in_a_thread)
+    session = Session(
+        checked.file,
+        with_lab_ports(robot, directory),
+        dependencies,
+        _folder_maker(checked, arguments.runs, clock, arguments.seed),
+        arguments.seed,
+        inject=_injector(directory) if simulated else None,
+        files=arguments.files or models_directory(),
+        off_the_loop=in_a_thread,
+    )
+    service = session.service
     server = RemoteServer(
         robot.robot,
         robot.remote,
         directory,
-        operator,
+        session.operator,
         simulated=simulated,
         version=service.version,
         robot_file_dir=checked.file.path.parent,
@@ -139,27 +140,11 @@ async def _serve(checked: CheckedRobot, arguments: argparse.Namespace, risk: Ris
         check_buses_are_free(with_lab_ports(robot, directory).buses.values())
         if simulated:
             lab.start()
-        await _live(service, recording, stop, f"{robot.robot} in {directory}")
+        print(f"{robot.robot} in {directory}: Ctrl-C ends it", flush=True)
+        await session.serve(stop)
     finally:
         lab.end()
         await server.close()
-
-
-async def _live(
-    service: RobotService, recording: RunRecording, stop: StopSignals, what: str
-) -> None:
-    """Until somebody ends it, or the devices' own tasks fail; then one way down."""
-    devices = asyncio.create_task(service.run())
-    ending = asyncio.create_task(stop.wait(None))
-    print(f"{what}: Ctrl-C ends it", flush=True)
-    try:
-        await asyncio.wait((devices, ending), return_when=asyncio.FIRST_COMPLETED)
-    finally:
-        await service.rest()
-        await end_tasks([devices, ending], _ENDS_WITHIN_S)
-        await recording.end()
-    if devices.done() and not devices.cancelled():
-        devices.result()
 
 
 def _folder_maker(checked: CheckedRobot, runs: Path, clock: WallClock, seed: int) -> MakeFolder:

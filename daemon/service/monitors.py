@@ -1,12 +1,12 @@
 """The monitors keep what the watchdogs look at up to date, from all that the service knows."""
 
-from collections.abc import Callable
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Protocol
 
 from daemon.loop.control_step import ControlLoop
 from daemon.loop.timekeeping import Timekeeping
 from daemon.recording.run_folder import free_mb
 from daemon.service.dependencies import Dependencies
+from daemon.service.following import Following
 from daemon.service.lease import Lease
 from daemon.supervision.supervisor import Supervisor
 from drivers.aurora.tracker import AuroraTracker
@@ -26,6 +26,14 @@ class RecordingTrouble(NamedTuple):
 NO_TROUBLE: Final = RecordingTrouble()
 
 
+class WatchedRecording(Protocol):
+    """The recording of a run, while there is one."""
+
+    def look(self) -> RecordingTrouble:
+        """See to it, and say what is wrong with it."""
+        ...
+
+
 class Monitors:
     """`look` every bus cycle, `look_at_recorder` and `look_at_machine` now and then."""
 
@@ -36,17 +44,16 @@ class Monitors:
         supervisor: Supervisor,
         timekeeping: Timekeeping,
         lease: Lease,
+        following: Following,
         dependencies: Dependencies,
     ) -> None:
-        self.setpoint_age_s: Callable[[int], float | None] = lambda _: None
-        """For as long as set-points are being followed; None: they are not."""
-        self.look_at_recording: Callable[[], RecordingTrouble] = lambda: NO_TROUBLE
-        """Sees to the present run's recording, and tells what is wrong with it."""
+        self._recording: WatchedRecording | None = None
         self._tracker = tracker
         self._loop = loop
         self._supervisor = supervisor
         self._timekeeping = timekeeping
         self._lease = lease
+        self._following = following
         self._dependencies = dependencies
         self._tendons = [
             (channel, limits)
@@ -56,6 +63,10 @@ class Monitors:
         self._missing_cycles, self._missed_before = False, 0
         self._free_mb: float | None = None
         self.look_at_machine()
+
+    def watch(self, recording: WatchedRecording) -> None:
+        """See to the recording of each run too."""
+        self._recording = recording
 
     def look(self, now_ns: int) -> None:
         """Before each supervision."""
@@ -68,7 +79,7 @@ class Monitors:
         watched.cycles_missed = self._missing_cycles
         watched.lease_missing_s = self._lease.unheld_s(now_ns)
         watched.lease_held = watched.lease_missing_s <= 0.0
-        watched.setpoint_age_s = self.setpoint_age_s(now_ns)
+        watched.setpoint_age_s = self._following.setpoint_age_s(now_ns)
         watched.tensions_n = [
             (channel.axis.name, channel.scale.force(channel.torque_permille), *limits)
             for channel, limits in self._tendons
@@ -77,7 +88,8 @@ class Monitors:
     def look_at_recorder(self) -> None:
         """How the recording does, and how much room there is for it."""
         watched, recorder = self._supervisor.checks.watched, self._dependencies.recorder.status
-        watched.recorder_failed, watched.recording_lost = self.look_at_recording()
+        trouble = NO_TROUBLE if self._recording is None else self._recording.look()
+        watched.recorder_failed, watched.recording_lost = trouble
         watched.recordings_dropped = recorder.dropped
         watched.disk_free_mb = recorder.free_mb if recorder.recording else self._free_mb
 

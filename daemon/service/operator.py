@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from config.controllers import ControllerOptions
 from daemon.control.controller import Controller
@@ -21,7 +21,6 @@ from daemon.messages import (
     Inject,
     Load,
     Reason,
-    ReferenceStatus,
     Refusal,
     Release,
     Resume,
@@ -34,13 +33,12 @@ from daemon.messages import (
     verb,
 )
 from daemon.recording.flight_recorder import RecordingError
-from daemon.reference.reference import TrajectoryReference
 from daemon.reference.trajectories import Trajectory
+from daemon.service.following import Loaded
 from daemon.service.homing import RobotHoming
 from daemon.service.motion_loader import CommandRefusedError, MotionLoader, OffTheLoop, at_once
 from daemon.service.robot_service import AT_REST_WITHIN_S, RobotService
 from daemon.service.run_recording import RunRecording
-from daemon.service.setpoints import Setpoints
 from daemon.supervision.explained import explained
 from safety.causes import Cause
 from safety.failsafe import ActiveReason
@@ -62,13 +60,6 @@ _COMES_BACK: Final = frozenset({Cause.NODE_LOST, Cause.NODE_RESET})
 """What a fault reset has done shows in the drives' next answers."""
 
 
-class Loaded(NamedTuple):
-    """What `start` will follow."""
-
-    trajectory: Trajectory
-    controller: Controller
-
-
 class Operator:
     """Carries commands out. Implements the remote server's CommandHandler."""
 
@@ -85,7 +76,6 @@ class Operator:
 
         files: the folder whose files commands may name. off_the_loop: how such files are read.
         """
-        self.loaded: Loaded | None = None
         self._service = service
         self._recording = recording
         self._loader = MotionLoader(service.robot, seed, files, off_the_loop)
@@ -94,10 +84,7 @@ class Operator:
         self._preparing = False
         """An `arm` or `home` is under way, and nothing is energised yet."""
         self._stops = 0
-        self._setpoints: Setpoints | None = None
-        self._following: TrajectoryReference | None = None
-        service.reference_status = self._reference_status
-        service.monitors.setpoint_age_s = self._setpoint_age_s
+        self._following = service.following
         self._verbs: dict[type[Command], Callable[[str, Any], Awaitable[Answer]]] = {
             Acquire: self._acquire,
             Release: self._release,
@@ -137,11 +124,8 @@ class Operator:
         now_ns = self._service.clock.now_ns()
         if not self._service.lease.holds(setpoint.token, user, now_ns):
             why = "its token is not the lease's"
-        elif not self._teleoperated:
-            why = "the robot is not teleoperated: ask for `teleoperate` first"
         else:
-            assert self._setpoints is not None
-            why = self._setpoints.take(setpoint, now_ns)
+            why = self._following.take(setpoint, now_ns)
         return SetpointRefused(sequence=setpoint.sequence, reason=why) if why else None
 
     def status(self) -> Status:
@@ -161,7 +145,7 @@ class Operator:
             await asyncio.sleep(0)  # the bus cycle goes on in between
         if self._service.supervisor.running:
             raise CommandRefusedError("wrong_state", "the robot was started meanwhile")
-        self.loaded = Loaded(trajectory, controller)
+        self._following.loaded = Loaded(trajectory, controller)
 
     # The verbs.
 
@@ -258,19 +242,15 @@ class Operator:
 
     async def _start(self, user: str, command: Start) -> Answer:
         del user
-        if self.loaded is None:
+        if self._following.loaded is None:
             raise CommandRefusedError("nothing_loaded", "load a trajectory first")
         self.start()
         return self._answer(command)
 
     def start(self, blend_speed_mm_s: float = BLEND_SPEED_MM_S) -> None:
         """Follow what was loaded. Raises RefusedError."""
-        assert self.loaded is not None
         self._check_possible(Request.START)
-        self._following = TrajectoryReference(self.loaded.trajectory, blend_speed_mm_s)
-        self._setpoints = None
-        self._service.loop.reference = self._following
-        self._service.loop.controller = self.loaded.controller
+        self._following.follow_loaded(blend_speed_mm_s)
         self._service.supervisor.request(Request.START, self._service.clock.now_ns())
 
     async def _teleoperate(self, user: str, command: Teleoperate) -> Answer:
@@ -283,10 +263,7 @@ class Operator:
         self._check_lease(user, command)
         self._check_possible(Request.START)
         now_ns = self._service.clock.now_ns()
-        self._setpoints = Setpoints(self._service.robot.workspace, now_ns)
-        self._following = None
-        self._service.loop.reference = self._setpoints.reference
-        self._service.loop.controller = controller
+        self._following.follow_setpoints(controller, now_ns)
         self._service.supervisor.request(Request.START, now_ns)
         return self._answer(command)
 
@@ -300,8 +277,7 @@ class Operator:
         del user
         supervisor = self._service.supervisor
         self._check_possible(Request.RESUME)
-        reference = self._service.loop.reference
-        if reference is None or reference.finished:
+        if not self._following.can_go_on:
             raise CommandRefusedError("nothing_to_resume", "nothing was held: load and start")
         self.try_to_resume()
         if not supervisor.running:
@@ -313,11 +289,6 @@ class Operator:
     def try_to_resume(self) -> None:
         """Go on, if what stopped the motion is over."""
         self._service.supervisor.request(Request.RESUME, self._service.clock.now_ns())
-
-    @property
-    def elapsed_s(self) -> float:
-        """Along the trajectory that is being followed; 0 without one."""
-        return 0.0 if self._following is None else self._following.elapsed_s
 
     async def _clear(self, user: str, command: Clear) -> Answer:
         """The answer waits for what passes by itself, so that `arm` may follow at once."""
@@ -407,42 +378,6 @@ class Operator:
         if why:
             name = "not_ready" if supervisor.blocking else "wrong_state"
             raise CommandRefusedError(name, why, supervisor.blocking)
-
-    @property
-    def _teleoperated(self) -> bool:
-        setpoints = self._setpoints
-        return setpoints is not None and setpoints.reference is self._service.loop.reference
-
-    def _setpoint_age_s(self, now_ns: int) -> float | None:
-        if self._setpoints is None or not self._teleoperated:
-            return None
-        return self._setpoints.reference.age_s(now_ns)
-
-    def _reference_status(self) -> ReferenceStatus | None:
-        loop = self._service.loop
-        name = "" if loop.controller is None else loop.controller.name
-        if self._following is not None and loop.reference is self._following:
-            trajectory = self._following.trajectory
-            return ReferenceStatus(
-                trajectory=trajectory.kind,
-                controller=name,
-                elapsed_s=self._following.elapsed_s,
-                duration_s=trajectory.duration_s,
-                cycle=-1 if loop.aim is None else loop.aim.cycle,
-                cycles=trajectory.cycles,
-                note=loop.note,
-            )
-        if self._setpoints is None:
-            return None
-        return ReferenceStatus(
-            trajectory="set-points",
-            controller=name,
-            elapsed_s=0.0,
-            duration_s=None,
-            cycle=-1,
-            cycles=None,
-            note=loop.note,
-        )
 
     def _answer(self, command: Command, **more: Any) -> Answer:
         state = self._service.supervisor.state.value

@@ -17,12 +17,12 @@ from daemon.loop.timekeeping import Timekeeping, TimeSpent
 from daemon.messages import (
     LeaseStatus,
     Loop,
-    ReferenceStatus,
     Status,
 )
 from daemon.robot.hardware import Hardware, Listeners
 from daemon.service.dependencies import Dependencies
 from daemon.service.events import Events
+from daemon.service.following import Following
 from daemon.service.lease import Lease
 from daemon.service.monitors import Monitors
 from daemon.service.status import StatusReport
@@ -58,7 +58,6 @@ class RobotService:
         self.events = Events(self.clock, self.publish)
         self.holds = 0
         """How often the motion was held, by anything but the operator."""
-        self.reference_status: Callable[[], ReferenceStatus | None] = lambda: None
         token = {} if dependencies.new_token is None else {"new_token": dependencies.new_token}
         self.lease = Lease(robot.supervision.lease_s, **token)
         self.hardware = self._make_hardware(file)
@@ -77,6 +76,7 @@ class RobotService:
             self.publish,
             dependencies.risk,
         )
+        self.following = Following(self.loop, robot.workspace)
         self.report = StatusReport(
             robot,
             self.hardware.tracker,
@@ -95,6 +95,7 @@ class RobotService:
             self.supervisor,
             self.timekeeping,
             self.lease,
+            self.following,
             dependencies,
         )
         self.at_rest: list[Callable[[], None]] = [self.relax]
@@ -157,7 +158,7 @@ class RobotService:
         )
         folder = self.dependencies.recorder.status.folder
         return self.report.status(
-            now_ns, lease, None if folder is None else str(folder), self.reference_status()
+            now_ns, lease, None if folder is None else str(folder), self.following.status()
         )
 
     # What the devices and the timer tell.

@@ -63,7 +63,7 @@ class RunRecording:
         subscribers.add_for(Tip, self._hear_step)
         subscribers.add_for(Event, self._hear_event)
         service.at_rest.append(self._end_soon)
-        service.monitors.look_at_recording = self.look
+        service.monitors.watch(self)
 
     async def begin(self) -> None:
         """Start recording. Raises RecordingError."""
@@ -210,6 +210,6 @@ class RunRecording:
             first_ns, _ = self._times_ns or (tip.t_ns, 0)
             self._times_ns = first_ns, tip.t_ns
         if not self._followed[0]:
-            reference = self._service.reference_status()
+            reference = self._service.following.status()
             if reference is not None:
                 self._followed = reference.trajectory, reference.controller

@@ -16,7 +16,8 @@ from daemon.recording.result import read_result, write_result
 from daemon.reference.trajectories import make_trajectory
 from daemon.robot.axes import AxisRanges
 from daemon.service.dependencies import Dependencies
-from daemon.service.run_recording import MakeFolder, RunRecording
+from daemon.service.run_recording import MakeFolder
+from daemon.service.session import Session
 from daemon.workbench.experiments.experiment_file import ExperimentFile
 from daemon.workbench.experiments.scripted_events import LabControl
 from daemon.workbench.experiments.step_statistics import (
@@ -28,7 +29,7 @@ from daemon.workbench.experiments.step_statistics import (
     tracker_limits,
 )
 from daemon.workbench.experiments.stopwatch import Stopwatch
-from daemon.workbench.experiments.trial import Tell, Trial, session
+from daemon.workbench.experiments.trial import Tell, Trial
 from safety.states import OperatingState
 
 # Sees every step of an experiment, and the truth beside it where somebody knows it.
@@ -53,10 +54,11 @@ class Truth(Protocol):
 class Witness:
     """Listens to telemetry. A step comes as a Tip, and then as Axes of the same number."""
 
-    def __init__(self, axes: AxisRanges, truth: Truth | None) -> None:
-        """truth: None where nobody knows it."""
-        self.elapsed_s: Callable[[], float] = lambda: 0.0
-        """Along the trajectory, now."""
+    def __init__(
+        self, axes: AxisRanges, truth: Truth | None, elapsed_s: Callable[[], float]
+    ) -> None:
+        """truth: None where nobody knows it. elapsed_s: along the trajectory, now."""
+        self._elapsed_s = elapsed_s
         self._axes = axes
         self._truth = truth
         self._tip: Tip | None = None
@@ -90,7 +92,7 @@ class Witness:
         )
 
     def _take(self, tip: Tip, axes: Axes) -> None:
-        self._times.append(self.elapsed_s())
+        self._times.append(self._elapsed_s())
         self._cycles.append(tip.cycle)
         self._reference.extend(tip.reference_mm or _UNKNOWN)
         self._believed.extend(tip.tip_mm or _UNKNOWN)
@@ -125,18 +127,18 @@ async def carry_out(
     """
     robot_file = replace(file.file, robot=file.robot)
     trajectory = make_trajectory(file.experiment.trajectory, file.path.parent)
-    witness, stopwatch = Witness(AxisRanges.of(robot), truth), Stopwatch()
-    recording: RunRecording | None = None
+    session = Session(robot_file, robot, dependencies, make_folder, seed)
+    following, recording = session.service.following, session.recording
+    witness = Witness(AxisRanges.of(robot), truth, lambda: following.elapsed_s)
+    stopwatch = Stopwatch()
     try:
-        async with session(robot_file, robot, dependencies, make_folder, seed) as at_work:
-            recording, operator = at_work.recording, at_work.operator
-            trial = Trial(file.experiment, trajectory, at_work, lab, stopwatch, tell, progress)
-            witness.elapsed_s = lambda: operator.elapsed_s
+        async with session.running():
+            trial = Trial(file.experiment, trajectory, session, lab, stopwatch, tell, progress)
             dependencies.subscribers.add_for(Tip, witness.hear_tip)
             dependencies.subscribers.add_for(Axes, witness.hear_axes)
             await trial.run()
     finally:
-        if recording is not None and recording.folder is not None:
+        if recording.folder is not None:
             steps, failures = witness.series(), 0 if truth is None else truth.failures()
             _complete(recording.folder, steps, stopwatch, trajectory.cycle_s, failures)
 

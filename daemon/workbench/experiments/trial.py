@@ -2,62 +2,18 @@
 
 import asyncio
 import re
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Final
 
 from config.experiment import Experiment
-from config.loader import RobotFile
-from config.robot import Robot
 from daemon.host.progress import Progress, Unheard
 from daemon.messages import Acquire, Answer, Arm, Disarm, Refusal, Tip
 from daemon.reference.trajectories import Trajectory
-from daemon.service.dependencies import Dependencies
 from daemon.service.motion_loader import CommandRefusedError
-from daemon.service.operator import Operator
-from daemon.service.robot_service import RobotService
-from daemon.service.run_recording import MakeFolder, RunRecording
+from daemon.service.session import Session
 from daemon.workbench.experiments.scripted_events import Happenings, LabControl
 from daemon.workbench.experiments.stopwatch import Stopwatch, TimedController
-from drivers.bounded import end_tasks
 from safety.states import OperatingState
-
-# A robot at work for the length of a block: service, recording and operator, and one way down.
-
-
-_ENDS_WITHIN_S: Final = 8.0
-"""Longer than hardware takes at the most."""
-
-
-@dataclass(frozen=True)
-class Session:
-    """What there is while the devices are connected."""
-
-    service: RobotService
-    recording: RunRecording
-    operator: Operator
-
-
-@asynccontextmanager
-async def session(
-    file: RobotFile, robot: Robot, dependencies: Dependencies, make_folder: MakeFolder, seed: int
-) -> AsyncIterator[Session]:
-    """Connects the devices; in the end the drives are at rest and the recording is whole.
-
-    robot: the file's, with its ports as they are to be opened. seed: of controllers.
-    """
-    service = RobotService(file, robot, dependencies)
-    recording = RunRecording(service, make_folder, seed)
-    operator = Operator(service, recording, seed, None)
-    devices = asyncio.create_task(service.run())
-    try:
-        yield Session(service, recording, operator)
-    finally:
-        await service.rest()
-        await end_tasks([devices], _ENDS_WITHIN_S)
-        await recording.end()
-
 
 Tell = Callable[[str], None]
 """Hears in words of what happens."""
@@ -148,10 +104,10 @@ class Trial:
 
     async def _load(self) -> None:
         await self._operator.load(self._trajectory, self._experiment.controller)
-        loaded = self._operator.loaded
-        assert loaded is not None
-        timed = TimedController(loaded.controller, self._stopwatch)
-        self._operator.loaded = loaded._replace(controller=timed)
+        following = self._service.following
+        assert following.loaded is not None
+        timed = TimedController(following.loaded.controller, self._stopwatch)
+        following.loaded = following.loaded._replace(controller=timed)
 
     async def _keep_lease(self) -> None:
         while True:
@@ -175,7 +131,7 @@ class Trial:
             if not supervisor.state.energised:
                 raise TrialError(f"the robot is {supervisor.state.value}: {self._why()}")
             if in_a_row >= _MOST_IN_A_ROW:
-                where = f"{self._operator.elapsed_s:.1f} s along the trajectory"
+                where = f"{self._service.following.elapsed_s:.1f} s along the trajectory"
                 raise TrialError(f"the motion is held again and again, {where}: {self._why()}")
             self._operator.try_to_resume()
             self.resumptions += supervisor.running
@@ -192,7 +148,7 @@ class Trial:
         elif not note and self._cycle < 0:
             what = part = f"{experiment}: on the way to its start"
         elif not note:
-            what, now = f"{experiment}: following", self._operator.elapsed_s
+            what, now = f"{experiment}: following", self._service.following.elapsed_s
             total = self._trajectory.duration_s
         if part != self._part:
             self._part = part
@@ -204,7 +160,7 @@ class Trial:
         """Happenings go by the trajectory's own time."""
         dt_s = 0.0 if self._last_ns is None else (tip.t_ns - self._last_ns) * 1e-9
         self._last_ns, self._cycle = tip.t_ns, tip.cycle
-        self._happenings.step(self._operator.elapsed_s, tip.cycle, dt_s)
+        self._happenings.step(self._service.following.elapsed_s, tip.cycle, dt_s)
 
     def _happened(self, what: str) -> None:
         self._service.events.tell("note", "happening", what, subject="lab")

@@ -29,6 +29,8 @@ from daemon.service.dependencies import Dependencies
 from daemon.service.operator import Operator
 from daemon.service.robot_service import RobotService
 from daemon.service.run_recording import RunRecording
+from daemon.service.session import Session
+from drivers.bounded import end_tasks
 from drivers.cia402.power_state import PowerState
 from safety.risk_source import NoModel, RiskSource
 from safety.states import OperatingState
@@ -193,27 +195,24 @@ async def _play(
         simulated=True,
         new_token=lambda: f"token-{next(tokens)}",
     )
-    service = RobotService(file, robot, dependencies)
 
     async def make_folder() -> Path:
         return folder
 
-    recording = RunRecording(service, make_folder, 1)
-    rig = Rig(service, Operator(service, recording, 1, _injector(lab)), recording, lab)
+    session = Session(file, robot, dependencies, make_folder, 1, inject=_injector(lab))
+    rig = Rig(session.service, session.operator, session.recording, lab)
     dependencies.subscribers.add(rig.told.append)
-    devices = asyncio.create_task(service.run())
     renewing = asyncio.create_task(_renew(rig))
     try:
-        at_first = {"not_referenced"}  # all else goes by itself as the devices come up
-        await rig.until(lambda: rig.state is not OperatingState.STANDBY or rig.causes == at_first)
-        await rig.until_state(begins_in)
-        await scene(rig)
+        async with session.running():
+            at_first = {"not_referenced"}  # all else goes by itself as the devices come up
+            await rig.until(
+                lambda: rig.state is not OperatingState.STANDBY or rig.causes == at_first
+            )
+            await rig.until_state(begins_in)
+            await scene(rig)
     finally:
-        await service.rest()
-        for task in (devices, renewing):
-            task.cancel()
-        await asyncio.gather(devices, renewing, return_exceptions=True)
-        await recording.end()
+        await end_tasks([renewing], 1.0)
         lab.stop()
     return rig
 

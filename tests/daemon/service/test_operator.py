@@ -176,14 +176,14 @@ def test_hold_stands_still_and_resume_goes_on_where_it_was() -> None:
         await rig.do(Hold)
         assert rig.in_state(S.HOLD)
         await asyncio.sleep(0.5)
-        held, elapsed_s = rig.shafts(), rig.operator.elapsed_s
+        held, elapsed_s = rig.shafts(), rig.service.following.elapsed_s
         await asyncio.sleep(2.0)
         assert max(abs(b - a) for a, b in zip(held, rig.shafts(), strict=True)) < 30
         await rig.do(Resume)
         assert rig.in_state(S.RUNNING)
-        assert rig.operator.elapsed_s == elapsed_s
+        assert rig.service.following.elapsed_s == elapsed_s
         await asyncio.sleep(3.0)
-        assert rig.operator.elapsed_s > elapsed_s
+        assert rig.service.following.elapsed_s > elapsed_s
 
     on_a_rig(scene)
 

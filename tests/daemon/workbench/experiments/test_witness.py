@@ -54,13 +54,12 @@ def axes(sequence: int, place: float = 25.0) -> Axes:
 
 @pytest.fixture
 def witness() -> Witness:
-    return Witness(AxisRanges.of(load_robot(SOFT_ARM).robot), Truth())
+    return Witness(AxisRanges.of(load_robot(SOFT_ARM).robot), Truth(), lambda: 3.5)
 
 
 def test_a_step_is_kept_with_where_everything_was(witness: Witness) -> None:
     truth = witness._truth
     assert isinstance(truth, Truth)
-    witness.elapsed_s = lambda: 3.5
     truth.at = np.array([0.1, 0.2, 0.3])
     witness.hear_tip(tip(7, cycle=2))
     witness.hear_axes(axes(7, place=12.5))

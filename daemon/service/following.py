@@ -1,0 +1,105 @@
+"""What is loaded, and what is followed: reference and controller, how far they are, how old."""
+
+from typing import Final, NamedTuple
+
+from config.control import Workspace
+from daemon.control.controller import Controller
+from daemon.loop.control_step import ControlLoop
+from daemon.messages import ReferenceStatus, Setpoint
+from daemon.reference.reference import TrajectoryReference
+from daemon.reference.trajectories import Trajectory
+from daemon.service.setpoints import Setpoints
+
+_NOT_TELEOPERATED: Final = "the robot is not teleoperated: ask for `teleoperate` first"
+
+
+class Loaded(NamedTuple):
+    """What `start` will follow."""
+
+    trajectory: Trajectory
+    controller: Controller
+
+
+class Following:
+    """Gives the loop its reference and its controller, and knows them afterwards."""
+
+    def __init__(self, loop: ControlLoop, workspace: Workspace | None) -> None:
+        """workspace: where set-points may be; None: anywhere."""
+        self.loaded: Loaded | None = None
+        self._loop = loop
+        self._workspace = workspace
+        self._trajectory: TrajectoryReference | None = None
+        self._setpoints: Setpoints | None = None
+
+    def follow_loaded(self, blend_speed_mm_s: float) -> None:
+        """The trajectory that is loaded, from its beginning on."""
+        assert self.loaded is not None
+        self._trajectory = TrajectoryReference(self.loaded.trajectory, blend_speed_mm_s)
+        self._setpoints = None
+        self._loop.reference = self._trajectory
+        self._loop.controller = self.loaded.controller
+
+    def follow_setpoints(self, controller: Controller, t_ns: int) -> None:
+        """The set-points that come from now on."""
+        self._setpoints = Setpoints(self._workspace, t_ns)
+        self._trajectory = None
+        self._loop.reference = self._setpoints.reference
+        self._loop.controller = controller
+
+    def take(self, setpoint: Setpoint, t_ns: int) -> str:
+        """Follow a set-point that came at `t_ns`. Returns why not; empty if it is followed."""
+        setpoints = self._followed_setpoints
+        return _NOT_TELEOPERATED if setpoints is None else setpoints.take(setpoint, t_ns)
+
+    @property
+    def can_go_on(self) -> bool:
+        """Whether there is a reference that is not at its end."""
+        return self._loop.reference is not None and not self._loop.reference.finished
+
+    @property
+    def finished(self) -> bool:
+        """Whether there is a reference, and it is at its end."""
+        return self._loop.reference is not None and self._loop.reference.finished
+
+    @property
+    def elapsed_s(self) -> float:
+        """Along the trajectory that is being followed; 0 without one."""
+        return 0.0 if self._trajectory is None else self._trajectory.elapsed_s
+
+    def setpoint_age_s(self, t_ns: int) -> float | None:
+        """Of the newest set-point; None: no set-points are being followed."""
+        setpoints = self._followed_setpoints
+        return None if setpoints is None else setpoints.reference.age_s(t_ns)
+
+    def status(self) -> ReferenceStatus | None:
+        """What is being followed; None: nothing."""
+        loop = self._loop
+        name = "" if loop.controller is None else loop.controller.name
+        followed = self._trajectory
+        if followed is not None and loop.reference is followed:
+            return ReferenceStatus(
+                trajectory=followed.trajectory.kind,
+                controller=name,
+                elapsed_s=followed.elapsed_s,
+                duration_s=followed.trajectory.duration_s,
+                cycle=-1 if loop.aim is None else loop.aim.cycle,
+                cycles=followed.trajectory.cycles,
+                note=loop.note,
+            )
+        if self._setpoints is None:
+            return None
+        return ReferenceStatus(
+            trajectory="set-points",
+            controller=name,
+            elapsed_s=0.0,
+            duration_s=None,
+            cycle=-1,
+            cycles=None,
+            note=loop.note,
+        )
+
+    @property
+    def _followed_setpoints(self) -> Setpoints | None:
+        setpoints = self._setpoints
+        followed = setpoints is not None and setpoints.reference is self._loop.reference
+        return setpoints if followed else None
