@@ -2,8 +2,9 @@
 
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field, StringConstraints
+from pydantic import AfterValidator, Field, StringConstraints, model_validator
 
+from config.bodies import BodyName, with_body
 from config.model import ConfigModel, NotNegative, Positive, Vector3
 
 # The emulated CiA 402 drives and their quirks.
@@ -83,6 +84,8 @@ class SoftArmPlant(ConfigModel):
     """
 
     kind: Literal["soft_arm"]
+    body: BodyName = "as_made"
+    """A named set of figures (`config/bodies.py`), on top of which come those given here."""
     length_mm: Positive = 155.0
     """As cast. The pre-pressure stretches it."""
     mass_g: Positive = 41.7
@@ -114,8 +117,25 @@ class SoftArmPlant(ConfigModel):
     """Share of the deformation that comes late."""
     creep_time_s: Positive = 20.0
     """Time constant of that share under a constant load."""
-    pneumatic_lag_s: Positive = 0.1
+    pneumatic_lag_s: Annotated[float, Field(gt=0, le=1)] = 0.1
     """Time constant of the gas between cylinder and chamber."""
+    dead_time_s: Annotated[float, Field(ge=0, le=0.5)] = 0.0
+    """How long nothing arrives of what a piston does. Cylinders that are always open to their
+    chambers have none; valves and the sampled links before them have 0.1 to 0.25 s."""
+    backlash_mm: NotNegative = 0.0
+    """Half of the play of nut and piston: a motor that turns back moves its piston only after twice
+    as much. A preloaded nut has none, a worn one 0.05 to 0.15 mm."""
+    leak_per_hour: NotNegative = 0.0
+    """Rate at which the gas that is enclosed beyond the atmosphere's share escapes."""
+    ageing: Annotated[float, Field(ge=0, le=0.5)] = 0.0
+    """Share of its stiffness that the body loses for good by being used (Mullins' effect)."""
+    ageing_time_h: Positive = 2.0
+    """Time constant of that loss."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _figures_of_the_body(cls, given: object) -> object:
+        return with_body(given)
 
 
 class TendonRoute(ConfigModel):
@@ -141,6 +161,8 @@ class TendonArmPlant(ConfigModel):
     """
 
     kind: Literal["tendon_arm"]
+    body: BodyName = "as_made"
+    """A named set of figures (`config/bodies.py`), on top of which come those given here."""
     length_mm: Positive = 200.0
     mass_g: NotNegative = 30.0
     body_radius_mm: Positive = 15.0
@@ -179,6 +201,13 @@ class TendonArmPlant(ConfigModel):
     backlash_mm: NotNegative = 0.1
     """Half of the play of gear, spool and sheath: a motor that turns back moves its tendon only
     after twice as much."""
+    dead_time_s: Annotated[float, Field(ge=0, le=0.5)] = 0.0
+    """How long nothing arrives of what a motor does. Stiff drives have none to speak of."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _figures_of_the_body(cls, given: object) -> object:
+        return with_body(given)
 
 
 class TubeSection(ConfigModel):

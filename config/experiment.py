@@ -39,13 +39,17 @@ class Happening(ConfigModel):
 
 
 class Pretraining(ConfigModel):
-    """What the controller knows before it begins: this body, with nothing at its tip.
+    """What the controller knows before it begins: a body, with nothing at its tip.
 
     The model is made in virtual time when it is needed first, and kept.
     """
 
     waypoints: Annotated[int, Field(ge=1)] = 80
     """Random places of the axes that were gone to, one after the other."""
+
+    plant: dict[str, Any] | None = None
+    """Of the body that it knows: overrides of the robot file's `emulation.plant`, so `{}` is the
+    robot file's own. None: the body of the experiment."""
 
     seed: Annotated[int, Field(ge=0)] | None = None
     """Of the waypoints, and of the emulated devices meanwhile. None: the experiment's own, and so
@@ -67,7 +71,8 @@ class Experiment(ConfigModel):
     """From the start."""
     happenings: list[Happening] = Field(default_factory=list)
     plant: dict[str, Any] = Field(default_factory=dict)
-    """Overrides of the robot file's `emulation.plant`: another body, the same robot."""
+    """Overrides of the robot file's `emulation.plant`: another body, the same robot. `body: worn`
+    takes a named one, and whatever stands beside it comes on top."""
     risk: bool = True
     """Whether the gate asks for the risk that the robot file names."""
     blend_speed_mm_s: Positive = 5.0

@@ -4,6 +4,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
+from config.bodies import BodyName
 from config.model import ConfigModel, Name, Positive
 
 PerCycle = Annotated[tuple[Positive | None, ...], Field(min_length=1, strict=False)]
@@ -24,6 +25,9 @@ class StudyRow(ConfigModel):
     experiment: Text
     """Its file, relative to this one."""
     label: Text
+    body: BodyName | None = None
+    """Carried out on this named body, as the experiment of that name with `_` and the body's name
+    behind; what controllers know before they begin is the body without it. None: on its own."""
     published: Published | None = None
     aim_mm: PerCycle | None = None
     """What the mean error should come to in each cycle, the median over all runs. null: no aim."""
@@ -78,7 +82,10 @@ class Study(ConfigModel):
     def _names_are_names_of_one(self) -> "Study":
         for what, names in (
             ("variant", [variant.variant for variant in self.variants]),
-            ("experiment", [row.experiment for row in self.rows]),
+            (
+                "experiment",
+                [f"{row.experiment}{f' ({row.body})' if row.body else ''}" for row in self.rows],
+            ),
             ("figure", [figure.figure for figure in self.figures]),
         ):
             twice = sorted({name for name in names if names.count(name) > 1})

@@ -126,7 +126,7 @@ def variation(plant: SoftArmPlant, seed: int) -> SoftArmPlant:
 
     Every figure is even-handedly better or worse, uniform within its bounds: stiffness ±10 % (one
     batch of silicone, so bending and axial alike), each chamber's area ±4 % by itself, mass ±3 %,
-    pre-pressure ±5 %, hysteresis, creep and time constants ±15 %, the joint's angle ±0.05 rad.
+    pre-pressure ±5 %, hysteresis, creep, play and times ±15 %, the joint's angle ±0.05 rad.
     """
     generator = np.random.default_rng(seed)
 
@@ -145,8 +145,10 @@ def variation(plant: SoftArmPlant, seed: int) -> SoftArmPlant:
             "hysteresis": min(0.5, about(plant.hysteresis, _HYSTERESIS)),
             "creep": min(0.3, about(plant.creep, _HYSTERESIS)),
             "creep_time_s": about(plant.creep_time_s, _TIME),
-            "pneumatic_lag_s": about(plant.pneumatic_lag_s, _TIME),
+            "pneumatic_lag_s": min(1.0, about(plant.pneumatic_lag_s, _TIME)),
             "distal_rotation_rad": plant.distal_rotation_rad
             + float(generator.uniform(-_ROTATION_RAD, _ROTATION_RAD)),
+            "dead_time_s": min(0.5, about(plant.dead_time_s, _TIME)),
+            "backlash_mm": about(plant.backlash_mm, _TIME),
         }
     )

@@ -6,7 +6,7 @@ a column below its buckling load, which no constant-curvature model shows.
 """
 
 from collections.abc import Sequence
-from math import exp
+from math import exp, expm1
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +28,7 @@ from sim_backends.plants.plant import (
 )
 from sim_backends.plants.rod import Rod, Section, helix
 from sim_backends.plants.shooting import ConstantPull, Equilibrium, Path, Problem, Solver
+from sim_backends.plants.transmission import Transmission
 
 CHAMBERS = 6
 INTERVALS = 20
@@ -35,6 +36,7 @@ SLIDERS = 6
 TOLERANCE = 4e-8
 """Of equilibria, as `shooting.Solver` has it: they are known to some nanometres."""
 
+_HOUR_S = 3600.0
 _DOWN = np.array([0.0, 0.0, -1.0])
 """It stands on its base."""
 
@@ -42,16 +44,20 @@ _DOWN = np.array([0.0, 0.0, -1.0])
 class _Memory(NamedTuple):
     """All that the arm remembers, replaced as a whole by a step that succeeded.
 
-    ahead: how far the last step moved the equilibrium's unknowns. in_chamber: (6,) gas, MPa·mm³.
+    ahead: how far the last step moved the equilibrium's unknowns. amount and in_chamber: (6,) gas
+    of each line and of its chamber, MPa·mm³. age_s: since it was new.
     """
 
     equilibrium: Equilibrium
     ahead: FloatArray
+    amount: FloatArray
     in_chamber: FloatArray
     sliders: StopOperators
     creep: Creep
     cylinder_mm3: FloatArray
     load_n: FloatArray
+    transmission: Transmission
+    age_s: float
 
 
 class SoftArm:
@@ -74,7 +80,7 @@ class SoftArm:
         self._hanging = (TipLoad(), np.zeros(3))
         self._pulled_by = (np.zeros(3), np.zeros((0, 3)))
         """A force at the tip, and what it makes inside."""
-        self._rested, self._amount = self._rest()
+        self._rested = self._rest()
         self._memory = self._rested
 
     @property
@@ -101,11 +107,15 @@ class SoftArm:
         actuators: (6,) mm, positive pushes gas into the chamber. Raises PlantError for inputs that
         make no sense and where there is no equilibrium; the arm then keeps its last state.
         """
-        cylinder_mm3 = self._cylinders(actuators)
+        shafts = self._shafts(actuators)
         load_n = self._tip_force(load)
         if not 0.0 <= dt_s < np.inf:
             raise PlantError(f"a step takes 0 s or longer, not {dt_s} s")
-        memory, gas = self._memory, self._gas(self._memory, cylinder_mm3, dt_s)
+        memory = self._memory
+        transmission = memory.transmission.after(shafts, dt_s)
+        cylinder_mm3 = np.asarray(self._cylinder_mm3 - self._piston_mm2 * transmission.arrived)
+        memory = memory._replace(amount=self._leaked(memory, dt_s))
+        gas = self._gas(memory, cylinder_mm3, dt_s)
         found = self._solver.find(
             self._path(memory, gas, cylinder_mm3, load_n, dt_s), memory.equilibrium, memory.ahead
         )
@@ -119,11 +129,14 @@ class SoftArm:
         self._memory = _Memory(
             equilibrium=found,
             ahead=found.unknowns - memory.equilibrium.unknowns,
+            amount=memory.amount,
             in_chamber=in_chamber,
             sliders=memory.sliders.after(lengths),
             creep=memory.creep.after(dt_s, found.march.strain),
             cylinder_mm3=cylinder_mm3,
             load_n=load_n,
+            transmission=transmission,
+            age_s=memory.age_s + dt_s,
         )
         gauge_mpa = gas.cylinder_pressure(in_chamber) - ATMOSPHERE_MPA
         return body_state(found.march, self._config.body_radius_mm, gauge_mpa * self._piston_mm2)
@@ -141,6 +154,8 @@ class SoftArm:
         gas: with the pistons at the end of it.
         """
         stiffness, rest = memory.creep.over(dt_s)
+        if self._config.ageing > 0.0:
+            stiffness = stiffness * self._left_of_stiffness(memory.age_s + dt_s)
 
         def problem(t: float) -> Problem:
             if t == 1.0:  # nearly always the only one
@@ -168,7 +183,7 @@ class SoftArm:
     def _gas(self, memory: _Memory, cylinder_mm3: FloatArray, dt_s: float) -> GasLines:
         kept = exp(-dt_s / self._pneumatic_lag_s)
         supply_mm3 = cylinder_mm3 + self._tube_mm3
-        return GasLines(self._amount, memory.in_chamber, supply_mm3, self._area_mm2, kept)
+        return GasLines(memory.amount, memory.in_chamber, supply_mm3, self._area_mm2, kept)
 
     def _tip_force(self, load: TipLoad) -> FloatArray:
         """(3,) N. The same load hangs on the tip for most steps. Raises PlantError."""
@@ -176,8 +191,23 @@ class SoftArm:
             self._hanging = (load, tip_force(load, _DOWN, self._config.axial_stiffness_n))
         return self._hanging[1]
 
-    def _cylinders(self, actuators: FloatArray) -> FloatArray:
-        """(6,) mm³ in front of the pistons. Raises PlantError for places where no piston can be."""
+    def _leaked(self, memory: _Memory, dt_s: float) -> FloatArray:
+        """(6,) gas in each line after `dt_s` of leaking. Its excess over what the atmosphere would
+        fill the line with goes down in proportion to itself."""
+        rate_per_s = self._config.leak_per_hour / _HOUR_S
+        if not rate_per_s > 0.0:
+            return memory.amount
+        lengths = memory.equilibrium.march.length_mm
+        whole_mm3 = memory.cylinder_mm3 + self._tube_mm3 + self._area_mm2 * lengths
+        excess = memory.amount - ATMOSPHERE_MPA * whole_mm3
+        return np.asarray(memory.amount + expm1(-rate_per_s * dt_s) * excess)
+
+    def _left_of_stiffness(self, age_s: float) -> float:
+        config = self._config
+        return 1.0 + config.ageing * expm1(-age_s / (_HOUR_S * config.ageing_time_h))
+
+    def _shafts(self, actuators: FloatArray) -> FloatArray:
+        """(6,) mm. Raises PlantError for places where no piston can be."""
         positions = np.asarray(actuators, dtype=np.float64)
         if positions.shape != (CHAMBERS,):
             raise PlantError(f"the arm has {CHAMBERS} actuators, not {np.size(actuators)}")
@@ -187,10 +217,10 @@ class SoftArm:
                     f"actuator {index} cannot be at {place:g} mm: its piston meets the ends of the "
                     f"cylinder at {-end:.1f} and {end:.1f} mm"
                 )
-        return np.asarray(self._cylinder_mm3 - self._piston_mm2 * positions)
+        return positions.copy()
 
-    def _rest(self) -> tuple[_Memory, FloatArray]:
-        """The arm as it stands when left alone for long, and the gas that this encloses."""
+    def _rest(self) -> _Memory:
+        """The arm as it stands when left alone for long, newly filled with its gas."""
         config, rod = self._config, self._rod
         force = rod.internal_force(np.zeros(3), self._weight_n)
         drive = ConstantPull(rod, -config.pre_pressure_mpa * self._area_mm2)
@@ -205,16 +235,20 @@ class SoftArm:
         creep = Creep.rested(
             rod.stiffness, rod.rest, found.march.strain, config.creep, config.creep_time_s
         )
-        memory = _Memory(
+        return _Memory(
             equilibrium=found,
             ahead=np.zeros_like(found.unknowns),
+            amount=pressure * (supply_mm3 + self._area_mm2 * lengths),
             in_chamber=pressure * self._area_mm2 * lengths,
             sliders=_sliders(config, lengths),
             creep=creep,
             cylinder_mm3=cylinder_mm3,
             load_n=np.zeros(3),
+            transmission=Transmission.rested(
+                config.dead_time_s, config.backlash_mm, np.zeros(CHAMBERS)
+            ),
+            age_s=0.0,
         )
-        return memory, pressure * (supply_mm3 + self._area_mm2 * lengths)
 
 
 def _rod(config: SoftArmPlant) -> Rod:

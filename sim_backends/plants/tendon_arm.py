@@ -2,7 +2,8 @@
 
 A Cosserat rod, disks, and tendons through them that are elastic, can go slack and rub at every
 disk. So the shape at a place of the motors depends on where they came from (the paper's figure 3).
-Nothing takes time: friction of this kind asks only which way, not how fast. A step counts as one
+Friction of this kind asks only which way, not how fast: nothing takes time but what a drive train
+may take before it answers. A step counts as one
 even motion; tendons that would slip to and fro within it are not seen to.
 """
 
@@ -24,6 +25,7 @@ from sim_backends.plants.plant import (
 from sim_backends.plants.shooting import ConstantPull, Drive, Equilibrium, Path, Problem, Solver
 from sim_backends.plants.tendon_arm_kernels import Strung
 from sim_backends.plants.tendon_arm_tendons import Holes, TendonDrive, rod_of, strung
+from sim_backends.plants.transmission import Transmission
 
 _TOLERANCE = 1e-6
 """Of the solver: a tenth of a micrometre at the tip."""
@@ -48,6 +50,7 @@ class _Memory(NamedTuple):
     wound_mm: FloatArray
     at_motor_n: FloatArray
     load_n: FloatArray
+    transmission: Transmission
 
 
 class TendonArm:
@@ -89,8 +92,9 @@ class TendonArm:
         load_n = tip_force(load, self._down, self._config.axial_stiffness_n)
         if not 0.0 <= dt_s < np.inf:
             raise PlantError(f"a step takes 0 s or longer, not {dt_s} s")
-        memory, play_mm = self._memory, self._config.backlash_mm
-        wound_mm = np.minimum(np.maximum(memory.wound_mm, motor_mm - play_mm), motor_mm + play_mm)
+        memory = self._memory
+        transmission = memory.transmission.after(motor_mm, dt_s)
+        wound_mm = transmission.arrived
         path = self._path(memory, wound_mm, load_n)
         found = self._solver.find(path, memory.equilibrium, memory.ahead)
         if found is None:
@@ -100,7 +104,7 @@ class TendonArm:
             )
         holes, at_motor_n = self._drive(memory.holes, wound_mm).after(found.march, found.pull_n)
         ahead = found.unknowns - memory.equilibrium.unknowns
-        self._memory = _Memory(found, ahead, holes, wound_mm, at_motor_n, load_n)
+        self._memory = _Memory(found, ahead, holes, wound_mm, at_motor_n, load_n, transmission)
         return body_state(found.march, self._config.body_radius_mm, at_motor_n.copy())
 
     def _path(self, memory: _Memory, wound_mm: FloatArray, load_n: FloatArray) -> Path:
@@ -150,8 +154,15 @@ class TendonArm:
         if found is None:
             raise PlantError("the arm cannot carry its own weight and the tendons' pretension")
         holes, at_motor_n = drive.after(found.march, found.pull_n)
+        config = self._config
         return tendons, _Memory(
-            found, np.zeros(found.unknowns.shape), holes, still, at_motor_n, free
+            equilibrium=found,
+            ahead=np.zeros(found.unknowns.shape),
+            holes=holes,
+            wound_mm=still,
+            at_motor_n=at_motor_n,
+            load_n=free,
+            transmission=Transmission.rested(config.dead_time_s, config.backlash_mm, still),
         )
 
 

@@ -1,12 +1,15 @@
 """Reads an experiment file, and the robot file that it names: sound, or every problem at once."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 from pydantic import ValidationError
 
-from config.emulation import Emulation
+from config.bodies import BodyName, body_figures
+from config.emulation import Emulation, Plant
 from config.experiment import Experiment
 from config.loader import RobotFile
 from config.paths import BUILTIN, is_file
@@ -102,9 +105,10 @@ def robot_path(name: str, path: Path) -> Path:
 
 
 def _overridden(document: YamlDocument, emulation: Emulation, experiment: Experiment) -> Emulation:
-    plant = emulation.plant
     try:
-        other = type(plant).model_validate({**plant.model_dump(), **experiment.plant})
+        other = other_plant(emulation.plant, experiment.plant)
+        if experiment.pretraining is not None and experiment.pretraining.plant is not None:
+            other_plant(emulation.plant, experiment.pretraining.plant)
     except ValidationError as error:
         problems: list[Problem] = [
             document.problem(("plant", *map(str, details["loc"])), details["msg"], at_key=True)
@@ -113,3 +117,30 @@ def _overridden(document: YamlDocument, emulation: Emulation, experiment: Experi
         raise ConfigError(problems) from None
     update = {"plant": other, "tip_load_g": experiment.tip_load_g}
     return emulation.model_copy(update=update)
+
+
+def other_plant(plant: Plant, overrides: Mapping[str, Any]) -> Plant:
+    """Another body of the same kind: a named one's figures, where one is named, then the rest.
+
+    Raises pydantic's ValidationError.
+    """
+    named = body_figures(plant.kind, overrides["body"]) if "body" in overrides else {}
+    return type(plant).model_validate({**plant.model_dump(), **named, **overrides})
+
+
+def on_body(file: ExperimentFile, body: BodyName) -> ExperimentFile:
+    """The experiment on a named body, under a name of its own.
+
+    What the controller knows before it begins is still the body of the robot file, unless the
+    experiment says which. Raises ConfigError.
+    """
+    experiment = file.experiment
+    update: dict[str, Any] = {
+        "experiment": f"{experiment.experiment}_{body}",
+        "plant": {**experiment.plant, "body": body},
+    }
+    pretraining = experiment.pretraining
+    if pretraining is not None and pretraining.plant is None:
+        known = pretraining.model_copy(update={"plant": experiment.plant})
+        update["pretraining"] = known
+    return _with_robot(file.path, file.document, experiment.model_copy(update=update))

@@ -21,7 +21,7 @@ from daemon.files import models_directory
 from daemon.host.progress import Progress
 from daemon.learning.forward.pretrained_model import KIND, PretrainedModel
 from daemon.learning.forward.pretraining import EpochErrors, PretrainingSettings, pretrain
-from daemon.workbench.experiments.experiment_file import ExperimentFile
+from daemon.workbench.experiments.experiment_file import ExperimentFile, other_plant
 from daemon.workbench.experiments.trial import Tell, TrialError
 from daemon.workbench.pretraining.explore import config_sha256, explore
 
@@ -131,14 +131,17 @@ def _model(
     tell: Tell,
     progress: Progress | None,
 ) -> Path:
-    """Of this experiment's body, with nothing at its tip."""
+    """Of this experiment's body, or of the one that it says is known, with nothing at its tip."""
     # Most experiments have their model, or want none, and what learns is slow to come.
     from daemon.learning.forward.pretraining import PretrainingError
     from daemon.workbench.pretraining.model_cache import pretrained
 
-    emulation = file.robot.emulation
-    assert emulation is not None
+    emulation, original = file.robot.emulation, file.file.robot.emulation
+    assert emulation is not None and original is not None
     unloaded = emulation.model_copy(update={"tip_load_g": 0.0})
+    if pretraining.plant is not None:
+        plant = other_plant(original.plant, pretraining.plant)
+        unloaded = unloaded.model_copy(update={"plant": plant})
     robot_file = replace(file.file, robot=file.robot.model_copy(update={"emulation": unloaded}))
     try:
         return pretrained(robot_file, pretraining.waypoints, seed, tell, progress=progress)

@@ -71,7 +71,10 @@ def _one_for_each_model(runs: Iterable[Run]) -> list[Run]:
         experiment = run.file.experiment
         if experiment.pretraining is not None and needs_model(run.file):
             seed = experiment.pretraining.seed
+            known = experiment.pretraining.plant
             body = (experiment.robot, str(experiment.plant), run.plant)
+            if known is not None:
+                body = (experiment.robot, str(known), -1)
             of = (body, experiment.pretraining.waypoints, run.seed if seed is None else seed)
             models.setdefault(of, run)
     return list(models.values())

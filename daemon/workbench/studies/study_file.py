@@ -14,7 +14,11 @@ from config.problems import ConfigError, Problem, did_you_mean_file
 from config.schema_errors import schema_problems
 from config.study import Study, StudyRow
 from config.yaml_document import YamlDocument, read_yaml
-from daemon.workbench.experiments.experiment_file import ExperimentFile, load_experiment
+from daemon.workbench.experiments.experiment_file import (
+    ExperimentFile,
+    load_experiment,
+    on_body,
+)
 
 
 @dataclass(frozen=True)
@@ -50,6 +54,8 @@ def load_study(path: Path) -> StudyFile:
                 problems.append(document.problem(where, text))
                 continue
             loaded = load_experiment(file)
+            if row.body is not None:
+                loaded = on_body(loaded, row.body)
             name = loaded.experiment.experiment
             if name in experiments:
                 problems.append(document.problem(where, f"another one is called {name} too"))
