@@ -38,7 +38,7 @@ _TENDON_ARM: Final[dict[str, Any]] = {
 }
 """As `TendonArmPlant` has it from its laboratory's robot files."""
 
-_BODIES: Final[Mapping[str, Mapping[BodyName, dict[str, Any]]]] = {
+_BODIES: Final[Mapping[str, Mapping[str, dict[str, Any]]]] = {
     "soft_arm": {
         "as_made": {},
         "worn": {
@@ -108,9 +108,8 @@ BODY_NAMES: Final = get_args(BodyName)
 def body_figures(kind: object, name: object) -> dict[str, Any]:
     """What a body of that name has, by the plant's keys. Empty where kind or name is unknown."""
     design = {"soft_arm": _SOFT_ARM, "tendon_arm": _TENDON_ARM}.get(str(kind))
-    if design is None or name not in BODY_NAMES:
-        return {}
-    return {**design, **_BODIES[str(kind)][name]}
+    figures = _BODIES.get(str(kind), {}).get(str(name))
+    return {} if design is None or figures is None else {**design, **figures}
 
 
 def with_body(given: object) -> object:

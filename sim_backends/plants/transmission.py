@@ -5,7 +5,6 @@ operator of half-width b). A valve that opens late, or a line that is slow to an
 on unchanged, a dead time later. Both leave the shape of a motion between turning points as it is.
 """
 
-from collections.abc import Sequence
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -28,7 +27,7 @@ class Transmission(NamedTuple):
     places: tuple[FloatArray, ...]
 
     @classmethod
-    def rested(cls, dead_time_s: float, backlash_mm: float, at: Sequence[float]) -> Self:
+    def rested(cls, dead_time_s: float, backlash_mm: float, at: FloatArray) -> Self:
         """It has stood at (m,) `at` for long, in the middle of its play."""
         place = np.array(at, dtype=np.float64)
         return cls(dead_time_s, backlash_mm, place, (0.0,), (place,))

@@ -8,7 +8,10 @@ from pydantic import ValidationError
 from config.bodies import BODY_NAMES, BodyName, body_figures
 from config.emulation import SoftArmPlant, TendonArmPlant
 
-KINDS = {"soft_arm": SoftArmPlant, "tendon_arm": TendonArmPlant}
+KINDS: dict[str, type[SoftArmPlant] | type[TendonArmPlant]] = {
+    "soft_arm": SoftArmPlant,
+    "tendon_arm": TendonArmPlant,
+}
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -26,7 +26,7 @@ def tips(arm: SoftArm, shafts: FloatArray, dt_s: float = PERIOD_S) -> FloatArray
 def ramp(seconds: float) -> FloatArray:
     """To a place and back, in two seconds, then rest."""
     t_s = np.arange(PERIOD_S, seconds, PERIOD_S)
-    return np.clip(1.0 - np.abs(t_s - 1.0), 0.0, 1.0)[:, None] * PUSHED
+    return np.asarray(np.clip(1.0 - np.abs(t_s - 1.0), 0.0, 1.0)[:, None] * PUSHED)
 
 
 def test_a_dead_time_shows_the_same_motion_later() -> None:

@@ -36,7 +36,7 @@ def test_without_either_everything_arrives_at_once_to_the_bit() -> None:
 @pytest.mark.parametrize("dead_time_s", [0.01, 0.1, 0.25])
 def test_a_ramp_arrives_a_dead_time_later(dead_time_s: float) -> None:
     t_s = PERIOD_S * np.arange(1, 101)
-    arrived = through(4.0 * t_s[:, None], dead_time_s, 0.0)
+    arrived = through(np.asarray(4.0 * t_s[:, None]), dead_time_s, 0.0)
     expected = 4.0 * np.maximum(t_s - dead_time_s, 0.0)
     np.testing.assert_allclose(arrived[:, 0], expected, atol=1e-12)
 
