@@ -11,8 +11,10 @@ from typing import Any
 import pytest
 
 from config.loader import load_robot
+from daemon.robot.lab_connections import ask
 from daemon.workbench.pretraining.model_cache import pretrained
 from tests import SOFT_ARM
+from tests.hil.daemon_rig import PATIENT, rig
 from tests.hil.processes import (
     PATIENCE_S,
     Process,
@@ -231,3 +233,13 @@ def processes_that_name(directory: str) -> list[int]:
         except OSError:
             continue
     return found
+
+
+def test_what_is_done_to_the_lab_stands_among_the_daemon_s_events() -> None:
+    with rig(PATIENT) as robot:
+        robot.from_now_on()
+        ask(robot.folder, {"do": "load", "tip_load_g": 14.2})
+        robot.lab.inject("tracker.missing=0.1s")
+        robot.until(lambda: len(robot.events("note", "happening")) >= 2)
+        told = [(event.text, event.subject) for event in robot.events("note", "happening")]
+        assert told == [("14.2 g at the tip", "lab"), ("tracker.missing=0.1s", "lab")]

@@ -7,6 +7,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from daemon.commands.terminal.page import BAD, DIM, GOOD, Size, cut, grid, page, paragraph, table
+from daemon.remote.reason_groups import detail_of
 
 Json = Mapping[str, Any]
 
@@ -156,7 +157,7 @@ def _conditions(conditions: Sequence[Json], size: Size, remedies: int | None = N
             lines.append(Text(cut(what, size.width), style=BAD))
             continue
         detail = alike[0]["detail"] if len(alike) == 1 else ""
-        lines += paragraph(size, (what, BAD), (f" ({detail})" if detail else "", ""))
+        lines += paragraph(size, (what, BAD), (detail_of(text, detail), ""))
         lines += paragraph(size, (remedy, DIM), first=4)
     return lines
 
