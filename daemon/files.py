@@ -62,6 +62,17 @@ def check_can_be_made(path: Path) -> None:
         raise PermissionError(EACCES, os.strerror(EACCES), str(folder))
 
 
+def check_folder_can_be_made(path: Path) -> None:
+    """That files can be made in the folder `path`, which need not be there yet. Raises OSError."""
+    place = path.absolute()
+    while not os.path.lexists(place) and place.parent != place:
+        place = place.parent
+    if not stat.S_ISDIR(place.stat().st_mode):
+        raise NotADirectoryError(ENOTDIR, os.strerror(ENOTDIR), str(place))
+    if not os.access(place, os.W_OK | os.X_OK):
+        raise PermissionError(EACCES, os.strerror(EACCES), str(place))
+
+
 def models_directory() -> Path:
     """Where learnt models are kept, and whatever else a client may name."""
     base = os.environ.get("XDG_DATA_HOME")

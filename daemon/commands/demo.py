@@ -12,6 +12,7 @@ from config.problems import in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 from daemon.commands.terminal.compiled import compile_all, telling_progress
 from daemon.commands.terminal.tour import Tour, TourError
+from daemon.files import check_folder_can_be_made
 from daemon.host.clock import run_in_real_time
 from daemon.host.processes import OwnProcesses, ProcessError
 from daemon.host.stop_signals import StopSignals
@@ -34,6 +35,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     robot = Path(str(files("config") / "robots" / "soft_arm.yaml"))
+    try:
+        check_folder_can_be_made(arguments.runs)
+    except OSError as error:
+        print(in_words(error), file=sys.stderr)
+        return EXIT_FAILED
     try:
         model = _prepared(robot)
     except (TrialError, PretrainingError, OSError) as error:

@@ -26,7 +26,8 @@ from daemon.host.stop_signals import StopSignals
 from daemon.remote.client.client_errors import ClientError
 from daemon.robot.capture import CanCapture
 from daemon.robot.checked_robot import CheckedRobot, add_robot_argument, robot_or_explain
-from daemon.robot.runtime_directory import default_runtime_directory, with_lab_ports
+from daemon.robot.lab_connections import no_lab
+from daemon.robot.runtime_directory import default_runtime_directory, uses_lab, with_lab_ports
 from drivers.bounded import end_tasks
 from drivers.can.bus_lock import BusTakenError, check_buses_are_free
 from drivers.canopen.object_dictionary import EdsError
@@ -75,6 +76,9 @@ async def _probe(checked: CheckedRobot, arguments: argparse.Namespace) -> bool:
         check_buses_are_free(with_lab_ports(checked.file.robot, lab).buses.values())
     except BusTakenError as taken:
         return await _ask_the_master(taken, lab, checked.file.robot.robot, arguments)
+    robot = checked.file.robot
+    if uses_lab(robot) and (not_there := no_lab(lab, checked.file.path)):
+        print(not_there, file=sys.stderr, flush=True)
     capture = CanCapture(arguments.capture, clock) if arguments.capture else None
     output = _JsonLines(arguments.every) if arguments.json else _LiveTable()
     session = ProbeSession(checked, lab, clock, output.event, capture)

@@ -8,10 +8,11 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Final
 
+from config.problems import in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 from daemon.commands.terminal.compiled import telling_progress
 from daemon.controllers.make_controller import warm_up
-from daemon.files import models_directory
+from daemon.files import check_folder_can_be_made, models_directory
 from daemon.host.clock import MonotonicClock, run_in_real_time
 from daemon.host.real_time import RealTime
 from daemon.host.stop_signals import StopSignals
@@ -23,7 +24,13 @@ from daemon.remote.server.server import RemoteOpenError, RemoteServer
 from daemon.risk.body_risk_source import RiskFilesError, make_risk_source
 from daemon.robot.checked_robot import CheckedRobot, add_robot_argument, robot_or_explain
 from daemon.robot.connections import RealConnections
-from daemon.robot.lab_connections import LabListener, LabRefusedError, LabUnreachableError, ask
+from daemon.robot.lab_connections import (
+    LabListener,
+    LabRefusedError,
+    LabUnreachableError,
+    ask,
+    no_lab,
+)
 from daemon.robot.runtime_directory import default_runtime_directory, uses_lab, with_lab_ports
 from daemon.service.dependencies import Dependencies
 from daemon.service.motion_loader import in_a_thread
@@ -67,6 +74,11 @@ def run(arguments: argparse.Namespace) -> int:
     _spread_out()
     checked = robot_or_explain(arguments.robot)
     if checked is None:
+        return EXIT_FAILED
+    try:
+        check_folder_can_be_made(arguments.runs)
+    except OSError as error:
+        print(in_words(error), file=sys.stderr)
         return EXIT_FAILED
     for recovered in recover_unfinished(arguments.runs):
         print(recovered)
@@ -140,6 +152,8 @@ async def _serve(checked: CheckedRobot, arguments: argparse.Namespace, risk: Ris
         check_buses_are_free(with_lab_ports(robot, directory).buses.values())
         if simulated:
             lab.start()
+            if not_there := no_lab(directory, checked.file.path):
+                print(not_there, file=sys.stderr, flush=True)
         print(f"{robot.robot} in {directory}: Ctrl-C ends it", flush=True)
         await session.serve(stop)
     finally:

@@ -73,6 +73,19 @@ def the_running_lab() -> Path:
     raise LabUnreachableError(f"several labs are running: name one with --runtime-dir: {names}")
 
 
+def no_lab(directory: Path, robot_path: Path) -> str:
+    """What to do where no lab runs in `directory`; empty: one does."""
+    with socket.socket(socket.AF_UNIX) as connection:
+        connection.setblocking(False)
+        try:
+            connection.connect(str(directory / CONTROL_SOCKET))
+        except BlockingIOError:  # it has not come to answer yet
+            return ""
+        except OSError:
+            return f"no lab is running in {directory}: `tentacled emulate {robot_path}` starts it"
+    return ""
+
+
 def _runs(directory: Path) -> bool:
     try:
         ask(directory, {"do": "state"})

@@ -78,6 +78,8 @@ WRITTEN = [
     f"mdn sweep {ROBOT} data.npz --out BAD",
     f"mdn calibrate {ROBOT} --model {MODEL} --out BAD",
     "certificates BAD --host arm",
+    f"run {ROBOT} --runs BAD",
+    "demo --runs BAD",
 ]
 """What is made. The place is below a file, where nothing can be."""
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from daemon.robot.lab_connections import LabListener
+from daemon.robot.lab_connections import LabListener, no_lab
 from sim_backends.lab.control_server import ControlServer, Request
 from sim_backends.lab.lab import Diary
 
@@ -66,6 +66,20 @@ def test_a_lab_that_begins_anew_is_heard_again(tmp_path: Path) -> None:
             (tmp_path / "control.sock").unlink(missing_ok=True)
         listener.end()
         assert heard == ["one", "two"]
+
+    asyncio.run(scene())
+
+
+def test_where_no_lab_is_it_is_said_how_to_start_one(tmp_path: Path) -> None:
+    async def scene() -> None:
+        robot = Path("arm.yaml")
+        said = no_lab(tmp_path, robot)
+        assert said == f"no lab is running in {tmp_path}: `tentacled emulate arm.yaml` starts it"
+        server = server_of(Diary())
+        await server.listen(tmp_path / "control.sock")
+        assert no_lab(tmp_path, robot) == ""
+        await server.close()
+        assert no_lab(tmp_path, robot) == said
 
     asyncio.run(scene())
 
