@@ -238,6 +238,19 @@ class Event(Message, frozen=True, kw_only=True, tag="event/1"):
     """Of a cause: the one that it follows from."""
 
 
+class InternalError(Message, frozen=True, kw_only=True, tag="internal_error/1"):
+    """An error of the daemon's own. Recorded only: its traceback is for who mends it."""
+
+    t_ns: int
+    place: str
+    """Logger and line."""
+    text: str
+    traceback: str
+    """As Python prints it; empty where there was no exception."""
+    kept_back: int = 0
+    """How often the same came since it was last recorded."""
+
+
 class WhoAmI(Message, frozen=True, kw_only=True, tag="whoami/1"):
     """Answer to `whoami`: that the daemon is there, and what the asker may do."""
 
@@ -378,6 +391,7 @@ class SetpointRefused(Message, frozen=True, kw_only=True, tag="setpoint_refused/
 
 
 TELEMETRY = (Status, Tip, Axes, Risk, Loop, Event)
+RECORDED = (*TELEMETRY, InternalError)
 COMMANDS = (
     Acquire,
     Release,

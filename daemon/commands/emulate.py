@@ -11,6 +11,7 @@ from config.problems import ConfigError, in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 from daemon.commands.terminal.compiled import telling_progress
 from daemon.host.clock import MonotonicClock, run_in_real_time
+from daemon.host.logs import logging_to_stderr
 from daemon.host.resident_memory import give_back_compiler
 from daemon.host.stop_signals import StopSignals
 from daemon.robot.checked_robot import CheckedRobot, add_robot_argument, robot_or_explain
@@ -40,7 +41,8 @@ def run(arguments: argparse.Namespace) -> int:
     if checked is None:
         return EXIT_FAILED
     try:
-        run_in_real_time(_emulate(checked, arguments))
+        with logging_to_stderr("lab"):
+            run_in_real_time(_emulate(checked, arguments))
     except (LabError, ConfigError, OSError) as error:
         print(in_words(error), file=sys.stderr)
         return EXIT_FAILED

@@ -8,6 +8,7 @@ from config.problems import ConfigError, in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
 from daemon.commands.terminal.compiled import compile_all, telling_progress
 from daemon.commands.terminal.progress_line import Aside, ProgressLine
+from daemon.host.logs import logging_to_stderr
 from daemon.host.real_time import imported_for_good
 from daemon.host.stop_signals import all_like_ctrl_c
 from daemon.recording.result import Result, table_text
@@ -39,7 +40,11 @@ def run(arguments: argparse.Namespace) -> int:
     seed = file.experiment.seed if arguments.seed is None else arguments.seed
     try:
         arguments.out.mkdir(parents=True)
-        with all_like_ctrl_c(), telling_progress() as progress:
+        with (
+            all_like_ctrl_c(),
+            logging_to_stderr("experiment"),
+            telling_progress() as progress,
+        ):
             _experiment(file, seed, arguments, progress)
     except FileExistsError:
         print(f"{arguments.out} is there already: name a new folder", file=sys.stderr)

@@ -14,6 +14,7 @@ from daemon.commands.terminal.compiled import telling_progress
 from daemon.controllers.make_controller import warm_up
 from daemon.files import check_folder_can_be_made, models_directory
 from daemon.host.clock import MonotonicClock, run_in_real_time
+from daemon.host.logs import logging_to_stderr
 from daemon.host.real_time import RealTime
 from daemon.host.stop_signals import StopSignals
 from daemon.recording.flight_recorder import FlightRecorder
@@ -86,7 +87,8 @@ def run(arguments: argparse.Namespace) -> int:
         with telling_progress():
             risk = make_risk_source(checked.file, MonotonicClock())
             warm_up()
-        run_in_real_time(_serve(checked, arguments, risk))
+        with logging_to_stderr("daemon"):
+            run_in_real_time(_serve(checked, arguments, risk))
     except (
         RiskFilesError,
         EdsError,

@@ -19,7 +19,18 @@ from typing import Any, Final
 
 import msgspec
 
-from daemon.messages import TELEMETRY, Axes, Event, Loop, Message, Risk, Status, Tip, tag
+from daemon.messages import (
+    RECORDED,
+    Axes,
+    Event,
+    InternalError,
+    Loop,
+    Message,
+    Risk,
+    Status,
+    Tip,
+    tag,
+)
 from drivers.can.frame import CAN_FRAME, FRAME_BYTES, CanFrame, unpack_frame
 
 TOPICS: Final[dict[type[Message], str]] = {
@@ -29,9 +40,10 @@ TOPICS: Final[dict[type[Message], str]] = {
     Risk: "/risk",
     Loop: "/loop",
     Event: "/event",
+    InternalError: "/internal_error",
 }
 MESSAGES: Final[dict[str, type[Message]]] = {topic: kind for kind, topic in TOPICS.items()}
-assert set(TOPICS) == set(TELEMETRY)
+assert set(TOPICS) == set(RECORDED)
 
 TIP_POSE: Final = "/tip_pose"
 RAW_TRACKER: Final = "/raw/tracker"

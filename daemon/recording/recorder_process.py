@@ -6,6 +6,7 @@ standard output, and never waits for anybody to read that.
 """
 
 import contextlib
+import logging
 import os
 import select
 import signal
@@ -16,6 +17,7 @@ from typing import Final
 import msgspec
 
 from daemon.host.clock import MonotonicClock
+from daemon.host.logs import logging_to_stderr
 from daemon.recording.record_stream import (
     BEGIN,
     CHANNEL,
@@ -31,6 +33,8 @@ from daemon.recording.record_stream import (
 from daemon.recording.run_folder import free_mb
 from daemon.recording.run_writer import RunWriter
 from drivers.clock import Clock
+
+_log = logging.getLogger("daemon.recording.recorder_process")
 
 FLUSH_EVERY_NS: Final = 150_000_000
 _SYNC_EVERY_NS: Final = 1_000_000_000
@@ -124,7 +128,16 @@ def main() -> int:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     source, answers = sys.stdin.fileno(), sys.stdout.fileno()
     os.set_blocking(answers, False)
-    return RecorderProcess(source, answers, MonotonicClock()).run()
+    with logging_to_stderr("recorder"):
+        return _run(RecorderProcess(source, answers, MonotonicClock()))
+
+
+def _run(process: RecorderProcess) -> int:
+    try:
+        return process.run()
+    except Exception:
+        _log.exception("the recorder has ended by an error of its own")
+        return 1
 
 
 if __name__ == "__main__":

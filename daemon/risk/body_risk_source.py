@@ -1,5 +1,6 @@
 """The risk of collision as the gate asks for it, from the files that a robot file names."""
 
+import logging
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final
@@ -27,6 +28,8 @@ from safety.risk_source import (
     RiskSource,
     TipComparison,
 )
+
+_log = logging.getLogger(__name__)
 
 _MARGIN_MM: Final = 10.0
 """Beyond the body's radius, to which the grid of distances is exact."""
@@ -81,7 +84,11 @@ class BodyRiskSource:
             return RiskReading(1.0, None, 0.0, self._name, doubt=_TOO_OLD)
         if not self._consistency.consistent:
             return RiskReading(1.0, None, 0.0, self._name, doubt=_NOT_AS_MODELLED)
-        assessed = self._risk.of_way(u_from, u_to)
+        try:
+            assessed = self._risk.of_way(u_from, u_to)
+        except Exception:  # the gate takes it for the maximum, and has only its words
+            _log.exception("the model of the risk has failed")
+            raise
         took_s = (self._clock.now_ns() - began_ns) * 1e-9
         if isinstance(assessed, str):
             return RiskReading(1.0, None, took_s, self._name, doubt=assessed)

@@ -5,6 +5,7 @@ is asked for comes in through `operator.Operator`.
 """
 
 import asyncio
+import logging
 from collections.abc import Callable
 from importlib.metadata import version
 from typing import Final
@@ -35,6 +36,8 @@ from safety.causes import Cause
 from safety.gate import Gate
 from safety.risk_source import name_of
 from safety.states import OperatingState, Request
+
+_log = logging.getLogger(__name__)
 
 _STATUS_EVERY_NS: Final = 100_000_000
 _LOOP_EVERY_NS: Final = 1_000_000_000
@@ -247,6 +250,7 @@ class RobotService:
 
     def _broken(self, part: str, error: Exception) -> None:
         """Something that cannot happen has happened: stop, and say what."""
+        _log.error(part, exc_info=error)
         detail = f"{part}: {type(error).__name__}: {error}"
         self.supervisor.checks.internal_error(self.clock.now_ns(), detail)
 

@@ -14,6 +14,7 @@ from config.loader import RobotFile
 from config.robot import Robot
 from daemon.host.stop_signals import StopSignals
 from daemon.service.dependencies import Dependencies
+from daemon.service.internal_errors import InternalErrors
 from daemon.service.motion_loader import OffTheLoop, at_once
 from daemon.service.operator import Operator
 from daemon.service.robot_service import RobotService
@@ -46,6 +47,7 @@ class Session:
 
         inject, files, off_the_loop: as for `Operator` and `RunRecording`. Raises EdsError.
         """
+        self._off_the_loop = off_the_loop
         self.service = RobotService(file, robot, dependencies)
         self.recording = RunRecording(self.service, make_folder, seed, off_the_loop)
         self.operator = Operator(self.service, self.recording, seed, inject, files, off_the_loop)
@@ -56,11 +58,13 @@ class Session:
 
         Every end of the block is the same way down.
         """
+        errors = InternalErrors(self.service.clock, self.service.publish, self._off_the_loop)
+        errors.open()
         devices = asyncio.create_task(self.service.run())
         try:
             yield devices
         finally:
-            await self._down(devices)
+            await self._down(devices, errors)
         if devices.done() and not devices.cancelled():
             devices.result()
 
@@ -73,7 +77,7 @@ class Session:
             finally:
                 ending.cancel()
 
-    async def _down(self, devices: "asyncio.Task[None]") -> None:
+    async def _down(self, devices: "asyncio.Task[None]", errors: InternalErrors) -> None:
         """Each step is taken whatever becomes of the one before."""
         try:
             await self.service.rest()
@@ -81,6 +85,7 @@ class Session:
             try:
                 await end_tasks([devices], _DEVICES_END_WITHIN_S)
             finally:
+                await errors.end()
                 await self._end_recording()
 
     async def _end_recording(self) -> None:

@@ -19,6 +19,7 @@ from typing import Final
 
 import msgspec
 
+from daemon.host.logs import logging_to_stderr
 from daemon.messages import Refusal
 from daemon.remote.server.tls_listener import TlsListener, server_context
 from daemon.remote.wire import Format, encode
@@ -179,7 +180,8 @@ def main() -> int:
         os.nice(_NICENESS if settings.stops is None else _NICENESS_OF_STOP)
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
-    asyncio.run(_serve(settings))  # by epoll: there may be thousands of descriptors
+    with logging_to_stderr("gateway"):
+        asyncio.run(_serve(settings))  # by epoll: there may be thousands of descriptors
     return 0
 
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daemon.messages import TELEMETRY, LeaseStatus, Risk, Status
+from daemon.messages import RECORDED, LeaseStatus, Risk, Status
 from daemon.recording.can_batches import CanBatches
 from daemon.recording.channels import (
     MESSAGES,
@@ -40,7 +40,7 @@ def problems(schema: dict[str, Any], place: str) -> list[str]:
 
 
 def test_every_kind_of_telemetry_has_a_channel() -> None:
-    assert set(MESSAGES.values()) == set(TELEMETRY)
+    assert set(MESSAGES.values()) == set(RECORDED)
 
 
 @pytest.mark.parametrize("topic", [*MESSAGES, TIP_POSE])
