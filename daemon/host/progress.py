@@ -87,7 +87,9 @@ class Pace:
         return now_s - self._began_s
 
     def to_go_s(self, now_s: float) -> float | None:
-        """Smoothed; None as long as there is no basis for it."""
+        """Smoothed; None as long as there is no basis for it, 0 when all is done."""
+        if self.total > 0.0 and self.done >= self.total:
+            return 0.0
         reckoned_s = self._reckoned_s(now_s)
         if reckoned_s is None:
             return None
@@ -107,7 +109,7 @@ class Pace:
         if share is not None:
             told.append(f"{share:.0%}")
         to_go_s = self.to_go_s(now_s)
-        if to_go_s is not None:
+        if to_go_s is not None and share != 1.0:
             told.append(f"{duration(to_go_s)} to go")
         elif share is None:
             told.append(f"{self.elapsed_s(now_s):.0f} s so far")

@@ -71,7 +71,7 @@ def test_elsewhere_there_is_a_line_for_each_tenth_and_nothing_is_written_over(cl
     lines = file.getvalue().splitlines()
     assert len(lines) == 10
     assert lines[0] == "learning, 10%, about 2 min to go"
-    assert lines[-1] == "learning, 100%, a few seconds to go"
+    assert lines[-1] == "learning, 100%"
     assert "\r" not in file.getvalue()
 
 
