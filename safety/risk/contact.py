@@ -10,6 +10,7 @@ body stays the body that it was, and the risk does not flicker.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -279,6 +280,7 @@ def upper_limit(count: int, samples: int, confidence: float = CONFIDENCE) -> flo
     return float(betaincinv(count + 1, samples - count, confidence))
 
 
+@lru_cache(maxsize=16)
 def most_touching(risk: float, samples: int) -> int:
     """How many of the samples may touch for the upper limit not to be above a risk; −1: none may,
     and not even that is enough."""

@@ -109,13 +109,21 @@ class TipModel:
         likeliest, at = -1.0, None
         place = np.asarray(tip_mm, np.float64)
         for u in lately:
-            mixture = self._model.shapes.mixture(u) if self._model.knows(u) else None
+            mixture = self._mixture(u)
             if mixture is None:
                 return None
             beyond = self._beyond(mixture, place)
             if beyond > likeliest:
                 likeliest, at = beyond, mixture
         return None if at is None else self._place(at, likeliest, place)
+
+    def probability(self, u: FloatArray, tip_mm: FloatArray) -> float | None:
+        """Of a tip further out than a (3,) one, with the axes at (m,) u; None: it cannot tell."""
+        mixture = self._mixture(u)
+        return None if mixture is None else self._beyond(mixture, np.asarray(tip_mm, np.float64))
+
+    def _mixture(self, u: FloatArray) -> Mixture | None:
+        return self._model.shapes.mixture(u) if self._model.knows(u) else None
 
     def _beyond(self, mixture: Mixture, place: FloatArray) -> float:
         parts = mixture.weights, mixture.means_mm, mixture.factors_per_mm

@@ -2,8 +2,8 @@
 
 The mixture network forward, beside torch; the bounds of body_point_risk over mesh size;
 contact_risk of a thousand shapes; the whole gate, with the tendon arm in a chest, and what is
-looked for after a step: the room that is left, and body_point_risk; and how long surroundings take
-to be made ready, once.
+looked for after a step: the room that is left, and body_point_risk; how long surroundings take to
+be made ready, once; and what a body costs that is not seen where its model has it.
 """
 
 import tempfile
@@ -19,9 +19,10 @@ import yaml
 
 from config.loader import load_robot
 from daemon.host.clock import MonotonicClock
-from daemon.risk.body_risk_source import make_risk_source
+from daemon.risk.body_risk_source import BodyRiskSource, make_risk_source
 from daemon.risk.mesh_file import write_mesh
-from daemon.workbench.body_model.evaluation.shapes import CHEST_PORT, chest
+from daemon.risk.model_file import read_model
+from daemon.workbench.body_model.evaluation.shapes import CHEST_PORT, ball, chest
 from drivers.axis_scale import axis_scale, count_limits
 from safety.gate import Gate, Measured
 from safety.risk.body_point import BodyPointRisk
@@ -30,6 +31,7 @@ from safety.risk.distance_grid import distance_grid
 from safety.risk.environment import environment
 from safety.risk.mixture import FloatArray, Mixture
 from safety.risk.mixture_network import MixtureNetwork
+from safety.risk.risk_model import RiskModel
 from tests import SOFT_ARM
 from tests.benchmarks.timing import Figures, percentiles, pieces
 from tests.safety.risk.arms import Pose, points_mixture, shape_mixture
@@ -61,6 +63,7 @@ def measure(tiny: bool = False) -> Figures:
     named["contact_ms"] = partial(_contact, triangles[1], 3.0 if tiny else _SPACING_MM, repeats)
     for count in triangles[:2]:
         named[f"gate_ms_{count}_triangles"] = partial(_gate, count, 5 * repeats)
+    named["tip_seen_aside_ms"] = partial(_seen_aside, 5 * repeats)
     return pieces(named)
 
 
@@ -182,6 +185,57 @@ def _gate(triangles: int, repeats: int) -> Figures:
         "refused": refused,
         "looking_round_after_it": percentiles(looking, 1e3),
     }
+
+
+def _seen_aside(repeats: int) -> Figures:
+    """The soft arm beside a ball, its tip seen 4 mm from the mean: of a load that is not declared.
+
+    The gate then sweeps the shapes as they are seen as well.
+    """
+    bent = np.array([10.0, 25.0, 25.0, 25.0, 15.0, 15.0])
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        model = read_model(SOFT_ARM.parents[1] / "models" / "soft_arm.npz").model
+        tips = partial(_tip_of, model)
+        outwards = tips(bent) * np.array([1.0, 1.0, 0.0])
+        outwards /= np.linalg.norm(outwards)
+        write_mesh(folder / "ball.stl", ball(20.0, (tips(bent) + 44.0 * outwards).tolist(), 600))
+        robot = yaml.safe_load(SOFT_ARM.read_text())
+        robot["risk"] = {
+            "model": "builtin:soft_arm.npz",
+            "surface": {"mesh": "ball.stl", "free": "outside"},
+        }
+        (folder / "robot.yaml").write_text(yaml.safe_dump(robot))
+        source = make_risk_source(load_robot(folder / "robot.yaml"), MonotonicClock())
+    assert isinstance(source, BodyRiskSource)
+    looking: list[float] = []
+    asking: dict[bool, list[float]] = {True: [], False: []}
+    risks: dict[bool, list[float]] = {True: [], False: []}
+    places = [bent + np.cos(number / 40.0) for number in range(repeats)]
+    for seen in (False, True):
+        for number, (before, u) in enumerate(pairwise(places)):
+            if seen:
+                lately = [u, *[places[max(0, number - lag)] for lag in (4, 8, 12)]]
+                started = time.perf_counter()
+                source.compare(lately, (tips(u) + 4.0 * outwards).tolist(), number * _STEP_NS)
+                looking.append(time.perf_counter() - started)
+            started = time.perf_counter()
+            reading = source.assess(before.tolist(), u.tolist(), number * _STEP_NS)
+            asking[seen].append(time.perf_counter() - started)
+            risks[seen].append(1.0 if reading is None else reading.contact_risk)
+    return {
+        "comparison_of_a_frame": percentiles(looking, 1e3),
+        "risk_of_a_step_nothing_seen": percentiles(asking[False], 1e3),
+        "risk_of_a_step_as_seen_too": percentiles(asking[True], 1e3),
+        "highest_risk": [max(risks[False]), max(risks[True])],
+    }
+
+
+def _tip_of(model: RiskModel, u: FloatArray) -> FloatArray:
+    mixture = model.shapes.mixture(u)
+    assert mixture is not None
+    mean = mixture.weights @ mixture.means_mm @ model.basis.modes[:, -1]
+    return np.asarray(model.basis.base_mm[-1] + mean, np.float64)
 
 
 def _port() -> dict[str, Any]:

@@ -110,8 +110,10 @@ def _lines(made: "Evaluation") -> list[str]:
     if (truth := made.truth) is not None:
         lines.append(
             f"of true shapes: coverage {_shares(LEVELS, truth.shapes.coverage().tolist())}; "
-            f"tip {truth.tip_error_mm:.2f} mm off its mean. Centrelines fitted to the clouds are "
-            f"off by {truth.fit_off_mm[0]:.2f} mm, 1 % of their nodes by {truth.fit_off_mm[1]:.2f}"
+            f"tip {truth.tip_error_mm:.2f} mm off its mean. Centrelines fitted to the clouds "
+            f"are off by {truth.fit_off_mm[0]:.2f} mm, 1 % of their nodes by "
+            f"{truth.fit_off_mm[1]:.2f}, root mean square {truth.fit_error_mm[0]:.2f}, stated "
+            f"{truth.fit_error_mm[1]:.2f}"
         )
     if block is not None:
         knowing = "" if block.knowing is None else f"; {block.knowing:.3f} if seen"

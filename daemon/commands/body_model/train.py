@@ -111,8 +111,8 @@ def run(arguments: argparse.Namespace) -> int:
     widths = made.about["shapes_widths"]
     print(
         f"{arguments.out}: NLL {kept_back:.3f} nats per point (places in m) at configurations that "
-        f"were kept back, best after step {made.points.best.step}; the modes leave out "
-        f"{made.about['basis_left_out_mm']:.2f} mm; of shapes, "
+        f"were kept back, best after step {made.points.best.step}; for what the modes leave out "
+        f"and the fit is off, up to {made.about['basis_left_out_mm']:.2f} mm are added; of shapes, "
         f"{widths['wide_share']:.0%} are {widths['wide']:.2f} times as wide as learnt, the others "
         f"{widths['narrow']:.2f} times, as the same say"
     )

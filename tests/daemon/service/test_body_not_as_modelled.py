@@ -16,6 +16,8 @@ from safety.risk.tip_consistency import TipConsistency, TipModel
 from safety.risk_source import NoModel, RiskReading, TipComparison
 from safety.states import OperatingState
 from tests import SOFT_ARM
+from tests.daemon.service.gates_edge import THRESHOLD, Edge
+from tests.daemon.service.gates_edge import play as play_edge
 from tests.daemon.service.rig import MODEL, SMALL_CIRCLE, Rig, on_a_rig
 from tests.daemon.service.undeclared_load import LOAD_G, Course, play
 
@@ -146,6 +148,22 @@ def test_the_shipped_soft_arm_with_a_load_is_told_from_one_without() -> None:
             alarms[load_g] += not test.consistent
     assert alarms[0.0] == 0
     assert alarms[LOAD_G] > 0.5 * len(u)
+
+
+def test_at_the_gates_edge_a_load_touches_unless_the_tip_is_compared_with_the_model(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A ball as near as the model allows, where the weight bends the body to."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    edge = Edge.of(2, tmp_path)
+    assert 0.02 < edge.risk <= THRESHOLD
+    unseeing = play_edge(edge, tmp_path, seeing=False)
+    assert (unseeing.touched, unseeing.by_the_drop, unseeing.arrived) == (True, False, True)
+    assert unseeing.least_clearance_mm < -3.0
+    seeing = play_edge(edge, tmp_path, seeing=True)
+    assert (seeing.touched, seeing.arrived, seeing.state) == (False, False, OperatingState.HOLD)
+    assert seeing.causes <= {CAUSE, "risk_too_high"}
+    assert seeing.least_clearance_mm > 3.0
 
 
 @pytest.mark.parametrize("seed", [4])

@@ -200,6 +200,15 @@ def test_of_two_places_as_likely_the_one_that_is_told_first_counts(model: RiskMo
     assert (place.shift @ model.basis.modes[:, -1])[0] < 0.0
 
 
+def test_of_one_place_of_the_axes_the_probability_is_the_same(model: RiskModel) -> None:
+    tip, at = TipModel(model, 1.0), np.array([2.0, 0, 0, 0])
+    seen = model.basis.base_mm[-1] + np.array([21.0, -2.0, 1.0])
+    place = tip.place([at], seen)
+    assert place is not None
+    assert tip.probability(at, seen) == place.probability
+    assert tip.probability(np.full(4, 1e6), seen) is None
+
+
 def test_nothing_is_said_where_the_model_knows_nothing(model: RiskModel) -> None:
     tip = TipModel(model, 1.0)
     known, strange = np.zeros(4), np.array([50.0, 0.0, 0.0, 0.0])

@@ -5,9 +5,11 @@ about the curve, are polynomials of the arc length. Of all such curves that one 
 the body's surface lies nearest to the points, those far from it counting next to nothing
 (Geman and McClure 1985). What is not seen, the curve's smoothness fills in.
 
-Points are in the base frame: the body begins at its origin and goes along z there.
+Points are in the base frame: the body begins at its origin and goes along z there, as well as a
+`Clamp` says.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from itertools import product
@@ -28,20 +30,20 @@ from safety.risk.mixture import FloatArray
 from sim_backends.devices.body_surface import BodySurface
 
 _PIECES: Final = 40
-_TERMS: Final = 5
-"""Of the polynomials, Legendre's, for each of the two curvatures."""
-_BENDS: Final = (2.0, 2.0, 2.0, 2.0, 1.5)
+_BENDS: Final = (2.0, 2.0, 2.0, 2.0, 1.5, 1.2, 1.0, 0.8, 0.8)
 """Standard deviations before anything is seen, of the terms times the length, in rad."""
-_TILT_RAD: Final = 0.03
-"""The same of how the beginning is turned against z: cameras and clamps are not perfect."""
+_TERMS: Final = len(_BENDS)
+"""Of the polynomials, Legendre's, for each of the two curvatures: so many follow a tendon that goes
+round the body one and a half times, and the step from one of two segments to the other."""
 _STRETCH: Final = 0.25
 """The same of the logarithm of the length."""
-_PRIOR: Final = np.array([*_BENDS, *_BENDS, _TILT_RAD, _TILT_RAD, _STRETCH])
+_LOG_STRETCH: Final = 2 * _TERMS + 2
+_COUNT: Final = 2 * _TERMS + 6
 _SCALES_MM: Final = (40.0, 10.0, 4.0, 1.5)
 """Where a point begins to count for less, from the first rounds to the last."""
 _ROUNDS: Final = (6, 6, 6, 12)
-_NEARBY: Final = 1
-"""The first of the scales, where a beginning is not far off."""
+_NEARBY, _CLOSE = 1, 2
+"""The first of the scales, where a beginning is not far off, and where it is nearly right."""
 _NEAR_MM: Final = 3.0
 """From the surface: so much noise is usual."""
 _ENOUGH_MM: Final = 1e-3
@@ -113,17 +115,40 @@ class VisibleSurface:
         )
 
 
+@dataclass(frozen=True)
+class Clamp:
+    """How well is known how a body begins. Standard deviations."""
+
+    begin_mm: float
+    """Of where, per coordinate, from the origin."""
+    tilt_rad: float
+    """Of how it is turned there against z, about x and about y."""
+
+
+AS_SEEN: Final = Clamp(1.5, 0.03)
+"""Before anybody has looked how the cameras stand to the base."""
+ALIGNED: Final = Clamp(0.05, 0.01)
+"""Afterwards. A clamp holds a body half a degree askew, more or less."""
+
+
 @dataclass(frozen=True, eq=False)
 class FittedCentreline:
     """nodes_mm: (n, 3) from base to tip, evenly spaced."""
 
     nodes_mm: FloatArray
+    parameters: FloatArray
+    """(q,) of the curve, to begin another fit with."""
     miss_mm: float
     """Median distance of the points from the surface."""
     near: float
     """Share of the points within 3 mm of it."""
     unseen: float
     """Longest part of the body with no such point beside it, as a share of its length."""
+
+    @property
+    def begin_mm(self) -> FloatArray:
+        """(3,) where the curve begins."""
+        return self.parameters[-3:]
 
     @property
     def doubt(self) -> str:
@@ -137,25 +162,65 @@ class FittedCentreline:
 
 
 def fit_centreline(
-    points_mm: NDArray[np.floating], surface: VisibleSurface, nodes: int
+    points_mm: NDArray[np.floating],
+    surface: VisibleSurface,
+    nodes: int,
+    clamp: Clamp = ALIGNED,
+    begun: FittedCentreline | None = None,
 ) -> FittedCentreline:
-    """Of (p, 3) points. Raises ValueError where they are fewer than 30 or not finite."""
+    """Of (p, 3) points. Raises ValueError where they are fewer than 30 or not finite.
+
+    begun: of nearly the same body: where that leads to a good fit, nothing else is tried.
+    """
     points = np.ascontiguousarray(points_mm, np.float64)
     if len(points) < LEAST_POINTS or not np.isfinite(points).all():
         raise ValueError(f"a centreline needs {LEAST_POINTS} points, all of them finite")
-    fit = _Fit(points, surface)
-    begun = _along_points(points, surface)
-    fitted = None if begun is None else fit.fitted(fit.best([begun], _NEARBY), nodes)
-    if fitted is None or fitted.near < _GOOD[0] or fitted.unseen > _GOOD[1]:
-        another = fit.fitted(fit.best(_likely_beginnings(points, surface), 0), nodes)
-        fitted = another if fitted is None else max(fitted, another, key=lambda one: one.near)
-    return fitted
+    prior = _prior(clamp)
+    fit = _Fit(points, surface, prior)
+    found: list[FittedCentreline] = []
+    for beginnings, first in _beginnings(points, surface, prior, begun):
+        found.append(fit.fitted(fit.best(beginnings, first), nodes))
+        if found[-1].near >= _GOOD[0] and found[-1].unseen <= _GOOD[1]:
+            return found[-1]
+    return max(found, key=lambda one: one.near)
+
+
+def _beginnings(
+    points: FloatArray, surface: VisibleSurface, prior: FloatArray, begun: FittedCentreline | None
+) -> Iterator[tuple[list[FloatArray], int]]:
+    """To be tried one after the other, each with the first of the scales for it."""
+    if begun is not None:
+        yield [begun.parameters], _CLOSE
+    along = _along_points(points, surface, prior)
+    if along is not None:
+        yield [along], _NEARBY
+    yield _likely_beginnings(points, surface), 0
+
+
+def refined(
+    points_mm: NDArray[np.floating],
+    surface: VisibleSurface,
+    begun: FittedCentreline,
+    clamp: Clamp = ALIGNED,
+) -> FittedCentreline:
+    """Of other (p, 3) points of the very body that `begun` is of: nothing else is tried."""
+    points = np.ascontiguousarray(points_mm, np.float64)
+    fit = _Fit(points, surface, _prior(clamp))
+    return fit.fitted(fit.best([begun.parameters], _CLOSE), len(begun.nodes_mm))
+
+
+@cache
+def _prior(clamp: Clamp) -> FloatArray:
+    """(q,) standard deviations of all parameters before anything is seen."""
+    tilt, begin = [clamp.tilt_rad] * 2, [clamp.begin_mm] * 3
+    return np.array([*_BENDS, *_BENDS, *tilt, _STRETCH, *begin])
 
 
 class _Fit:
     """Levenberg and Marquardt's descent, with weights of points by where they are."""
 
-    def __init__(self, points: FloatArray, surface: VisibleSurface) -> None:
+    def __init__(self, points: FloatArray, surface: VisibleSurface, prior: FloatArray) -> None:
+        self._prior = prior
         self._points, self._surface, self._numbers = points, surface, surface.numbers
         self._terms, self._bends = _terms(_PIECES), np.empty((_PIECES, 2))
         self._nodes = np.empty((_PIECES + 1, 3))
@@ -181,6 +246,7 @@ class _Fit:
         _place(parameters, self._surface.length_mm, fine)
         return FittedCentreline(
             fine[::4].copy(),
+            parameters,
             float(np.median(off)),
             float((off < _NEAR_MM).mean()),
             float(gaps.max()) / _PIECES,
@@ -193,8 +259,8 @@ class _Fit:
             slopes = self._slopes(parameters, now)
             weights = (1.0 + np.square(now / scale_mm)) ** -2 / scale_mm**2
             weighted = slopes.T * weights
-            hessian = weighted @ slopes + np.diag(_PRIOR**-2)
-            slope = weighted @ now + parameters / _PRIOR**2
+            hessian = weighted @ slopes + np.diag(self._prior**-2)
+            slope = weighted @ now + parameters / self._prior**2
             for _ in range(6):
                 damped = hessian + damping * np.diag(np.diag(hessian))
                 step = np.linalg.solve(damped, -slope)
@@ -228,7 +294,7 @@ class _Fit:
 
     def _cost(self, off: FloatArray, parameters: FloatArray, scale_mm: float) -> float:
         square = np.square(off / scale_mm)
-        prior = np.square(parameters / _PRIOR).sum()
+        prior = np.square(parameters / self._prior).sum()
         return 0.5 * float((square / (1.0 + square)).sum() + prior)
 
 
@@ -255,7 +321,9 @@ def _likely_beginnings(points: FloatArray, surface: VisibleSurface) -> list[Floa
     return list(every[np.argsort(off, kind="stable")[:_FOLLOWED]])
 
 
-def _along_points(points: FloatArray, surface: VisibleSurface) -> FloatArray | None:
+def _along_points(
+    points: FloatArray, surface: VisibleSurface, prior: FloatArray
+) -> FloatArray | None:
     """A curve through the middles of parts of the body; None where they do not hang together.
 
     How far along the body a point is, the shortest way to it from the base says, from neighbour to
@@ -275,9 +343,9 @@ def _along_points(points: FloatArray, surface: VisibleSurface) -> FloatArray | N
 
     def off(parameters: FloatArray) -> FloatArray:
         _place(parameters, surface.length_mm, nodes)
-        return np.concatenate([(nodes[at] - middles).ravel() / _PART_MM, parameters / _PRIOR])
+        return np.concatenate([(nodes[at] - middles).ravel() / _PART_MM, parameters / prior])
 
-    return np.asarray(least_squares(off, np.zeros(_PRIOR.size), max_nfev=15).x)
+    return np.asarray(least_squares(off, np.zeros(_COUNT), max_nfev=15).x)
 
 
 def _ways(points: FloatArray) -> FloatArray:
@@ -314,7 +382,7 @@ def _all_beginnings() -> list[FloatArray]:
     ]
     found = []
     for lower, upper, stretch in product(ways, ways, _TRIED_STRETCHES):
-        parameters = np.zeros(2 * _TERMS + 3)
+        parameters = np.zeros(_COUNT)
         both, apart = np.add(lower, upper), np.subtract(upper, lower)
         # Of a step in the middle, as Legendre's polynomials have it.
         for axis in range(2):
@@ -324,6 +392,6 @@ def _all_beginnings() -> list[FloatArray]:
                 0.0,
                 -0.875 * apart[axis],
             )
-        parameters[-1] = np.log(stretch)
+        parameters[_LOG_STRETCH] = np.log(stretch)
         found.append(parameters)
     return found

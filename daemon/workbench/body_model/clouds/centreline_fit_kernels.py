@@ -16,12 +16,13 @@ _inlined = njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
 
 @_kernel
 def placed(parameters, terms, length_mm, bends, nodes):  # type: ignore[no-untyped-def]
-    """Write (n + 1, 3) nodes of a curve from the origin, of n pieces of equal length.
+    """Write (n + 1, 3) nodes of a curve of n pieces of equal length.
 
     parameters: the terms of the curvature about x, times the length; those about y; angles in rad
     about x and y by which the curve's beginning is turned, which else goes along z; the logarithm
-    of how long it is, against length_mm. terms: (n, t) in the middles of the pieces. bends: (n, 2)
-    to write angles of the pieces to. The curve's x and y axes do not twist about it.
+    of how long it is, against length_mm; where it begins, in mm from the origin. terms: (n, t) in
+    the middles of the pieces. bends: (n, 2) to write angles of the pieces to. The curve's x and y
+    axes do not twist about it.
     """
     pieces, count = terms.shape
     for i in range(pieces):
@@ -33,7 +34,7 @@ def placed(parameters, terms, length_mm, bends, nodes):  # type: ignore[no-untyp
     h = length_mm * exp(parameters[2 * count + 2]) / pieces
     x, y, z = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
     _turn(x, y, z, parameters[2 * count], parameters[2 * count + 1])
-    nodes[0] = 0.0
+    nodes[0] = parameters[2 * count + 3 :]
     for i in range(pieces):
         # The chord of an arc goes half of its angle aside.
         _turn(x, y, z, 0.5 * bends[i, 0], 0.5 * bends[i, 1])

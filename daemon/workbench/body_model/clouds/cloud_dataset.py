@@ -20,7 +20,7 @@ from safety.risk.mixture import FloatArray
 SingleArray = NDArray[np.float32]
 BoolArray = NDArray[np.bool_]
 
-_KIND: Final = "tentacled clouds/2"
+_KIND: Final = "tentacled clouds/3"
 _PROVENANCE: Final = "provenance"
 _MOST_BYTES: Final = 1 << 36
 _TRUE: Final = "true_centrelines_mm"
@@ -46,6 +46,9 @@ class CloudDataset:
     """(n, s, p, 3) seen at arrival, in the base frame."""
     centrelines_mm: SingleArray
     """(n, s, nodes, 3) from base to tip, at arrival, as fitted to the clouds."""
+    fit_error_mm: FloatArray
+    """(nodes,) root mean square of how far the fitted centrelines are off, across the body, as the
+    clouds themselves tell: see `camera_alignment`."""
     forces: SingleArray
     """(n, s, m) on the axes at arrival, N or N·mm."""
     test: BoolArray
@@ -138,6 +141,7 @@ def _check_shapes(made: CloudDataset) -> None:
         "starts": (n, s, m),
         "clouds_mm": (n, s, *points, 3),
         "centrelines_mm": (n, s, *nodes, 3),
+        "fit_error_mm": nodes,
         "forces": (n, s, m),
         "test": (n,),
         "block": (n,),
@@ -155,7 +159,7 @@ def _check_shapes(made: CloudDataset) -> None:
 
 
 def _check_values(made: CloudDataset) -> None:
-    names = ["configurations", "starts", "clouds_mm", "centrelines_mm", "forces"]
+    names = ["configurations", "starts", "clouds_mm", "centrelines_mm", "fit_error_mm", "forces"]
     for name in [*names, _TRUE] if made.true_centrelines_mm is not None else names:
         array = getattr(made, name)
         if array.dtype.kind != "f":
@@ -167,6 +171,8 @@ def _check_values(made: CloudDataset) -> None:
                 f"{name}: {np.size(finite) - np.count_nonzero(finite)} numbers are not finite, the "
                 f"first at {place}"
             )
+    if not (made.fit_error_mm >= 0.0).all():
+        raise CloudDatasetError("fit_error_mm must not be negative")
     if not 0.0 < made.radius_mm < np.inf:
         raise CloudDatasetError("radius_mm must be positive")
     lengths = np.linalg.norm(np.diff(made.centrelines_mm, axis=2), axis=3).sum(axis=2)

@@ -2,15 +2,16 @@
 
 They come without centrelines: those are fitted to them, and where no body lies in a cloud, the
 cloud is at fault. Nothing is taken over unless all of it is right; all that is wrong is said at
-once. Clouds are in the base frame, as the model will be.
+once. Clouds are in the base frame, as the model will be, but for what the cameras are off: see
+`camera_alignment`.
 """
 
 import hashlib
 from collections.abc import Sequence
-from concurrent.futures import Executor, as_completed
+from concurrent.futures import Executor, Future, as_completed
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from config.robot import Robot
 from daemon.array_files import whose
 from daemon.host.progress import Progress
 from daemon.robot.axes import AxisRanges
+from daemon.workbench.body_model.clouds.camera_alignment import CameraAlignment, alignment_of
 from daemon.workbench.body_model.clouds.centreline_fit import (
     LEAST_POINTS,
     VisibleSurface,
@@ -31,6 +33,7 @@ from daemon.workbench.body_model.clouds.collection import FITTED, block_of
 from safety.risk.environment import Unit
 
 SingleArray = NDArray[np.float32]
+T = TypeVar("T")
 
 _NODES: Final = 21
 _TEST_SHARE: Final = 0.1
@@ -75,12 +78,18 @@ class ImportSettings:
 
 @dataclass(frozen=True, eq=False)
 class ReadCloud:
-    """cloud_mm: (p, 3); centreline_mm: (nodes, 3). digest: of all points that were in the file."""
+    """cloud_mm: (p, 3). digest: of all points that were in the file."""
 
     cloud_mm: SingleArray
-    centreline_mm: SingleArray
-    miss_mm: float
     digest: bytes
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """nodes_mm: (nodes, 3)."""
+
+    nodes_mm: SingleArray
+    miss_mm: float
 
 
 def surface_of(robot: Robot) -> tuple[VisibleSurface, float] | None:
@@ -96,7 +105,11 @@ def import_clouds(
 ) -> CloudDataset:
     """Raises CloudImportError with all that is wrong; CloudDatasetError."""
     table = read_table(folder, AxisRanges.of(robot))
-    read = _all_read(table, folder, settings, workers, progress)
+    files = _files(table)
+    clouds = _all_read(files, folder, settings, workers, progress)
+    alignment = _alignment(clouds, folder, settings.surface)
+    clouds = (clouds + alignment.shift_mm).astype(np.float32)
+    fitted = _all_fitted(clouds, files, folder, settings.surface, workers, progress)
     n, s = len(table.files), len(table.files[0])
     m = table.configurations.shape[1]
     unknown = [name for name, column in (("starts", table.starts),) if column is None]
@@ -105,8 +118,9 @@ def import_clouds(
         "starts": np.repeat(table.configurations[:, None], s, axis=1)
         if table.starts is None
         else table.starts,
-        "clouds_mm": np.reshape([one.cloud_mm for one in read], (n, s, settings.points, 3)),
-        "centrelines_mm": np.reshape([one.centreline_mm for one in read], (n, s, _NODES, 3)),
+        "clouds_mm": clouds.reshape(n, s, settings.points, 3),
+        "centrelines_mm": np.reshape([one.nodes_mm for one in fitted], (n, s, _NODES, 3)),
+        "fit_error_mm": alignment.fit_error_mm,
         "forces": np.zeros((n, s, m), np.float32),
         "test": _tests(n, settings.seed) if table.test is None else table.test,
         "block": block_of(table.configurations),
@@ -117,22 +131,25 @@ def import_clouds(
     provenance = {
         **whose(robot),
         "centrelines": FITTED,
+        "clouds_moved_by_mm": alignment.shift_mm.round(4).tolist(),
         "tip_load_g": load_g,
         **({} if seen_on is None else {"seen_on": seen_on}),
         "imported": {
             **how,
             "not_known": [*unknown, "forces"],
-            "miss_mm": float(np.median([one.miss_mm for one in read])),
+            "miss_mm": float(np.median([one.miss_mm for one in fitted])),
         },
     }
     return CloudDataset.checked(arrays, provenance)
 
 
-def read_and_fit(path: Path, number: int, settings: ImportSettings) -> ReadCloud | str:
-    """One cloud; or what is wrong with it.
+def read_all(files: Sequence[tuple[Path, int]], settings: ImportSettings) -> list[ReadCloud | str]:
+    """Some of them, in one process. Each, or what is wrong with it."""
+    return [_read(path, number, settings) for path, number in files]
 
-    number: of its row: with the seed it decides which points are kept.
-    """
+
+def _read(path: Path, number: int, settings: ImportSettings) -> ReadCloud | str:
+    """number: of its row: with the seed it decides which points are kept."""
     try:
         points = read_cloud(path, settings.unit)
     except CloudFileError as error:
@@ -150,39 +167,42 @@ def read_and_fit(path: Path, number: int, settings: ImportSettings) -> ReadCloud
         return f"{len(points)} points, and {settings.points} are wanted"
     random = np.random.default_rng([settings.seed, _SOME, number])
     some = points[random.choice(len(points), settings.points, replace=False)]
-    fit = fit_centreline(some, settings.surface, _NODES)
+    return ReadCloud(some.astype(np.float32), digest)
+
+
+def fit_all(clouds_mm: SingleArray, surface: VisibleSurface) -> list[Fitted | str]:
+    """(k, p, 3) of them, in one process. Each, or what is wrong with it."""
+    return [_fit(cloud, surface) for cloud in clouds_mm]
+
+
+def _fit(cloud_mm: SingleArray, surface: VisibleSurface) -> Fitted | str:
+    fit = fit_centreline(cloud_mm, surface, _NODES)
     if fit.doubt:
         return (
-            f"no body of {length_mm:g} mm lies in it: {fit.doubt}. Look at the unit, the frame, "
-            "the body's length and radii"
+            f"no body of {surface.length_mm:g} mm lies in it: {fit.doubt}. Look at the unit, the "
+            "frame, the body's length and radii"
         )
-    return ReadCloud(some.astype(np.float32), fit.nodes_mm.astype(np.float32), fit.miss_mm, digest)
+    return Fitted(fit.nodes_mm.astype(np.float32), fit.miss_mm)
 
 
-def read_and_fit_all(
-    files: Sequence[tuple[Path, int]], settings: ImportSettings
-) -> list[ReadCloud | str]:
-    """Some of them, in one process."""
-    return [read_and_fit(path, number, settings) for path, number in files]
+def _files(table: CloudTable) -> list[tuple[Path, int]]:
+    """Their paths and the numbers of their rows, in the table's order."""
+    paths = [path for visits in table.files for path in visits]
+    numbers = [number for visits in table.rows for number in visits]
+    return list(zip(paths, numbers, strict=True))
 
 
 def _all_read(
-    table: CloudTable,
+    files: list[tuple[Path, int]],
     folder: Path,
     settings: ImportSettings,
     workers: Executor,
     progress: Progress,
-) -> list[ReadCloud]:
-    """All clouds in the table's order. Raises CloudImportError."""
-    paths = [path for visits in table.files for path in visits]
-    numbers = [number for visits in table.rows for number in visits]
-    files = list(zip(paths, numbers, strict=True))
+) -> SingleArray:
+    """(k, p, 3) clouds in the table's order. Raises CloudImportError."""
     progress.begin("clouds", len(files), 0)
     parts = [files[begin : begin + _PART] for begin in range(0, len(files), _PART)]
-    tasks = {workers.submit(read_and_fit_all, part, settings): i for i, part in enumerate(parts)}
-    for task in as_completed(tasks):
-        progress.advance(len(parts[tasks[task]]))
-    found = [one for task in tasks for one in task.result()]
+    found = _in_order([workers.submit(read_all, part, settings) for part in parts], progress)
     faults, seen = [], dict[bytes, Path]()
     read = []
     for (path, number), one in zip(files, found, strict=True):
@@ -192,10 +212,48 @@ def _all_read(
             faults.append((number, f"{path.name}: is the same cloud as {seen[one.digest].name}"))
         else:
             seen[one.digest] = path
-            read.append(one)
+            read.append(one.cloud_mm)
+    _refuse(faults, folder)
+    return np.array(read)
+
+
+def _all_fitted(
+    clouds_mm: SingleArray,
+    files: list[tuple[Path, int]],
+    folder: Path,
+    surface: VisibleSurface,
+    workers: Executor,
+    progress: Progress,
+) -> list[Fitted]:
+    """Raises CloudImportError."""
+    progress.begin("centrelines", len(files), 0)
+    parts = [clouds_mm[begin : begin + _PART] for begin in range(0, len(files), _PART)]
+    found = _in_order([workers.submit(fit_all, part, surface) for part in parts], progress)
+    told = zip(files, found, strict=True)
+    _refuse([(n, f"{path.name}: {one}") for (path, n), one in told if isinstance(one, str)], folder)
+    return [one for one in found if not isinstance(one, str)]
+
+
+def _in_order(tasks: list[Future[list[T]]], progress: Progress) -> list[T]:
+    for task in as_completed(tasks):
+        progress.advance(len(task.result()))
+    return [one for task in tasks for one in task.result()]
+
+
+def _refuse(faults: list[tuple[int, str]], folder: Path) -> None:
     if faults:
         raise CloudImportError(folder, [f"line {n}: {what}" for n, what in sorted(faults)])
-    return read
+
+
+def _alignment(clouds_mm: SingleArray, folder: Path, surface: VisibleSurface) -> CameraAlignment:
+    """Raises CloudImportError."""
+    found = alignment_of(clouds_mm, surface, _NODES)
+    if found is None:
+        # Every one will be told by its own row.
+        return CameraAlignment(np.zeros(3), np.zeros(_NODES), 0)
+    if found.doubt:
+        raise CloudImportError(folder, [found.doubt])
+    return found
 
 
 def _tests(n: int, seed: int) -> BoolArray:

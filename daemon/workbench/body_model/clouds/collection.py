@@ -3,7 +3,8 @@
 Configurations that fill what the body can hold; to each from several random others, on a straight
 line at the axes' own speed, so that what slips and creeps on the way shows in the shape; a cloud at
 arrival. As on a rig nobody knows where the body is but from the cloud: its centreline is fitted to
-that, and the true one is kept only to judge the fit by.
+that (`fitted_at`), once it is known from all clouds how the cameras stand to the base. The true one
+is kept only to judge the fit by.
 
 Each configuration begins with a body at rest and has random numbers of its own: what is seen does
 not depend on who sees it, nor on whether it was interrupted.
@@ -117,13 +118,13 @@ def seen_at(
     u: FloatArray,
     starts: FloatArray,
 ) -> Arrays:
-    """Clouds, fitted and true centrelines, and forces at (k, m) u, come to from (k, s, m) starts.
+    """Clouds, true centrelines, and forces at (k, m) u, come to from (k, s, m) starts.
 
     indices: (k,) numbers of these configurations. Raises CollectionError, UnreachableError.
     """
     warm_up()
     rig = _Rig(robot, settings)
-    clouds, fitted, lines, forces = [], [], [], []
+    clouds, lines, forces = [], [], []
     for index, target, origins in zip(indices.tolist(), u, starts, strict=True):
         random = np.random.default_rng([settings.seed, _NOISE, index])
         rig.body.rest()
@@ -132,17 +133,39 @@ def seen_at(
             state = rig.body.go(target)
             line_mm = state.centreline_mm.astype(np.float32)
             clouds.append(rig.cloud(line_mm, random))
-            fitted.append(rig.centreline(clouds[-1], len(line_mm)))
             lines.append(line_mm)
             forces.append(state.actuator_forces.astype(np.float32))
     shape = starts.shape[:2]
     return {
         "clouds_mm": np.reshape(clouds, (*shape, settings.points, 3)),
-        "centrelines_mm": np.reshape(fitted, (*shape, *lines[0].shape)),
         "true_centrelines_mm": np.reshape(lines, (*shape, *lines[0].shape)),
         "forces": np.reshape(forces, (*shape, forces[0].size)),
         "radius_mm": np.array(state.radius_mm),
     }
+
+
+def fitted_at(
+    robot: Robot, u: FloatArray, clouds_mm: SingleArray, nodes: int, shift_mm: FloatArray
+) -> Arrays:
+    """Clouds moved by what the cameras are off, and the centrelines that are fitted to them.
+
+    Of (k, s, p, 3) clouds at (k, m) u. Raises CollectionError.
+    """
+    assert robot.emulation is not None
+    surface = VisibleSurface.of(robot.emulation.plant)
+    moved = (clouds_mm + shift_mm).astype(np.float32)
+    lines = np.empty((*moved.shape[:2], nodes, 3), np.float32)
+    for place, clouds, mine in zip(u, moved, lines, strict=True):
+        fit = None
+        for i, cloud in enumerate(clouds):
+            fit = fit_centreline(cloud, surface, nodes, begun=fit)
+            if fit.doubt:
+                raise CollectionError(
+                    f"no body lies in the cloud with the axes at {place.round(2)}: {fit.doubt}. "
+                    "Keep more points of each cloud"
+                )
+            mine[i] = fit.nodes_mm
+    return {"clouds_mm": moved, "centrelines_mm": lines}
 
 
 class _Rig:
@@ -155,7 +178,6 @@ class _Rig:
         plant = robot.emulation.plant
         rig_seed = int(np.random.default_rng([settings.seed, _CAMERAS]).integers(2**31))
         self._cameras = DepthCameras(BodySurface.of(plant), plant.length_mm, rig_seed)
-        self._surface = VisibleSurface.of(plant)
 
     def cloud(self, centreline_mm: SingleArray, random: Generator) -> SingleArray:
         """(p, 3) of what the cameras see. Of what is kept of the body: it could be seen again."""
@@ -167,13 +189,3 @@ class _Rig:
                 f"{wanted} are wanted"
             )
         return cloud[random.choice(len(cloud), wanted, replace=False)].astype(np.float32)
-
-    def centreline(self, cloud_mm: SingleArray, nodes: int) -> SingleArray:
-        """(nodes, 3) that is fitted to a cloud."""
-        fit = fit_centreline(cloud_mm, self._surface, nodes)
-        if fit.doubt:
-            raise CollectionError(
-                f"no body lies in the cloud with the axes at {self.body.at.round(2)}: {fit.doubt}. "
-                "Keep more points of each cloud"
-            )
-        return fit.nodes_mm.astype(np.float32)

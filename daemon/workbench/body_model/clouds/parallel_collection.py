@@ -8,8 +8,8 @@ another version have other names: nothing of them is taken over.
 import hashlib
 import json
 import shutil
-from collections.abc import Callable
-from concurrent.futures import Executor, as_completed
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future, as_completed
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
@@ -20,20 +20,23 @@ from config.loader import RobotFile
 from config.robot import Robot
 from daemon.array_files import load_npz, save_npz, whose
 from daemon.host.progress import Progress
+from daemon.workbench.body_model.clouds.camera_alignment import CameraAlignment, alignment_of
+from daemon.workbench.body_model.clouds.centreline_fit import VisibleSurface
 from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset
 from daemon.workbench.body_model.clouds.collection import (
     FITTED,
     Arrays,
     CollectionError,
     CollectionSettings,
+    fitted_at,
     planned,
     possible_ones,
     seen_at,
 )
 from safety.risk.mixture import FloatArray
 
-_VERSION: Final = 2
 _MOST_BYTES: Final = 1 << 32
+_VERSION: Final = 3
 """Of what is collected, given the robot and the settings."""
 _CANDIDATES: Final = 500
 """At most, in a task."""
@@ -41,13 +44,9 @@ _MOST_CANDIDATES: Final = 200
 """Times as many as configurations are wanted: then the body can hold next to nothing."""
 _PART: Final = 23
 """Configurations: some seconds of work."""
-_OF_PART: Final = (
-    "clouds_mm",
-    "centrelines_mm",
-    "true_centrelines_mm",
-    "forces",
-    "radius_mm",
-)
+_SEEN: Final = ("clouds_mm", "true_centrelines_mm", "forces", "radius_mm")
+_FITTED: Final = ("clouds_mm", "centrelines_mm")
+"""Arrays of a part's file, before and after the fit."""
 
 
 def collect(
@@ -67,20 +66,43 @@ def collect(
     folder.mkdir(parents=True, exist_ok=True)
     parameters = _configurations(robot, settings, workers, folder / f"{key}.plan.npz", progress)
     plan = planned(robot, settings, parameters)
-    parts = _collected(robot, settings, plan, workers, folder, key, progress)
-    seen = {name: np.concatenate([part[name] for part in parts]) for name in _OF_PART[:-1]}
+    work = _Work(robot, settings, plan, workers, folder / key, progress)
+    seen = work.clouds()
+    alignment = _alignment(robot, seen)
+    fitted = work.fitted(seen, alignment)
     provenance = {
         **whose(robot),
         "centrelines": FITTED,
+        "clouds_moved_by_mm": alignment.shift_mm.round(4).tolist(),
         "settings": asdict(settings),
         "plant": robot.emulation.plant.model_dump(mode="json"),
         "tip_load_g": robot.emulation.tip_load_g,
     }
-    radius = {"radius_mm": parts[0]["radius_mm"]}
-    dataset = CloudDataset.checked({**plan, **seen, **radius}, provenance)
+    arrays = {
+        **plan,
+        **{name: np.concatenate([part[name] for part in fitted]) for name in _FITTED},
+        **{name: np.concatenate([part[name] for part in seen]) for name in _SEEN[1:-1]},
+        "fit_error_mm": alignment.fit_error_mm,
+        "radius_mm": seen[0]["radius_mm"],
+    }
+    dataset = CloudDataset.checked(arrays, provenance)
     dataset.save(out)
     shutil.rmtree(folder)
     return dataset
+
+
+def _alignment(robot: Robot, seen: list[Arrays]) -> CameraAlignment:
+    """Raises CollectionError."""
+    assert robot.emulation is not None
+    clouds = np.concatenate([part["clouds_mm"] for part in seen])
+    nodes = seen[0]["true_centrelines_mm"].shape[2]
+    each = clouds.reshape(-1, *clouds.shape[2:])
+    found = alignment_of(each, VisibleSurface.of(robot.emulation.plant), nodes)
+    if found is None:
+        raise CollectionError("no body lies in any of the clouds: keep more points of each")
+    if found.doubt:
+        raise CollectionError(found.doubt)
+    return found
 
 
 def _configurations(
@@ -125,49 +147,75 @@ def first_possible(
     return np.concatenate([part for part in found if len(part)])[:wanted]
 
 
-def _collected(
-    robot: Robot,
-    settings: CollectionSettings,
-    plan: Arrays,
-    workers: Executor,
-    folder: Path,
-    key: str,
-    progress: Progress,
-) -> list[Arrays]:
+class _Work:
     """All parts in their order, those that were there already among them."""
-    n = len(plan["configurations"])
-    chosen = [np.arange(begin, min(begin + _PART, n)) for begin in range(0, n, _PART)]
-    paths = [folder / f"{key}.{number:04d}.npz" for number in range(len(chosen))]
-    read = _reader(settings)
-    there = {i: part for i, path in enumerate(paths) if (part := read(path, len(chosen[i])))}
-    progress.begin("clouds", n, sum(len(chosen[i]) for i in there))
-    tasks = {
-        workers.submit(
-            seen_at, robot, settings, mine, plan["configurations"][mine], plan["starts"][mine]
-        ): i
-        for i, mine in enumerate(chosen)
-        if i not in there
-    }
-    for task in as_completed(tasks):
-        i = tasks[task]
-        there[i] = task.result()
-        save_npz(paths[i], there[i])
-        progress.advance(len(chosen[i]))
-    return [there[i] for i in range(len(chosen))]
 
+    def __init__(
+        self,
+        robot: Robot,
+        settings: CollectionSettings,
+        plan: Arrays,
+        workers: Executor,
+        prefix: Path,
+        progress: Progress,
+    ) -> None:
+        self._robot, self._settings, self._plan = robot, settings, plan
+        self._workers, self._prefix, self._progress = workers, prefix, progress
+        n = len(plan["configurations"])
+        self._parts = [np.arange(begin, min(begin + _PART, n)) for begin in range(0, n, _PART)]
 
-def _reader(settings: CollectionSettings) -> Callable[[Path, int], Arrays | None]:
-    def read(path: Path, configurations: int) -> Arrays | None:
+    def clouds(self) -> list[Arrays]:
+        """What is seen."""
+
+        def begun(number: int) -> Future[Arrays]:
+            mine = self._parts[number]
+            u, starts = self._plan["configurations"][mine], self._plan["starts"][mine]
+            return self._workers.submit(seen_at, self._robot, self._settings, mine, u, starts)
+
+        return self._each("clouds", "", _SEEN, begun)
+
+    def fitted(self, seen: list[Arrays], alignment: CameraAlignment) -> list[Arrays]:
+        """What is fitted to that."""
+        nodes = seen[0]["true_centrelines_mm"].shape[2]
+
+        def begun(number: int) -> Future[Arrays]:
+            u = self._plan["configurations"][self._parts[number]]
+            clouds, shift = seen[number]["clouds_mm"], alignment.shift_mm
+            return self._workers.submit(fitted_at, self._robot, u, clouds, nodes, shift)
+
+        return self._each("centrelines", ".fit", _FITTED, begun)
+
+    def _each(
+        self, what: str, kind: str, names: Sequence[str], begun: Callable[[int], Future[Arrays]]
+    ) -> list[Arrays]:
+        paths = [
+            self._prefix.with_name(f"{self._prefix.name}.{number:04d}{kind}.npz")
+            for number in range(len(self._parts))
+        ]
+        there = {
+            number: part
+            for number, path in enumerate(paths)
+            if (part := self._read(path, names, len(self._parts[number])))
+        }
+        done = sum(len(self._parts[number]) for number in there)
+        self._progress.begin(what, len(self._plan["configurations"]), done)
+        tasks = {begun(i): i for i in range(len(paths)) if i not in there}
+        for task in as_completed(tasks):
+            number = tasks[task]
+            there[number] = task.result()
+            save_npz(paths[number], there[number])
+            self._progress.advance(len(self._parts[number]))
+        return [there[number] for number in range(len(paths))]
+
+    def _read(self, path: Path, names: Sequence[str], configurations: int) -> Arrays | None:
         """What is in a part's file; None where it is not there or not whole."""
         try:
             there = load_npz(path, _MOST_BYTES)
-            part = {name: there[name] for name in _OF_PART}
+            part = {name: there[name] for name in names}
         except Exception:  # whatever a reader makes of bytes that are no part
             return None
-        shape = (configurations, settings.starts, settings.points, 3)
+        shape = (configurations, self._settings.starts, self._settings.points, 3)
         return part if part["clouds_mm"].shape == shape else None
-
-    return read
 
 
 def _key(robot: Robot, settings: CollectionSettings) -> str:

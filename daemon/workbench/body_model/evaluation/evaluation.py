@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from daemon.host.progress import Progress
 from daemon.risk.model_file import ModelFile
@@ -76,7 +78,8 @@ class BlockTrial:
 class AgainstTruth:
     """What it costs that shapes are learnt from what is fitted to clouds: beside true centrelines.
 
-    Only an emulated body's are known.
+    Only an emulated body's are known. Their nodes are put evenly along them, as fitted ones have
+    them: which part of a body has stretched, nobody sees from outside.
     """
 
     shapes: Scores
@@ -84,7 +87,10 @@ class AgainstTruth:
     tip_error_mm: float
     """Root mean square of the true tip against the mean of the mixture over shapes."""
     fit_off_mm: tuple[float, float]
-    """Median and 99 % of the distances of fitted nodes from the true ones."""
+    """Median and 99 % of how far fitted nodes are off the true centreline, across it; behind its
+    end also along it."""
+    fit_error_mm: tuple[float, float]
+    """Root mean square of that, over the nodes, and what the data say that it is."""
 
 
 @dataclass(frozen=True)
@@ -164,6 +170,10 @@ class Evaluation:
                 "coverage": _by_level(self.truth.shapes),
                 "tip_error_mm": self.truth.tip_error_mm,
                 "fit_off_mm": {"median": self.truth.fit_off_mm[0], "p99": self.truth.fit_off_mm[1]},
+                "fit_error_mm": {
+                    "true": self.truth.fit_error_mm[0],
+                    "stated": self.truth.fit_error_mm[1],
+                },
             },
             "block": None if block is None else vars(block),
             "least_mean_weight": self.least_weight,
@@ -229,11 +239,35 @@ def _against_truth(
 ) -> AgainstTruth | None:
     if dataset.true_centrelines_mm is None:
         return None
-    u, true = dataset.configurations[test], dataset.true_centrelines_mm[test]
+    u, true = dataset.configurations[test], _evenly_along(dataset.true_centrelines_mm[test])
     found = scores(model.shapes, u, coefficients_at(true, model.basis), seed)
-    off = np.linalg.norm(dataset.centrelines_mm[test] - true, axis=3)
+    off = off_curves(dataset.centrelines_mm[test], true)
     median, most = np.quantile(off, _OFF).tolist()
-    return AgainstTruth(found, _tip(model, u, true)[0], (median, most))
+    errors = float(np.sqrt(np.square(off).mean())), _rms(dataset.fit_error_mm[:, None])
+    return AgainstTruth(found, _tip(model, u, true)[0], (median, most), errors)
+
+
+def _evenly_along(lines_mm: SingleArray) -> SingleArray:
+    """(k, s, nodes, 3) of the same curves, their nodes as far apart one from the other."""
+    lines = lines_mm.reshape(-1, *lines_mm.shape[2:]).astype(np.float64)
+    nodes = lines.shape[1]
+    found = np.empty_like(lines)
+    for line, even in zip(lines, found, strict=True):
+        chords = np.linalg.norm(np.diff(line, axis=0), axis=1)
+        arc = np.concatenate([[0.0], np.cumsum(chords)])
+        even[:] = CubicSpline(arc, line)(np.linspace(0.0, arc[-1], nodes))
+    return found.reshape(lines_mm.shape).astype(np.float32)
+
+
+def off_curves(nodes_mm: NDArray[Any], lines_mm: NDArray[Any]) -> FloatArray:
+    """(..., nodes) distances of (..., nodes, 3) from the curves through as many nodes of others."""
+    line = lines_mm.astype(np.float64)
+    pieces, begins = np.diff(line, axis=-2), line[..., :-1, :]
+    way = nodes_mm[..., :, None, :] - begins[..., None, :, :]
+    squares = np.square(pieces).sum(axis=-1)[..., None, :]
+    share = np.clip((way * pieces[..., None, :, :]).sum(axis=-1) / squares, 0.0, 1.0)
+    away = np.linalg.norm(way - share[..., None] * pieces[..., None, :, :], axis=-1)
+    return np.asarray(away.min(axis=-1))
 
 
 def weights_at(network: MixtureNetwork, u: FloatArray) -> FloatArray:

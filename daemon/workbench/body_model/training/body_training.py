@@ -125,6 +125,7 @@ def train_body(dataset: CloudDataset, settings: BodySettings, heard: Heard) -> T
         "nll_nats_m": nats_in_metres(points.best.kept_back),
         "shapes_widths": asdict(widths),
         "basis_left_out_mm": float(fit.left_out_mm.max()),
+        "fit_error_mm": float(dataset.fit_error_mm.max()),
     }
     return TrainedBody(arrays, about, points, shapes)
 
@@ -165,7 +166,8 @@ def _train_shapes(u: FloatArray, fit: ShapeFit, settings: BodySettings, heard: H
 
 
 def _fitted(dataset: CloudDataset, chosen: BoolArray, coefficients: int) -> ShapeFit:
-    return fit_shapes(dataset.centrelines_mm[chosen], dataset.radius_mm, coefficients)
+    lines, error_mm = dataset.centrelines_mm[chosen], dataset.fit_error_mm
+    return fit_shapes(lines, dataset.radius_mm, coefficients, error_mm)
 
 
 def coefficients_at(centrelines_mm: NDArray[Any], basis: ShapeBasis) -> FloatArray:

@@ -43,6 +43,7 @@ def arrays(
         "clouds_mm": clouds.astype(np.float32),
         "centrelines_mm": lines.astype(np.float32),
         "true_centrelines_mm": lines.astype(np.float32),
+        "fit_error_mm": np.linspace(0.0, 0.3, 11),
         "forces": np.ones((n, starts, 4), np.float32),
         "test": test,
         "block": (u[:, 0] > 4.0) & (u[:, 1] > 0.0),

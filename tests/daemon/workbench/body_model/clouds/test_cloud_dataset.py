@@ -11,7 +11,16 @@ from config.loader import load_robot
 from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset, CloudDatasetError
 from tests.daemon.workbench.body_model.small_clouds import SOFT_ARM, arrays, dataset, tendon_arm
 
-ARRAYS = ("configurations", "starts", "clouds_mm", "centrelines_mm", "forces", "test", "block")
+ARRAYS = (
+    "configurations",
+    "starts",
+    "clouds_mm",
+    "centrelines_mm",
+    "fit_error_mm",
+    "forces",
+    "test",
+    "block",
+)
 TRUE = "true_centrelines_mm"
 
 
@@ -71,13 +80,13 @@ def test_other_numbers_have_another_hash() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["configurations", "starts", "clouds_mm", "centrelines_mm", "forces"]
+    "name", ["configurations", "starts", "clouds_mm", "centrelines_mm", "fit_error_mm", "forces"]
 )
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_one_number_that_is_not_finite_is_found_and_named(name: str, bad: float) -> None:
     broken = arrays()
     broken[name][(7, *(1,) * (broken[name].ndim - 1))] = bad
-    with pytest.raises(CloudDatasetError, match=rf"{name}: 1 numbers are not finite, .* \(7, 1"):
+    with pytest.raises(CloudDatasetError, match=rf"{name}: 1 numbers are not finite, .* \(7,"):
         CloudDataset.checked(broken, {})
 
 
@@ -89,7 +98,9 @@ def test_a_part_that_is_missing_is_named(name: str) -> None:
         CloudDataset.checked(less, {})
 
 
-@pytest.mark.parametrize("name", ["starts", "centrelines_mm", "forces", "test", "block"])
+@pytest.mark.parametrize(
+    "name", ["starts", "centrelines_mm", "fit_error_mm", "forces", "test", "block"]
+)
 def test_parts_that_do_not_belong_together_are_refused(name: str) -> None:
     torn = arrays()
     torn[name] = torn[name][:-1]

@@ -87,7 +87,7 @@ def test_what_was_seen_comes_back(
     write_table(tmp_path, table(seen, tmp_path))
     heard = Silent()
     made = import_clouds(seen.robot, tmp_path, settings, worker, heard)
-    assert heard.begun == [("clouds", 20, 0)]
+    assert heard.begun == [("clouds", 20, 0), ("centrelines", 20, 0)]
     assert heard.done == 20
     np.testing.assert_array_equal(made.configurations, seen.plan["configurations"])
     np.testing.assert_array_equal(made.starts, seen.plan["starts"])
@@ -98,12 +98,14 @@ def test_what_was_seen_comes_back(
         seen.clouds["clouds_mm"].reshape(20, -1, 3),
         strict=True,
     ):
-        away = np.abs(cloud[:, None] - all_of_it).max(axis=2).min(axis=1)
+        seen_there = cloud - np.array(made.provenance["clouds_moved_by_mm"])
+        away = np.abs(seen_there[:, None] - all_of_it).max(axis=2).min(axis=1)
         assert away.max() < 1e-3
     truly = seen.clouds["true_centrelines_mm"].astype(np.float64).reshape(20, -1, 3)
     fitted = made.centrelines_mm.astype(np.float64).reshape(20, -1, 3)
     off = [off_curve(line, fit) for line, fit in zip(truly, fitted, strict=True)]
-    assert np.median(off) < 1.0
+    assert np.median(off) < 0.5
+    assert 0.05 < np.median(made.fit_error_mm) < 1.0
     told = made.provenance["imported"]
     assert told["not_known"] == ["forces"]
     assert told["surface"]["disks"] == 9
