@@ -17,7 +17,7 @@ import os
 import sys
 import tempfile
 from collections.abc import Iterator
-from concurrent.futures import as_completed
+from concurrent.futures import Future, as_completed
 from dataclasses import asdict
 from itertools import islice
 from pathlib import Path
@@ -123,7 +123,9 @@ class _Eyes:
         return likeliest
 
 
-def hour_of_motion(arm: str, seed: int, hours: float = 1.0, load_g: float = 0.0) -> dict[str, Any]:
+def hour_of_motion(
+    arm: str, seed: int, hours: float = 1.0, load_g: float = 0.0
+) -> list[dict[str, Any]]:
     """Random ways at random speeds, with pauses. Counts alarms, each from rest to rest."""
     warm_up()
     eyes, random = _Eyes(arm, seed, load_g), np.random.default_rng([seed, 20])
@@ -138,7 +140,7 @@ def hour_of_motion(arm: str, seed: int, hours: float = 1.0, load_g: float = 0.0)
             first = t_ns * 1e-9 if first is None else first
         highest = max(highest, test.statistic)
     told = {"alarms": alarms, "highest": highest, "first_s": first}
-    return {"part": "hour", "arm": arm, "seed": seed, "hours": hours, "load_g": load_g, **told}
+    return [{"part": "hour", "arm": arm, "seed": seed, "hours": hours, "load_g": load_g, **told}]
 
 
 def _ways(
@@ -254,19 +256,18 @@ def main() -> int:
         for load_g in (0.0, *((LOAD_G,) if number == 1 else ()))
     ]
     with worker_processes(arguments.processes) as workers, arguments.out.open("a") as out:
-        runs = [
+        tasks: list[Future[list[dict[str, Any]]]] = [
             workers.submit(seed_of_runs, seed)
             for seed in range(1, arguments.seeds + 1)
             if seed not in seeds
         ]
-        moving = [
+        tasks += [
             workers.submit(hour_of_motion, arm, number, 1.0, load_g)
             for arm, number, load_g in wanted
             if (arm, number, load_g) not in hours
         ]
-        for done in as_completed([*runs, *moving]):
-            found = done.result()
-            for line in found if isinstance(found, list) else [found]:
+        for task in as_completed(tasks):
+            for line in task.result():
                 lines.append(line)
                 out.write(json.dumps(line) + "\n")
                 out.flush()

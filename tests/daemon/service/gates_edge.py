@@ -34,7 +34,7 @@ from daemon.workbench.body_model.evaluation.shapes import ball
 from drivers.pose import Vector
 from safety.risk.contact import most_touching
 from safety.risk.risk_model import RiskModel
-from safety.risk_source import RiskReading, RiskSource, Room
+from safety.risk_source import Clearance, RiskReading, RiskSource
 from safety.states import OperatingState
 from sim_backends.plants.plant import variation
 from tests import SOFT_ARM
@@ -155,8 +155,8 @@ class Unseeing:
     ) -> RiskReading | None:
         return self._source.assess(u_from, u_to, t_ns)
 
-    def room(self, u: Sequence[float], risk: float) -> Room | None:
-        return self._source.room(u, risk)
+    def clearance(self, u: Sequence[float], risk: float) -> Clearance | None:
+        return self._source.clearance(u, risk)
 
 
 def play(edge: Edge, folder: Path, seeing: bool, load_g: float = LOAD_G) -> AtEdge:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from concurrent.futures import Executor, Future, as_completed
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,7 +113,7 @@ def import_clouds(
     n, s = len(table.files), len(table.files[0])
     m = table.configurations.shape[1]
     unknown = [name for name, column in (("starts", table.starts),) if column is None]
-    arrays = {
+    arrays: dict[str, NDArray[Any]] = {
         "configurations": table.configurations,
         "starts": np.repeat(table.configurations[:, None], s, axis=1)
         if table.starts is None
