@@ -120,6 +120,8 @@ class ReferenceStatus(msgspec.Struct, frozen=True, kw_only=True):
     cycles: int | None = None
     note: str = ""
     """What the controller is doing; empty while it simply follows."""
+    part: int | None = None
+    """Which motion of an exploration this is; None while it follows."""
 
 
 class Status(Message, frozen=True, kw_only=True, tag="status/1"):

@@ -40,6 +40,8 @@ class Proposal(NamedTuple):
     """(m,) change to add to the targets."""
     note: str = ""
     """What it is doing, for people: empty while it simply follows."""
+    part: int | None = None
+    """Of an exploration: which motion of it this belongs to. None while it follows."""
 
 
 class Controller(Protocol):

@@ -213,7 +213,7 @@ class BroydenController:
 
     def propose(self, observation: Observation) -> Proposal:
         if self._estimate is None:
-            return Proposal(self._exploration.propose(observation), self._exploration.note)
+            return Proposal(self._exploration.propose(observation), self._exploration.note, 0)
         jacobian = self._estimate.jacobian / self._travel
         tip_step = self._follower.tip_step(observation)
         return Proposal(self._follower.axis_step(jacobian, tip_step, observation))

@@ -225,7 +225,7 @@ class LearningController(ABC):
         if self._babbling.done:
             self._end_babbling()
             return Proposal(np.zeros(len(self._travel)))
-        return Proposal(self._babbling.propose(observation), self._babbling.note)
+        return Proposal(self._babbling.propose(observation), self._babbling.note, 0)
 
     def learn(self) -> None:
         """One sample, or a little of what else can wait: counted, whatever a clock would say."""

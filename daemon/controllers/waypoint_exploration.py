@@ -179,9 +179,9 @@ class WaypointExplorationController:
         if not self._turning_back and self._leaving(observation):
             self._turning_back = True
         if self._turning_back:
-            return Proposal(self._step_back(observation), self.note)
+            return Proposal(self._step_back(observation), self.note, self._line)
         self._trail.append(observation.targets.copy())
-        return Proposal(self._walk.step(self._goal, observation), self.note)
+        return Proposal(self._walk.step(self._goal, observation), self.note, self._line)
 
     def learn(self) -> None:
         """Others learn from what it does."""

@@ -85,6 +85,7 @@ class Following:
                 cycle=-1 if loop.aim is None else loop.aim.cycle,
                 cycles=followed.trajectory.cycles,
                 note=loop.note,
+                part=loop.part,
             )
         if self._setpoints is None:
             return None
@@ -96,6 +97,7 @@ class Following:
             cycle=-1,
             cycles=None,
             note=loop.note,
+            part=loop.part,
         )
 
     @property

@@ -101,6 +101,7 @@ def report_html(
         _section("Tip error by cycle", _error_tables(run)),
         *draw(lambda place: _figure(run, place), len(_FIGURES)),
         _events(run),
+        _internal_errors(run),
         _provenance(run),
     ]
     body = "\n".join(filter(None, parts))
@@ -329,6 +330,19 @@ def _event_row(t_s: float, event: Event) -> str:
     cells = (event.kind, name, event.subject, text)
     text = "".join(f"<td>{escape(cell)}</td>" for cell in cells)
     return f'<tr class="{look}"><td class="number">{t_s:.2f}</td>{text}</tr>'
+
+
+def _internal_errors(run: RunData) -> str:
+    """For whoever mends them; empty: there were none."""
+    if not run.internal_errors:
+        return ""
+    listed = "".join(
+        f"<p>{t_s:.2f} s, {escape(error.place)}: {escape(error.text)}"
+        f"{f' (and {error.kept_back} times more before)' if error.kept_back else ''}</p>"
+        f"<pre>{escape(error.traceback)}</pre>"
+        for t_s, error in run.internal_errors
+    )
+    return _section("Internal errors", listed)
 
 
 def _provenance(run: RunData) -> str:

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from daemon.host.real_time import collector_paused
-from daemon.messages import Axes, AxisStatus, Event, Loop, Message, Risk, Status, Tip
+from daemon.messages import Axes, AxisStatus, Event, InternalError, Loop, Message, Risk, Status, Tip
 from daemon.recording.channels import MESSAGES
 from daemon.recording.result import CycleError, ErrorTable, Result, read_result
 from daemon.recording.run_folder import (
@@ -138,6 +138,8 @@ class RunData:
     states: list[tuple[float, str]]
     """When the robot came into which state."""
     events: list[tuple[float, Event]]
+    internal_errors: list[tuple[float, InternalError]]
+    """Of the daemon's own, with their tracebacks."""
     cycles: list[CycleError]
     risk_sources: tuple[str, ...] = ()
     """Who told of the risk."""
@@ -206,6 +208,7 @@ class _Gathered:
     status: tuple[int, Status] | None = None
     """The last one."""
     events: list[tuple[int, Event]] = field(default_factory=list)
+    internal_errors: list[tuple[int, InternalError]] = field(default_factory=list)
     risk_sources: set[str] = field(default_factory=set)
     errors: ErrorTable = field(default_factory=ErrorTable)
     tables: dict[type[Message], MessageTable] = field(
@@ -243,6 +246,8 @@ class _Gathered:
             self.errors.add(message)
         elif isinstance(message, Event):
             self.events.append((wall_ns, message))
+        elif isinstance(message, InternalError):
+            self.internal_errors.append((wall_ns, message))
         elif isinstance(message, Status) and (self.status is None or wall_ns >= self.status[0]):
             self.status = wall_ns, message
 
@@ -276,6 +281,7 @@ class _Gathered:
                 ((self._s(wall_ns), event) for wall_ns, event in self.events),
                 key=lambda each: each[0],
             ),
+            internal_errors=[(self._s(wall_ns), error) for wall_ns, error in self.internal_errors],
             cycles=self.errors.rows(),
             risk_sources=tuple(sorted(self.risk_sources)),
         )

@@ -86,6 +86,13 @@ def test_a_recorded_run_can_be_learnt_from_as_well(dataset: Dataset, run: Path) 
     assert len(frames_of_run(run / "run.mcap")) == len(dataset.frames)
 
 
+def test_a_recording_is_cut_into_the_lines_of_its_exploration(run: Path) -> None:
+    lines = frames_of_run(run / "run.mcap").line
+    # Before its first status is recorded, and once it is ready, nobody says which line it is.
+    assert OPTIONS.waypoints <= len({*lines.tolist()}) <= OPTIONS.waypoints + 2
+    assert (lines[1:] >= lines[:-1]).all()
+
+
 def test_a_load_moves_the_tip_elsewhere(dataset: Dataset, tmp_path: Path) -> None:
     few = OPTIONS.model_copy(update={"waypoints": 1})
     loaded = explore(FILE, few, 3, tmp_path, quiet, tip_load_g=14.2)

@@ -17,7 +17,8 @@ from config.control import PoseFilterSettings
 from config.loader import load_robot
 from daemon.commands import recover, report
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
-from daemon.messages import Event, Message, Risk, Status, Tip
+from daemon.messages import Event, InternalError, Message, Risk, Status, Tip
+from daemon.recording.channels import TOPICS, telemetry_payload
 from daemon.recording.result import CycleError, Result, read_result, write_result
 from daemon.recording.run_folder import describe_run
 from daemon.recording.run_writer import RunWriter
@@ -361,3 +362,20 @@ def test_the_recover_command_makes_a_run_whole(
     (tmp_path / "run.mcap.part").write_bytes(b"not a recording")
     assert command(recover, str(tmp_path)) == EXIT_FAILED
     assert "left as it is" in capsys.readouterr().out
+
+
+def test_errors_of_the_daemons_own_are_listed_with_their_tracebacks(tmp_path: Path) -> None:
+    error = InternalError(
+        t_ns=2_000_000_000,
+        place="daemon.loop.control_step:77",
+        text="control step",
+        traceback="Traceback (most recent call last):\n  a <line>\nZeroDivisionError: ours",
+        kept_back=3,
+    )
+    writer = RunWriter(tmp_path / "run.mcap", {"robot": "soft_arm"}, 0)
+    writer.write(TOPICS[InternalError], error.t_ns, telemetry_payload(error))
+    writer.finish()
+    page = write_report(tmp_path).read_text(encoding="utf-8")
+    assert "Internal errors" in page
+    assert "daemon.loop.control_step:77: control step (and 3 times more before)" in page
+    assert "a &lt;line&gt;\nZeroDivisionError: ours" in page
