@@ -28,7 +28,7 @@ class NamedPath(NamedTuple):
 
 def eds_path(reference: str, robot_path: Path) -> Path:
     """The EDS file that a robot file names."""
-    return _shipped_or_beside(reference, "eds", robot_path)
+    return shipped_or_beside(reference, "eds", robot_path)
 
 
 def risk_paths(robot: Robot, robot_path: Path) -> tuple[Path, Path] | None:
@@ -37,8 +37,8 @@ def risk_paths(robot: Robot, robot_path: Path) -> tuple[Path, Path] | None:
     if settings.model is None or settings.surface is None:
         return None
     return (
-        _shipped_or_beside(settings.model, "models", robot_path),
-        _shipped_or_beside(settings.surface.mesh, "surfaces", robot_path),
+        shipped_or_beside(settings.model, "models", robot_path),
+        shipped_or_beside(settings.surface.mesh, "surfaces", robot_path),
     )
 
 
@@ -75,7 +75,8 @@ def values_with_absolute_paths(robot: Robot, robot_path: Path) -> dict[str, Any]
     return values
 
 
-def _shipped_or_beside(reference: str, folder: str, robot_path: Path) -> Path:
+def shipped_or_beside(reference: str, folder: str, robot_path: Path) -> Path:
+    """A file that is shipped in one of our folders, or one beside the robot file."""
     if reference.startswith(BUILTIN):
         return Path(str(files("config") / folder / reference.removeprefix(BUILTIN)))
     return robot_path.parent / reference

@@ -40,6 +40,7 @@ _COMMANDS: Final = {
     "clear": "acknowledge faults",
     "explore": "move a robot at random, for a model to be learnt from it",
     "pretrain": "learn a forward model of a robot from an exploration",
+    "kinematics": "learn where the tip of concentric tubes is and points, from their statics",
     "experiment": "carry out an experiment file with emulated devices",
     "reproduce": "carry out a paper's experiments, and put its tables beside ours",
     "compare": "carry out experiments with all controllers, and put them side by side",

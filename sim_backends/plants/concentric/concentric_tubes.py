@@ -27,7 +27,7 @@ from sim_backends.plants.plant import (
     tip_force,
 )
 
-_TOWARDS_X_RAD = np.pi / 2.0
+TOWARDS_X_RAD = np.pi / 2.0
 """From a tube that bends towards x to one whose moment is about x, as the statics have it."""
 _FINEST_RAD = 0.12
 """Most that a tube bends within an interval of the integration."""
@@ -57,7 +57,7 @@ class ConcentricTubes:
         self._config = config
         self._carriage = np.array([tube.carriage for tube in config.tubes])
         self._collar_mm = np.array([tube.collar_mm for tube in config.tubes])
-        self._end_mm = np.array([_length_mm(tube) for tube in config.tubes])
+        self._end_mm = np.array([length_mm(tube) for tube in config.tubes])
         self._moves = config.mouth == "first_collar"
         direction = np.array(config.gravity_direction)
         self._down = direction / np.linalg.norm(direction)
@@ -112,7 +112,7 @@ class ConcentricTubes:
         found = memory.equilibrium
         march, tip = found.march, found.layout.tip_node
         centreline_mm = march.position_mm + np.array([0.0, 0.0, forward_mm])
-        half = 0.5 * (march.angle_rad[tip, -1] - _TOWARDS_X_RAD)
+        half = 0.5 * (march.angle_rad[tip, -1] - TOWARDS_X_RAD)
         spin = (float(np.cos(half)), 0.0, 0.0, float(np.sin(half)))
         turn = np.array(product(march.quaternion[tip].tolist(), spin))
         return BodyState(
@@ -160,7 +160,7 @@ class ConcentricTubes:
                 "first collar would have to come out of it"
             )
         force_n = tip_force(load, self._down, _STRONGEST_N)
-        rotation_rad = values[:count] + _TOWARDS_X_RAD
+        rotation_rad = values[:count] + TOWARDS_X_RAD
         return Setting(rotation_rad, np.minimum(collar_mm, 0.0), force_n), forward_mm
 
     def _at_rest(self) -> _Memory:
@@ -206,7 +206,8 @@ def tube_set(tubes: tuple[Tube, ...]) -> TubeSet:
     )
 
 
-def _length_mm(tube: Tube) -> float:
+def length_mm(tube: Tube) -> float:
+    """From its collar to its end."""
     return sum(section.length_mm for section in tube.sections)
 
 

@@ -21,6 +21,7 @@ from sim_backends.plants.concentric.statics_kernels import (
     lay_out,
     section_pushes,
     settle,
+    sweep,
 )
 
 INTERVAL_MM = 8.0
@@ -148,6 +149,27 @@ class TubeStatics:
             here, done, snaps = there, done + step, snaps + 1
             step = 1.0 - done
         return here, snaps
+
+    def tips(
+        self, rotation_rad: FloatArray, collar_mm: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Tips (k, 3) in mm and their directions (k, 3), without loads and friction.
+
+        rotation_rad, collar_mm: (k, n). Rows follow each other as a motion; not a number where
+        none of the tubes' stable shapes was found.
+        """
+        rotation, collar = np.ascontiguousarray(rotation_rad), np.ascontiguousarray(collar_mm)
+        tip_mm, direction = np.empty((len(rotation), 3)), np.empty((len(rotation), 3))
+        sweep(
+            self.tubes,
+            rotation,
+            collar,
+            self._twisting,
+            self.interval_mm,
+            tip_mm,
+            direction,
+        )
+        return tip_mm, direction
 
     def pushes(self, found: TubeEquilibrium) -> FloatArray:
         """(n,) N with which each tube pushes its collar backwards, all others held."""

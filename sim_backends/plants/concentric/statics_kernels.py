@@ -32,6 +32,8 @@ _CLOSE_RAD = 1e-5
 """A Newton step that turns no tube by more is the last one: what remains is its square."""
 _LONGEST_STEP_RAD = 0.5
 _CONTRACTION = 0.5
+_SWEPT = 10
+"""Steps of Newton's method from one row of a sweep to the next; thrice as many from nothing."""
 
 _kernel = njit(cache=True, error_model="numpy")
 """error_model: a division by zero gives inf, which is looked for, and no exception."""
@@ -792,3 +794,42 @@ def section_pushes(
                 load -= layout.force_n[tip, 0, a]
             pushes[count - 1] -= load * tangent[a]
     return pushes
+
+
+@_kernel
+def sweep(
+    tubes: TubeSet,
+    rotation_rad: FloatArray,
+    collar_mm: FloatArray,
+    twisting: bool,
+    interval_mm: float,
+    tip_mm: FloatArray,
+    direction: FloatArray,
+) -> None:
+    """Where the innermost tube ends, without loads and friction, for rows of (K, n) settings.
+
+    Each row begins with the equilibrium of the one before, so neighbours should be near. Filled:
+    tip_mm and direction (K, 3); not a number where no stable equilibrium was found.
+    """
+    count = rotation_rad.shape[1]
+    none, down = np.zeros(3), np.array([0.0, 0.0, -1.0])
+    friction = Friction(np.zeros(tubes.end_mm.shape), 0.0, 0.0)
+    drag = Drag(np.zeros((1, 3, 1)), 0.0)
+    base, cold = np.zeros(count + 2), np.zeros(count + 2)
+    for row in range(rotation_rad.shape[0]):
+        angles = rotation_rad[row]
+        layout = lay_out(tubes, collar_mm[row], twisting, none, down, interval_mm)
+        found = settle(layout, tubes, angles, base, friction, drag, True, 0, _SWEPT)
+        if not (found.converged and found.determinant > 0.0):
+            found = settle(layout, tubes, angles, cold, friction, drag, True, _SWEPT, 3 * _SWEPT)
+        if not (found.converged and found.determinant > 0.0):
+            for a in range(3):
+                tip_mm[row, a] = direction[row, a] = np.nan
+            continue
+        base = found.base
+        tip = layout.tip_node
+        w, x, y, z = found.march.quaternion[tip]
+        direction[row, 0], direction[row, 1] = 2.0 * (x * z + w * y), 2.0 * (y * z - w * x)
+        direction[row, 2] = 1.0 - 2.0 * (x * x + y * y)
+        for a in range(3):
+            tip_mm[row, a] = found.march.position_mm[tip, a]
