@@ -65,6 +65,8 @@ class AxisStatus(msgspec.Struct, frozen=True, kw_only=True):
     """Tension of a tendon, thrust of a screw, torque of a rotation."""
     force_unit: str
     volume_ml: float | None = None
+    force_range: list[float] | None = None
+    """Of a tendon: the least and the most tension that it may have."""
 
 
 class LoopStatus(msgspec.Struct, frozen=True, kw_only=True):
@@ -124,6 +126,19 @@ class ReferenceStatus(msgspec.Struct, frozen=True, kw_only=True):
     """Which motion of an exploration this is; None while it follows."""
 
 
+class Verb(msgspec.Struct, frozen=True, kw_only=True):
+    """A command, and whether it would be let through now."""
+
+    name: str
+    needs_lease: bool
+    """Whether only the holder of the lease may ask for it."""
+    possible: bool
+    """As far as is known before drives and surroundings are looked at anew, as `arm` does."""
+    why_not: str = ""
+    helps: str = ""
+    """What can be done about it."""
+
+
 class Status(Message, frozen=True, kw_only=True, tag="status/1"):
     """The whole robot at a glance."""
 
@@ -147,6 +162,8 @@ class Status(Message, frozen=True, kw_only=True, tag="status/1"):
     version: str = ""
     stopped_by: list[Reason] = []
     """Why the robot was last held or switched off, until motion goes on; each may be over."""
+    verbs: list[Verb] = []
+    """Every command."""
 
 
 class Tip(Message, frozen=True, kw_only=True, tag="tip/1"):
@@ -251,6 +268,52 @@ class InternalError(Message, frozen=True, kw_only=True, tag="internal_error/1"):
     """As Python prints it; empty where there was no exception."""
     kept_back: int = 0
     """How often the same came since it was last recorded."""
+
+
+class Component(msgspec.Struct, frozen=True, kw_only=True):
+    """One normal distribution of the mixture over the body's points. Base sensor's frame."""
+
+    weight: float
+    mean_mm: list[float]
+    covariance_mm2: list[float]
+    """xx, xy, xz, yy, yz, zz."""
+
+
+class Body(Message, frozen=True, kw_only=True, tag="body/1"):
+    """Where the whole body is, at most ten times a second. Base sensor's frame."""
+
+    t_ns: int
+    source: str
+    """`model`: what the model of the risk expects where the axes are. `emulated truth`: as the
+    emulated lab has it. `none`: nobody knows, and there is no centreline."""
+    centreline_mm: list[list[float]] | None = None
+    """From base to tip, at most 32 points."""
+    radius_mm: list[float] | None = None
+    """At each of them."""
+    components: list[Component] | None = None
+    """Of the mixture over the body's points."""
+
+
+class Events(Message, frozen=True, kw_only=True, tag="events/1"):
+    """Answer to `events`: the last 200 that there were, the oldest first."""
+
+    events: list[Event]
+
+
+class Surroundings(Message, frozen=True, kw_only=True, tag="surroundings/1"):
+    """Answer to `surroundings`: what is round the body. Does not change while the daemon runs."""
+
+    mesh: str = ""
+    """Name of its file; empty: nobody knows what is round the body."""
+    sha256: str = ""
+    """Of the mesh as it is answered: a binary STL file in mm, normals out of what is solid."""
+    size_bytes: int = 0
+    parts: int = 0
+    """Into how many it is cut; `surroundings/0` and so on answer the bytes of each."""
+    transform: list[float] = []
+    """(16,) row by row, from the mesh's places to the base sensor's frame."""
+    workspace_mm: list[list[float]] | None = None
+    """(3, 2) from where to where references may lead the tip."""
 
 
 class WhoAmI(Message, frozen=True, kw_only=True, tag="whoami/1"):
@@ -392,7 +455,7 @@ class SetpointRefused(Message, frozen=True, kw_only=True, tag="setpoint_refused/
     """Whose set-point it was."""
 
 
-TELEMETRY = (Status, Tip, Axes, Risk, Loop, Event)
+TELEMETRY = (Status, Tip, Axes, Risk, Loop, Event, Body)
 RECORDED = (*TELEMETRY, InternalError)
 COMMANDS = (
     Acquire,

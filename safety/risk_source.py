@@ -119,6 +119,43 @@ class TipComparing(Protocol):
         ...
 
 
+class KnownBody(NamedTuple):
+    """Where a model expects the whole body, for people: nothing is decided by it."""
+
+    centreline_mm: list[list[float]]
+    """(n, 3) from base to tip."""
+    radius_mm: list[float]
+    """(n,)."""
+    weights: list[float]
+    """(K,) of the mixture over the body's points."""
+    means_mm: list[list[float]]
+    """(K, 3)."""
+    covariances_mm2: list[list[float]]
+    """(K, 6) of each: xx, xy, xz, yy, yz, zz."""
+
+
+@runtime_checkable
+class BodyKnowing(Protocol):
+    """A `RiskSource` that knows where the whole body is."""
+
+    def body(self, u: Sequence[float]) -> KnownBody | None:
+        """Of a body at rest at (m,) u; None: it is not known there."""
+        ...
+
+
+def body_of(source: BodyKnowing, u: Sequence[float]) -> KnownBody | None:
+    """What the source says of the body at (m,) u; None where it fails, or says no numbers."""
+    try:
+        body = source.body(u)
+        if body is None:
+            return None
+        rows = (*body.centreline_mm, *body.means_mm, *body.covariances_mm2)
+        finite = all(isfinite(part) for row in rows for part in row)
+        return body if finite and all(map(isfinite, (*body.radius_mm, *body.weights))) else None
+    except Exception:  # a model must not end the loop
+        return None
+
+
 class NoModel:
     """Stands in where there is no model: says always the same, and that it is no model."""
 

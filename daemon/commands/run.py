@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from config.problems import in_words
+from config.robot import Robot
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 from daemon.commands.terminal.compiled import telling_progress
 from daemon.controllers.make_controller import warm_up
@@ -22,7 +23,9 @@ from daemon.recording.recovery import recover_unfinished
 from daemon.recording.run_folder import describe_run, new_run
 from daemon.remote.discovery import FolderError, SecondDaemonError
 from daemon.remote.server.server import RemoteOpenError, RemoteServer
-from daemon.risk.body_risk_source import RiskFilesError, make_risk_source
+from daemon.remote.surroundings import PreparedSurroundings, cut_surroundings
+from daemon.risk.body_risk_source import BodyRiskSource, RiskFilesError, make_risk_source
+from daemon.risk.mesh_file import binary_stl
 from daemon.robot.checked_robot import CheckedRobot, add_robot_argument, robot_or_explain
 from daemon.robot.connections import RealConnections
 from daemon.robot.lab_connections import (
@@ -34,6 +37,7 @@ from daemon.robot.lab_connections import (
 )
 from daemon.robot.runtime_directory import default_runtime_directory, uses_lab, with_lab_ports
 from daemon.service.dependencies import Dependencies
+from daemon.service.emulated_body import EmulatedBody
 from daemon.service.motion_loader import in_a_thread
 from daemon.service.run_recording import MakeFolder
 from daemon.service.session import Session
@@ -144,23 +148,38 @@ async def _serve(checked: CheckedRobot, arguments: argparse.Namespace, risk: Ris
         simulated=simulated,
         version=service.version,
         robot_file_dir=checked.file.path.parent,
+        surroundings=_surroundings(robot, risk),
     )
     lab = LabListener(
         directory, lambda what: service.events.tell("note", "happening", what, subject="lab")
     )
+    truth = EmulatedBody(directory)
     await server.open()
     dependencies.subscribers.add(server.publish)
     try:
         check_buses_are_free(with_lab_ports(robot, directory).buses.values())
         if simulated:
             lab.start()
+            service.body.emulated = truth.newest
+            truth.start()
             if not_there := no_lab(directory, checked.file.path):
                 print(not_there, file=sys.stderr, flush=True)
         print(f"{robot.robot} in {directory}: Ctrl-C ends it", flush=True)
         await session.serve(stop)
     finally:
         lab.end()
+        truth.end()
         await server.close()
+
+
+def _surroundings(robot: Robot, risk: RiskSource) -> PreparedSurroundings:
+    """What the risk is asked with, for whoever wants to see it."""
+    box = robot.workspace
+    workspace = None if box is None else [list(box.x_mm), list(box.y_mm), list(box.z_mm)]
+    mesh = risk.mesh if isinstance(risk, BodyRiskSource) else None
+    stl = b"" if mesh is None else binary_stl(mesh)
+    surface = robot.risk.surface
+    return cut_surroundings(Path(surface.mesh).name if surface and stl else "", stl, workspace)
 
 
 def _folder_maker(checked: CheckedRobot, runs: Path, clock: WallClock, seed: int) -> MakeFolder:

@@ -22,6 +22,7 @@ import msgspec
 from daemon.messages import (
     RECORDED,
     Axes,
+    Body,
     Event,
     InternalError,
     Loop,
@@ -41,6 +42,7 @@ TOPICS: Final[dict[type[Message], str]] = {
     Loop: "/loop",
     Event: "/event",
     InternalError: "/internal_error",
+    Body: "/body",
 }
 MESSAGES: Final[dict[str, type[Message]]] = {topic: kind for kind, topic in TOPICS.items()}
 assert set(TOPICS) == set(RECORDED)

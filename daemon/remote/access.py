@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from daemon.remote.keys import ANY_ROBOT_ALIVE, TELEMETRY_KEYS, Keys
-from daemon.remote.wire import LARGEST_MESSAGE_BYTES
+from daemon.remote.wire import LARGEST_ANSWER_BYTES, LARGEST_MESSAGE_BYTES
 
 Json = dict[str, Any]
 
@@ -100,6 +100,7 @@ def client_config(
     Its own short lease is what lets the daemon see soon that the client's machine is gone.
     """
     config = _base("client")
+    config["transport"]["link"]["rx"]["max_message_size"] = 2 * LARGEST_ANSWER_BYTES
     config["connect"] = {
         "endpoints": [endpoint],
         "timeout_ms": round(wait_s * 1e3),
@@ -175,7 +176,13 @@ def _subject(user: User) -> Json:
 
 def _watching(keys: Keys) -> Sequence[Json]:
     telemetry = [keys.telemetry(name) for name in TELEMETRY_KEYS]
-    answered = [*telemetry, keys.schemas]
+    answered = [
+        *telemetry,
+        keys.schemas,
+        keys.events,
+        keys.surroundings,
+        keys.surroundings_part(),
+    ]
     return [
         _allow("telemetry", "egress", ["put", "delete"], telemetry),
         _allow("subscribe", "ingress", ["declare_subscriber"], telemetry),

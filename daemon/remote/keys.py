@@ -6,6 +6,7 @@ from typing import Final
 
 from daemon.messages import (
     Axes,
+    Body,
     Event,
     Loop,
     Message,
@@ -24,6 +25,7 @@ TELEMETRY_KEYS: Final[dict[str, tuple[type[Message], ...]]] = {
     "risk": (Risk,),
     "loop": (Loop,),
     "event": (Event, SetpointRefused),
+    "body": (Body,),
 }
 """What is published, and the kinds of message that come there, the usual one first."""
 
@@ -62,6 +64,20 @@ class Keys:
     def schema(self, kind: str) -> str:
         """The JSON Schema of a kind of message, named without its version."""
         return f"{self.root}/schema/{_valid(kind)}"
+
+    @property
+    def events(self) -> str:
+        """The last events, for a query."""
+        return f"{self.root}/events"
+
+    @property
+    def surroundings(self) -> str:
+        """What is round the body, for a query."""
+        return f"{self.root}/surroundings"
+
+    def surroundings_part(self, number: int | None = None) -> str:
+        """One part of the mesh's bytes, for a query; None: of whichever, to declare."""
+        return f"{self.surroundings}/{'*' if number is None else number}"
 
     def command(self, user: str, verb: str) -> str:
         """Where `user` asks for `verb`. Access control lets each user use only the own ones."""

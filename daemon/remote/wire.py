@@ -9,11 +9,17 @@ from typing import Any, Final, TypeVar, cast
 
 import msgspec
 
-from daemon.messages import Command, Load, Message, Setpoint, Teleoperate, tag
+from daemon.messages import Command, Events, Load, Message, Setpoint, Teleoperate, tag
 
 M = TypeVar("M", bound=Message)
 
-_MOST_BYTES: Final[dict[type[Message], int]] = {Load: 65536, Teleoperate: 16384, Setpoint: 1024}
+LARGEST_ANSWER_BYTES: Final = 262144
+_MOST_BYTES: Final[dict[type[Message], int]] = {
+    Load: 65536,
+    Teleoperate: 16384,
+    Setpoint: 1024,
+    Events: LARGEST_ANSWER_BYTES,
+}
 _MOST_COMMAND_BYTES: Final = 4096
 LARGEST_MESSAGE_BYTES: Final = 65536
 _DEEPEST: Final = 16

@@ -16,12 +16,13 @@ from daemon.risk.model_file import ModelFile, read_model
 from drivers.clock import WallClock
 from safety.risk.body_risk import Beside, BodyRisk
 from safety.risk.contact import WorstPlace
-from safety.risk.environment import Environment, EnvironmentFaultError, InsertionPort
+from safety.risk.environment import Environment, EnvironmentFaultError, InsertionPort, Mesh
 from safety.risk.mixture import FloatArray
 from safety.risk.risk_model import RiskModelError
 from safety.risk.tip_consistency import TipConsistency, TipModel
 from safety.risk_source import (
     Clearance,
+    KnownBody,
     Nearest,
     NoModel,
     RiskReading,
@@ -58,11 +59,15 @@ class BodyRiskSource:
         clock: WallClock,
         until_ns: int | None = None,
         tip: TipModel | None = None,
+        mesh: Mesh | None = None,
     ) -> None:
-        """until_ns: date from which on the model is too old to be believed; None: never.
+        """mesh: of the surroundings, normals out of what is solid; None: it is not told.
+
+        until_ns: date from which on the model is too old to be believed; None: never.
 
         tip: where measured tips are compared with; None: nothing is compared.
         """
+        self.mesh = mesh
         self._tip = tip
         self._consistency = TipConsistency()
         self._risk = risk
@@ -118,6 +123,10 @@ class BodyRiskSource:
         doubt = "" if fits else _NOT_AS_MODELLED
         return TipComparison(statistic, place.probability, place.off_mm, doubt)
 
+    def body(self, u: Sequence[float]) -> KnownBody | None:
+        """As `BodyKnowing` has it."""
+        return self._risk.body(u)
+
     def clearance(self, u: Sequence[float], risk: float) -> Clearance | None:
         """What is told beside the risk is of this place from now on: no step has to wait for it."""
         self._beside = self._risk.beside(u)
@@ -162,7 +171,8 @@ def make_risk_source(
     name = f"{model_path.name}, {mesh_path.name}"
     until_ns = _believed_until_ns(read, settings, model_path)
     tip = TipModel(read.model, settings.tip_accuracy_mm)
-    source = BodyRiskSource(risk, name, clock, until_ns, tip)
+    mesh = Mesh(environment.vertices_mm, environment.triangles)
+    source = BodyRiskSource(risk, name, clock, until_ns, tip, mesh)
     _compile(source, tip, read.model.known[0] / read.model.scale)
     return source
 
@@ -193,6 +203,7 @@ def _compile(source: BodyRiskSource, tip: TipModel, u: FloatArray) -> None:
     for _ in range(2):
         source.assess(u.tolist(), u.tolist(), 0)
         source.clearance(u.tolist(), 0.5)
+        source.body(u.tolist())
         tip.place([u], np.zeros(3))
 
 

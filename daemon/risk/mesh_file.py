@@ -48,6 +48,18 @@ def write_mesh(path: Path, mesh: Mesh) -> None:
     Trimesh(mesh.vertices_mm, mesh.triangles, process=False).export(path)
 
 
+def binary_stl(mesh: Mesh) -> bytes:
+    """The mesh as a binary STL file in mm."""
+    corners = mesh.vertices_mm[mesh.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    table = np.zeros(len(corners), _TRIANGLE)
+    table["corners"] = corners
+    table["normal"] = normals / np.where(lengths > 0.0, lengths, 1.0)
+    header = b"tentacled, mm".ljust(_STL_HEADER - 4)
+    return header + len(corners).to_bytes(4, "little") + table.tobytes()
+
+
 def _read(path: Path, unit: Unit) -> Mesh:
     """Triangles whose corners are one where they are in one place: STL has none in common."""
     try:

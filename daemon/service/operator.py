@@ -30,6 +30,7 @@ from daemon.messages import (
     Status,
     Stop,
     Teleoperate,
+    Verb,
     verb,
 )
 from daemon.recording.flight_recorder import RecordingError
@@ -39,6 +40,7 @@ from daemon.service.homing import RobotHoming
 from daemon.service.motion_loader import CommandRefusedError, MotionLoader, OffTheLoop, at_once
 from daemon.service.robot_service import AT_REST_WITHIN_S, RobotService
 from daemon.service.run_recording import RunRecording
+from daemon.service.verbs import Prepared, verb_states
 from daemon.supervision.explained import explained
 from safety.causes import Cause
 from safety.failsafe import ActiveReason
@@ -85,6 +87,7 @@ class Operator:
         """An `arm` or `home` is under way, and nothing is energised yet."""
         self._stops = 0
         self._following = service.following
+        service.verbs = self._verb_states
         self._verbs: dict[type[Command], Callable[[str, Any], Awaitable[Answer]]] = {
             Acquire: self._acquire,
             Release: self._release,
@@ -378,6 +381,17 @@ class Operator:
         if why:
             name = "not_ready" if supervisor.blocking else "wrong_state"
             raise CommandRefusedError(name, why, supervisor.blocking)
+
+    def _verb_states(self) -> list[Verb]:
+        return verb_states(
+            self._service.supervisor,
+            Prepared(
+                loaded=self._following.loaded is not None,
+                resumable=self._following.can_go_on,
+                preparing=self._preparing,
+                emulated=self._inject_fault is not None,
+            ),
+        )
 
     def _answer(self, command: Command, **more: Any) -> Answer:
         state = self._service.supervisor.state.value

@@ -19,8 +19,10 @@ from daemon.messages import (
     LeaseStatus,
     Loop,
     Status,
+    Verb,
 )
 from daemon.robot.hardware import Hardware, Listeners
+from daemon.service.body_teller import BodyTeller
 from daemon.service.dependencies import Dependencies
 from daemon.service.events import Events
 from daemon.service.following import Following
@@ -61,6 +63,7 @@ class RobotService:
         self.events = Events(self.clock, self.publish)
         self.holds = 0
         """How often the motion was held, by anything but the operator."""
+        self.verbs: Callable[[], list[Verb]] = list
         token = {} if dependencies.new_token is None else {"new_token": dependencies.new_token}
         self.lease = Lease(robot.supervision.lease_s, **token)
         self.hardware = self._make_hardware(file)
@@ -101,6 +104,8 @@ class RobotService:
             self.following,
             dependencies,
         )
+        self.body = BodyTeller(dependencies.risk, self.loop.channels, self.publish)
+        """Tells where the whole body is."""
         self.at_rest: list[Callable[[], None]] = [self.relax]
         """Called whenever the drives have come to rest and are off."""
         self._was_at_rest = True
@@ -161,7 +166,11 @@ class RobotService:
         )
         folder = self.dependencies.recorder.status.folder
         return self.report.status(
-            now_ns, lease, None if folder is None else str(folder), self.following.status()
+            now_ns,
+            lease,
+            None if folder is None else str(folder),
+            self.following.status(),
+            self.verbs(),
         )
 
     # What the devices and the timer tell.
@@ -191,6 +200,7 @@ class RobotService:
     def _use_spare_time(self) -> None:
         try:
             self.loop.use_spare_time()
+            self.body.use_spare_time(self.clock.now_ns())
         except Exception as error:
             self._broken("learning or looking round", error)
 

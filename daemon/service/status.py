@@ -15,6 +15,7 @@ from daemon.messages import (
     RiskStatus,
     Status,
     TrackerStatus,
+    Verb,
 )
 from daemon.supervision.explained import explained
 from daemon.supervision.supervisor import Supervisor
@@ -68,6 +69,7 @@ class StatusReport:
         lease: LeaseStatus,
         recording: str | None,
         reference: ReferenceStatus | None,
+        verbs: list[Verb],
     ) -> Status:
         """Everything, as of now."""
         self._sequence += 1
@@ -91,6 +93,7 @@ class StatusReport:
             reference=reference,
             version=self._version,
             stopped_by=[explained(reason, t_ns) for reason in self._supervisor.stopped_by],
+            verbs=verbs,
         )
 
     def loop_status(self, t_ns: int) -> LoopStatus:
@@ -143,7 +146,7 @@ class StatusReport:
 class _Axis:
     """One axis, with what is the same in all its statuses."""
 
-    __slots__ = ("_channel", "_force_unit", "_name", "_node", "_scale")
+    __slots__ = ("_channel", "_force_range", "_force_unit", "_name", "_node", "_scale")
 
     def __init__(self, channel: AxisChannel, node: Node) -> None:
         self._channel = channel
@@ -151,6 +154,8 @@ class _Axis:
         self._scale = channel.scale
         self._name = channel.axis.name
         self._force_unit = _FORCE_UNIT[channel.scale.unit]
+        limits = channel.axis.tension_range_n
+        self._force_range = None if limits is None else list(limits)
 
     def status(self, target_counts: int | None) -> AxisStatus:
         """target_counts: None while it is told nothing."""
@@ -172,4 +177,5 @@ class _Axis:
             force=force,
             force_unit=self._force_unit,
             volume_ml=volume_ml,
+            force_range=self._force_range,
         )

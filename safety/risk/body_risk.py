@@ -17,7 +17,7 @@ from safety.risk.distance_grid import DistanceGrid
 from safety.risk.environment import Environment
 from safety.risk.mixture import FloatArray, Mixture
 from safety.risk.risk_model import RiskModel
-from safety.risk_source import Clearance, Leaving
+from safety.risk_source import Clearance, KnownBody, Leaving
 
 _LONGEST_SEGMENT: Final = 0.1
 """In the network's inputs. Between two mixtures shapes are taken to move straight."""
@@ -124,6 +124,27 @@ class BodyRisk:
         """At (m,) u; None where it cannot be told."""
         points = self._model.points.mixture(u) if self._model.knows(u) else None
         return None if points is None else Beside(self._body_point.printed(points), points.means_mm)
+
+    def body(self, u: Sequence[float]) -> KnownBody | None:
+        """Where the body is expected at (m,) u: the mean over its mixture of shapes, and the
+        mixture over its points; None where nothing was learned."""
+        if not self._model.knows(u):
+            return None
+        shapes, points = self._model.shapes.mixture(u), self._model.points.mixture(u)
+        if shapes is None or points is None:
+            return None
+        basis = self._model.basis
+        mean = (shapes.weights @ shapes.means_mm).astype(np.float32)
+        centreline = basis.base_mm + np.tensordot(mean, basis.modes, axes=1)
+        inverse = np.linalg.inv(points.factors_per_mm)
+        covariances = inverse @ inverse.transpose(0, 2, 1)
+        return KnownBody(
+            centreline.tolist(),
+            basis.radius_mm.tolist(),
+            points.weights.tolist(),
+            points.means_mm.tolist(),
+            covariances[:, *np.triu_indices(3)].tolist(),
+        )
 
     def clearance(self, u: Sequence[float], risk: float) -> Clearance | None:
         """How far the body at rest at (m,) u is from such a risk; None: far, or nobody knows.

@@ -6,10 +6,11 @@ async with await RobotClient.connect(LocalAddress.in_folder(folder)) as robot:
 """
 
 import asyncio
+import hashlib
 from collections.abc import Sequence
 from contextlib import suppress
 from types import TracebackType
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 import msgspec
 import zenoh
@@ -21,6 +22,8 @@ from daemon.messages import (
     Clear,
     Command,
     Disarm,
+    Event,
+    Events,
     Hold,
     Home,
     Inject,
@@ -31,6 +34,7 @@ from daemon.messages import (
     Start,
     Status,
     Stop,
+    Surroundings,
     Teleoperate,
     WhoAmI,
     verb,
@@ -40,6 +44,7 @@ from daemon.remote.client.client_errors import (
     ANSWERS_WITHIN_S,
     ARMS_WITHIN_S,
     HOMES_WITHIN_S,
+    BadAnswerError,
     ClientError,
     DisconnectedError,
     LeaseLostError,
@@ -51,6 +56,8 @@ from daemon.remote.client.subscription import DEPTH, Subscription
 from daemon.remote.wire import encode, encoding_of
 
 C = TypeVar("C", bound=Command)
+_BETWEEN_PARTS_S: Final = 0.005
+"""So that the questions of one client stay below what the daemon takes of one user."""
 
 
 class RobotClient:
@@ -140,8 +147,29 @@ class RobotClient:
             self._connection.keys.telemetry("state"), Status, within_s=ANSWERS_WITHIN_S
         )
 
+    async def events(self) -> list[Event]:
+        """The last 200 that there were, the oldest first."""
+        connection = self._connection
+        told = await connection.ask(connection.keys.events, Events, within_s=ANSWERS_WITHIN_S)
+        return told.events
+
+    async def surroundings(self) -> tuple[Surroundings, bytes]:
+        """What is round the body, and its mesh as a binary STL file; empty where there is none."""
+        connection = self._connection
+        keys = connection.keys
+        about = await connection.ask(keys.surroundings, Surroundings, within_s=ANSWERS_WITHIN_S)
+        mesh = b""
+        for number in range(about.parts):
+            part = keys.surroundings_part(number)
+            mesh += await connection.ask_bytes(part, ANSWERS_WITHIN_S)
+            await asyncio.sleep(_BETWEEN_PARTS_S)
+        if about.parts and hashlib.sha256(mesh).hexdigest() != about.sha256:
+            raise BadAnswerError("the surroundings have not come whole: ask again")
+        return about, mesh
+
     def subscribe(self, names: Sequence[str], depth: int = DEPTH) -> Subscription:
-        """What is published under these names: `state`, `tip`, `axes`, `risk`, `loop`, `event`."""
+        """What is published under these names: `state`, `tip`, `axes`, `risk`, `loop`, `event`,
+        `body`."""
         connection = self._connection
         subscription = Subscription(connection.session, connection.keys, names, depth)
         subscription.daemon_gone(self._gone)

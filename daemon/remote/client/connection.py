@@ -71,14 +71,21 @@ class Connection:
         self, key: str, kind: type[M], message: Message | None = None, within_s: float = 5.0
     ) -> M:
         """Ask, and get an answer of this kind. Raises ClientError."""
+        sample = await self._sample(key, message, within_s)
+        return read(sample.payload.to_bytes(), str(sample.encoding), kind)
+
+    async def ask_bytes(self, key: str, within_s: float) -> bytes:
+        """Ask for bytes that are no message. Raises ClientError."""
+        return (await self._sample(key, None, within_s)).payload.to_bytes()
+
+    async def _sample(self, key: str, message: Message | None, within_s: float) -> zenoh.Sample:
         replies = await self._get(key, message, within_s)
         if not replies:
             raise await self._why_silent(key)
         reply = replies[0]
         if reply.err is not None:
             raise _error(reply.err, key, within_s)
-        sample = cast(zenoh.Sample, reply.ok)
-        return read(sample.payload.to_bytes(), str(sample.encoding), kind)
+        return cast(zenoh.Sample, reply.ok)
 
     async def whoami(self, within_s: float = 5.0) -> WhoAmI:
         """What this user may do. Raises ClientError."""

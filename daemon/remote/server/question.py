@@ -53,6 +53,7 @@ class ReplyThread:
 
 
 _JSON_SCHEMA: Final = "application/schema+json"
+_BYTES: Final = "application/octet-stream"
 
 
 class Question:
@@ -116,6 +117,10 @@ class Question:
                 query.reply(key, schema, encoding=_JSON_SCHEMA)
 
         self._send(reply)
+
+    def answer_bytes(self, payload: bytes) -> None:
+        """Answer with bytes that are no message."""
+        self._send(lambda query: query.reply(self.key, payload, encoding=_BYTES))
 
     def refuse(self, name: str, text: str, request: str = "") -> None:
         """Say why there is no answer."""

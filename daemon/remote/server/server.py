@@ -7,6 +7,7 @@ leave by a thread of their own. So no client can hold the loop, whatever it send
 import asyncio
 import json
 import os
+from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -20,11 +21,14 @@ from daemon.host.clock import MonotonicClock
 from daemon.messages import (
     COMMANDS,
     Answer,
+    Event,
+    Events,
     Message,
     Refusal,
     Setpoint,
     SetpointRefused,
     Status,
+    Surroundings,
     WhoAmI,
     tag,
 )
@@ -37,7 +41,8 @@ from daemon.remote.server.gateway_process import GatewayProcess, StopChannel
 from daemon.remote.server.inbox import Inbox, Quota
 from daemon.remote.server.question import Question, ReplyThread
 from daemon.remote.server.stop_desk import LocalStopSocket, StopDesk
-from daemon.remote.wire import encode, encoding_of, json_schema
+from daemon.remote.surroundings import PreparedSurroundings
+from daemon.remote.wire import LARGEST_ANSWER_BYTES, encode, encoding_of, json_schema
 
 Answering = Callable[[Question], None]
 
@@ -49,12 +54,17 @@ _WITH_SCHEMA: Final[tuple[type[Message], ...]] = (
     WhoAmI,
     Answer,
     Refusal,
+    Events,
+    Surroundings,
 )
 _FIRST: Final = frozenset({"state", "event"})
 """Published with a queue of their own, so that a congested subscriber still gets these."""
 _QUESTIONS_PER_S: Final = 500
 """Of one user, besides commands; more are refused without the loop's doing."""
 _ENDS_WITHIN_S: Final = 1.0
+_EVENTS_KEPT: Final = 200
+_DIGITS: Final = 9
+"""Longer numbers of parts are none."""
 
 
 class RemoteOpenError(RuntimeError):
@@ -74,14 +84,18 @@ class RemoteServer:
         simulated: bool,
         version: str,
         robot_file_dir: Path = Path(),
+        surroundings: PreparedSurroundings | None = None,
     ) -> None:
-        """robot_file_dir: from where the settings' relative paths are seen."""
+        """robot_file_dir: from where the settings' relative paths are seen. surroundings: of the
+        body; None: nobody knows them."""
         self._keys = Keys(robot_name)
         self._settings = settings
         self._handler = handler
         self._simulated = simulated
         self._version = version
         self._robot_file_dir = robot_file_dir
+        self._surroundings = surroundings or PreparedSurroundings(Surroundings(), ())
+        self._events: deque[Event] = deque(maxlen=_EVENTS_KEPT)
         self._folder = RuntimeFolder(runtime_dir, group=settings.group_may_connect)
         self._users = _users(settings)
         self._errors = ErrorReports()
@@ -108,6 +122,8 @@ class RemoteServer:
             return
         if not isinstance(message, SetpointRefused):
             self._last[_KEY_OF[type(message)]] = message
+        if isinstance(message, Event):
+            self._events.append(message)
         try:
             payload = encode(message)
             for publisher in publishers:
@@ -260,6 +276,9 @@ class RemoteServer:
         for name in TELEMETRY_KEYS:
             answers(keys.telemetry(name), reader, self._tell_last)
         answers(keys.schemas, reader, self._tell_schemas)
+        answers(keys.events, reader, self._tell_events)
+        answers(keys.surroundings, reader, self._tell_surroundings)
+        answers(keys.surroundings_part(), reader, self._tell_surroundings_part)
         answers(keys.whoami(user.name), reader, self._whoami_teller(user))
         if user.may_command:
             answers(keys.commands(user.name), user.name, self._command_taker(user))
@@ -287,6 +306,22 @@ class RemoteServer:
             question.answer_schemas(found)
         else:
             question.refuse("bad_key", f"there are {', '.join(self._schemas)}")
+
+    def _tell_events(self, question: Question) -> None:
+        told = list(self._events)
+        while len(encode(Events(events=told))) > LARGEST_ANSWER_BYTES:
+            told = told[len(told) // 2 :]
+        question.answer(Events(events=told))
+
+    def _tell_surroundings(self, question: Question) -> None:
+        question.answer(self._surroundings.about)
+
+    def _tell_surroundings_part(self, question: Question) -> None:
+        parts, word = self._surroundings.parts, question.word
+        if word.isdecimal() and len(word) < _DIGITS and int(word) < len(parts):
+            question.answer_bytes(parts[int(word)])
+        else:
+            question.refuse("bad_key", f"the surroundings have {len(parts)} parts")
 
     def _whoami_teller(self, user: User) -> Answering:
         me = WhoAmI(

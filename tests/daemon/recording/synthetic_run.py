@@ -9,6 +9,8 @@ import numpy as np
 from daemon.messages import (
     Axes,
     AxisStatus,
+    Body,
+    Component,
     Event,
     LeaseStatus,
     Loop,
@@ -58,6 +60,7 @@ def messages(cycles: int = 3, cycle_s: float = CYCLE_S, seed: int = 1) -> Iterat
         if step % 40 == 39:
             timing = loop_status(random)
             yield Loop(t_ns=t_ns, status=timing)
+            yield body(t_ns, [10.0, 5.0, 180.0])
             yield status(step, t_ns, state, cycle, cycles, timing)
 
 
@@ -130,6 +133,23 @@ def _step(
         place_mm=tip.tolist(),
         obstacle_mm=(tip + np.array([12.0, 0.0, 0.0])).tolist(),
         means_mm=[(share * tip).tolist() for share in (0.3, 0.6, 0.9)],
+    )
+
+
+def body(t_ns: int, tip_mm: list[float]) -> Body:
+    along = np.linspace(0.0, 1.0, 20)[:, None]
+    return Body(
+        t_ns=t_ns,
+        source="model",
+        centreline_mm=(along * np.array(tip_mm) * [along**2, along**2, 1.0][0]).tolist(),
+        radius_mm=[9.0] * len(along),
+        components=[
+            Component(
+                weight=1.0,
+                mean_mm=[0.5 * part for part in tip_mm],
+                covariance_mm2=[20.0, 0.0, 0.0, 20.0, 0.0, 90.0],
+            )
+        ],
     )
 
 

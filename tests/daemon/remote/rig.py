@@ -33,6 +33,7 @@ from daemon.messages import (
 from daemon.remote.client.address import Address
 from daemon.remote.keys import Keys
 from daemon.remote.server.server import RemoteServer
+from daemon.remote.surroundings import PreparedSurroundings
 from daemon.remote.wire import decode, encode, encoding_of, requested_format
 from daemon.service.lease import Lease
 
@@ -154,12 +155,21 @@ def tip(sequence: int = 0) -> Tip:
 
 @asynccontextmanager
 async def serving(
-    folder: Path, robot: FakeRobot | None = None, settings: Remote | None = None
+    folder: Path,
+    robot: FakeRobot | None = None,
+    settings: Remote | None = None,
+    surroundings: PreparedSurroundings | None = None,
 ) -> AsyncIterator[tuple[RemoteServer, FakeRobot]]:
     """A server with its robot, closed at the end."""
     robot = robot or FakeRobot()
     server = RemoteServer(
-        ROBOT, settings or Remote(), folder, robot, simulated=True, version="1.2.3"
+        ROBOT,
+        settings or Remote(),
+        folder,
+        robot,
+        simulated=True,
+        version="1.2.3",
+        surroundings=surroundings,
     )
     await server.open()
     try:

@@ -19,7 +19,7 @@ from tests.daemon.remote.rig import ROBOT, Raw, publish_until, raw, setpoint, ti
 
 KEY = f"tentacled/{ROBOT}"
 VERBS = [verb(kind) for kind in COMMANDS]
-TELEMETRY = ["state", "tip", "axes", "risk", "loop", "event"]
+TELEMETRY = ["state", "tip", "axes", "risk", "loop", "event", "body"]
 OPERATORS = ["local", "alice", "dora"]
 EVERYBODY = [*OPERATORS, "bob"]
 

@@ -16,7 +16,11 @@ def test_keys_are_those_of_the_documentation() -> None:
         "tentacled/soft_arm/risk",
         "tentacled/soft_arm/loop",
         "tentacled/soft_arm/event",
+        "tentacled/soft_arm/body",
     ]
+    assert KEYS.events == "tentacled/soft_arm/events"
+    assert KEYS.surroundings == "tentacled/soft_arm/surroundings"
+    assert KEYS.surroundings_part(7) == "tentacled/soft_arm/surroundings/7"
     assert KEYS.command("alice", "arm") == "tentacled/soft_arm/cmd/alice/arm"
     assert KEYS.setpoint("alice") == "tentacled/soft_arm/setpoint/alice"
     assert KEYS.whoami("alice") == "tentacled/soft_arm/whoami/alice"
