@@ -1,5 +1,6 @@
 """The truth of an emulated lab, which a rig never has: asked for beside the loop."""
 
+from collections.abc import Mapping
 from math import isfinite
 from pathlib import Path
 from threading import Event, Thread
@@ -39,7 +40,7 @@ class EmulatedBody:
                 self._newest = None
 
 
-def told_body(told: dict[str, Any]) -> Body | None:
+def told_body(told: Mapping[str, Any]) -> Body | None:
     """The body in what a lab tells of its state; None where there is none, or no numbers."""
     points, radius = told.get("centreline_mm"), told.get("body_radius_mm")
     if not isinstance(points, list) or len(points) < 2 or not isinstance(radius, int | float):
