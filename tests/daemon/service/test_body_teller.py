@@ -27,6 +27,17 @@ class Knows(NoModel):
         return KnownBody(up, [4.0] * 100, [self.number], [[0.0, 0.0, 50.0]], [covariance])
 
 
+class Says(NoModel):
+    """A source that says what it is given."""
+
+    def __init__(self, body: KnownBody) -> None:
+        super().__init__()
+        self._body = body
+
+    def body(self, u: Sequence[float]) -> KnownBody | None:
+        return self._body
+
+
 def told(rig: Rig) -> list[Body]:
     return [message for message in rig.told if isinstance(message, Body)]
 
@@ -89,14 +100,15 @@ def test_a_model_that_fails_or_says_no_numbers_tells_no_body() -> None:
     assert body_of(Knows(float("nan")), [0.0]) is None
     good = Knows().body([0.0])
     assert good is not None and body_of(Knows(), [0.0]) == good
-    for field in ("centreline_mm", "means_mm", "covariances_mm2"):
-        bad = Knows()
-        broken = good._replace(**{field: [[float("inf")]]})
-        bad.body = lambda u, broken=broken: broken  # type: ignore[method-assign,misc]
-        assert body_of(bad, [0.0]) is None
-    bad = Knows()
-    bad.body = lambda u: good._replace(radius_mm=[float("nan")])  # type: ignore[method-assign]
-    assert body_of(bad, [0.0]) is None
+    nowhere, unsure = [[float("inf")] * 3], [float("nan")]
+    for broken in (
+        good._replace(centreline_mm=nowhere),
+        good._replace(means_mm=nowhere),
+        good._replace(covariances_mm2=nowhere),
+        good._replace(radius_mm=unsure),
+        good._replace(weights=unsure),
+    ):
+        assert body_of(Says(broken), [0.0]) is None
 
 
 @pytest.mark.parametrize("count", [2, 19, 32, 33, 400])
