@@ -66,9 +66,7 @@ def test_every_command_is_spoken_of_in_every_state() -> None:
 def test_what_stands_in_the_way_is_told_with_its_remedy() -> None:
     async def scene(rig: Rig) -> None:
         await rig.do(Acquire)
-        rig.service.supervisor.failsafe.set(
-            "internal_error", True, rig.service.clock.now_ns(), "loop", "a test"
-        )
+        rig.service.supervisor.checks.internal_error(rig.service.clock.now_ns(), "a test")
         await rig.until(lambda: not said(rig)["arm"].possible)
         told = said(rig)["arm"]
         assert told.why_not
