@@ -7,13 +7,14 @@ RUNTIME := $(VENV)/runtime.stamp
 DEVELOPMENT := $(VENV)/development.stamp
 PIP := $(BIN)/pip --disable-pip-version-check --quiet
 
-.PHONY: help install run quick test hil lint bench experiments mutation lock clean
+.PHONY: help install run quick test hil page lint bench experiments mutation lock clean
 
 help:
 	@echo "make run          emulated lab, daemon and a client: once round a rectangle, live"
 	@echo "make quick        lint, types and cheap tests of every package, after each change"
 	@echo "make test         lint, types and tests"
 	@echo "make hil          the daemon as processes, through every fault: five minutes of real time"
+	@echo "make page         the operator's page in a real Chromium, with its pictures"
 	@echo "make bench        measure latency and CPU time; prints one JSON, plots to runs/bench"
 	@echo "make experiments  the long checks: a million fuzzed inputs, then the studies (hours)"
 	@echo "make mutation     test the tests of safety/: every small fault in it must be noticed"
@@ -45,10 +46,13 @@ WORKERS ?= 3
 # What numba compiles is kept: tests with a clock of their own must not wait for it.
 test: lint
 	@$(BIN)/python -m daemon.commands.terminal.compiled
-	@$(BIN)/pytest -n $(WORKERS) --dist loadgroup -m "not long"
+	@$(BIN)/pytest -n $(WORKERS) --dist loadgroup -m "not long and not page"
 
 hil: $(DEVELOPMENT)
 	@$(BIN)/pytest -n 2 --dist loadgroup -m long
+
+page: $(DEVELOPMENT)
+	@$(BIN)/pytest -m page
 
 lint: $(DEVELOPMENT)
 	@$(BIN)/ruff format --check .

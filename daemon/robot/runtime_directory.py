@@ -13,12 +13,12 @@ LAB_FILE: Final = "lab.json"
 
 def default_runtime_directory(robot: str) -> Path:
     """The folder for `robot`'s ports where the operator names none."""
-    return _root() / robot
+    return runtime_root() / robot
 
 
 def lab_directories() -> list[Path]:
     """The folders where labs have been started by default."""
-    return sorted(path.parent for path in _root().glob(f"*/{LAB_FILE}"))
+    return sorted(path.parent for path in runtime_root().glob(f"*/{LAB_FILE}"))
 
 
 def uses_lab(robot: "Robot") -> bool:
@@ -50,6 +50,7 @@ def with_lab_ports(robot: "Robot", directory: Path) -> "Robot":
     return robot.model_copy(update={"tracker": tracker, "buses": buses})
 
 
-def _root() -> Path:
+def runtime_root() -> Path:
+    """Where the folders of all robots are by default."""
     base = os.environ.get("XDG_RUNTIME_DIR")
     return Path(base) / "tentacled" if base else Path(f"/tmp/tentacled-{os.getuid()}")

@@ -27,6 +27,7 @@ _COMMANDS: Final = {
     "inject": "make an emulated device misbehave",
     "run": "start the daemon of a robot",
     "status": "show the robot at a glance",
+    "dashboard": "serve the operator's page: robots live, in a browser",
     "lease": "take control, and keep it until Ctrl-C",
     "arm": "energise the drives where they stand",
     "home": "let axes look for their zeros",

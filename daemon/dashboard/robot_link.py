@@ -1,0 +1,165 @@
+"""One robot as the page's server knows it: heard while its daemon runs, picked up again after."""
+
+import asyncio
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final
+
+from daemon.dashboard.control import PageControl
+from daemon.messages import (
+    Acquire,
+    Answer,
+    Event,
+    Hold,
+    Message,
+    Release,
+    Status,
+    Surroundings,
+    tag,
+)
+from daemon.remote.client.address import LocalAddress
+from daemon.remote.client.client import RobotClient
+from daemon.remote.client.client_errors import ClientError
+from daemon.remote.keys import TELEMETRY_KEYS
+
+_TRY_AGAIN_S: Final = 0.5
+_EVENTS_KEPT: Final = 1000
+_RENEW_EACH_S: Final = 0.2
+_STOPS_WITHIN_S: Final = 4.0
+_DEPTH: Final = 512
+
+
+class RobotLink:
+    """`run` until cancelled. What it has heard is kept when the daemon goes."""
+
+    def __init__(self, name: str, folder: Path) -> None:
+        """folder: the daemon's runtime folder."""
+        self.name = name
+        self.control = PageControl()
+        self.newest: dict[str, Message] = {}
+        """By kind of message, without its version."""
+        self.counts: dict[str, int] = {}
+        """Of each of them, how many have come."""
+        self.events: deque[Event] = deque(maxlen=_EVENTS_KEPT)
+        self.events_heard = 0
+        self.heard_s = 0.0
+        """When the newest message came, on the event loop's clock."""
+        self.surroundings: tuple[Surroundings, bytes] = (Surroundings(), b"")
+        self.problem = "looking for the daemon"
+        """Why it is not connected; empty: it is."""
+        self._folder = folder
+        self._client: RobotClient | None = None
+        self._renewing: asyncio.Task[None] | None = None
+        self._renewed_s = 0.0
+
+    @property
+    def status(self) -> Status | None:
+        """The newest; None: the daemon is not heard."""
+        newest = self.newest.get("status")
+        return newest if isinstance(newest, Status) and not self.problem else None
+
+    async def run(self) -> None:
+        """Connect, listen, and begin again."""
+        while True:
+            try:
+                async with await RobotClient.connect(
+                    LocalAddress.in_folder(self._folder)
+                ) as client:
+                    await self._listen(client)
+            except (ClientError, OSError, ValueError) as error:
+                self.problem = str(error)
+            finally:
+                self._client = None
+                self.control.give(self.control.page)
+            await asyncio.sleep(_TRY_AGAIN_S)
+
+    async def _listen(self, client: RobotClient) -> None:
+        subscription = client.subscribe(list(TELEMETRY_KEYS), _DEPTH)
+        self.surroundings = await client.surroundings()
+        self.events = deque(await client.events(), maxlen=_EVENTS_KEPT)
+        self.events_heard += len(self.events)
+        self._take(await client.status())
+        self._client, self.problem = client, ""
+        async for message in subscription:
+            self._take(message)
+
+    def _take(self, message: Message) -> None:
+        if isinstance(message, Event):
+            if self.events and message.sequence <= self.events[-1].sequence:
+                return
+            self.events.append(message)
+            self.events_heard += 1
+        kind = tag(type(message)).split("/")[0]
+        self.newest[kind] = message
+        self.counts[kind] = self.counts.get(kind, 0) + 1
+        self.heard_s = asyncio.get_running_loop().time()
+
+    # Control.
+
+    async def take_control(self, page: str) -> str:
+        """Returns why not; empty: the page is in control. Whoever had it is held first."""
+        client = self._client
+        if client is None:
+            return self.problem
+        now_s = asyncio.get_running_loop().time()
+        if self.control.page and self.control.page != page and client.token:
+            with suppress(ClientError):  # it may not be moving
+                await client.send(Hold())
+        try:
+            answer = await client.send(Acquire())
+        except ClientError as error:
+            return str(error)
+        client.token = answer.token
+        self.control.take(page, now_s)
+        self._renewed_s = now_s
+        return ""
+
+    async def give_control(self, page: str) -> None:
+        """The page lets go. Drives that are on are held by the daemon, when the lease has ended."""
+        client = self._client
+        if self.control.give(page) and client is not None:
+            with suppress(ClientError):
+                await client.send(Release())
+            client.token = ""
+
+    def heard(self, page: str) -> None:
+        """A page's heartbeat: the only thing that renews the lease."""
+        now_s = asyncio.get_running_loop().time()
+        if not self.control.heard(page, now_s) or now_s - self._renewed_s < _RENEW_EACH_S:
+            return
+        if self._renewing is None or self._renewing.done():
+            self._renewed_s = now_s
+            self._renewing = asyncio.create_task(self._renew(page))
+
+    async def _renew(self, page: str) -> None:
+        client = self._client
+        if client is None or not self.control.alive(asyncio.get_running_loop().time()):
+            return
+        token = client.token
+        try:
+            answer = await client.send(Acquire())
+        except ClientError:
+            self.control.give(page)
+            client.token = ""
+            return
+        if answer.token != token:  # it had run out: for a while nobody was in control
+            client.token = answer.token
+            await self.give_control(page)
+
+    async def do(self, page: str, ask: Callable[[RobotClient], Any]) -> Answer:
+        """Have the page's command carried out. Raises ClientError, PermissionError."""
+        client = self._client
+        if client is None:
+            raise PermissionError(self.problem)
+        if page != self.control.page or not page:
+            raise PermissionError("this page is not in control: take control first")
+        answer: Answer = await ask(client)
+        return answer
+
+    async def stop(self) -> Answer:
+        """STOP by the daemon's own way for it, in control or not. Raises ClientError."""
+        if self._client is not None:
+            return await self._client.stop(_STOPS_WITHIN_S)
+        return await LocalAddress.in_folder(self._folder).stop("page", _STOPS_WITHIN_S)

@@ -1,0 +1,216 @@
+// The robot in three dimensions: body with its thickness, reference, trail, surroundings, ellipsoids.
+import * as THREE from "three";
+import { OrbitControls } from "./vendor/three/OrbitControls.js";
+
+const AROUND = 20, MOST = 32, TRAIL = 900;
+const VIEWS = { free: [0.85, -1, 0.35], front: [0, -1, 0], side: [1, 0, 0], top: [0, -0.001, 1] };
+const REFERENCE = { free: 0x27a567, reduced: 0xe0a022, held: 0xe0464f };
+
+export class Scene {
+  constructor(element) {
+    this.element = element;
+    this.drawn = 0;
+    this.renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true });
+    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+    element.prepend(this.renderer.domElement);
+    this.scene = new THREE.Scene();
+    this.camera = new THREE.PerspectiveCamera(38, 1, 1, 5000);
+    this.camera.up.set(0, 0, 1);
+    this.controls = new OrbitControls(this.camera, this.renderer.domElement);
+    this.middle = new THREE.Vector3(0, 0, 110);
+    this.size = 210;
+    this.follows = false;
+    this.scene.add(new THREE.HemisphereLight(0xffffff, 0x667788, 2.2));
+    const sun = new THREE.DirectionalLight(0xffffff, 1.8);
+    sun.position.set(300, -400, 600);
+    this.scene.add(sun);
+    const grid = new THREE.GridHelper(300, 12, 0x8090a4, 0x8090a4);
+    grid.rotation.x = Math.PI / 2;
+    grid.material.transparent = true;
+    grid.material.opacity = 0.22;
+    this.scene.add(grid);
+    this.makeBody();
+    this.tip = this.ball(3.4, 0x1f6feb);
+    this.reference = this.ball(3.0, REFERENCE.free);
+    this.trail = this.line(0x1f6feb, TRAIL);
+    this.aims = this.line(0x27a567, TRAIL);
+    this.clearance = this.line(0xe0464f, 2);
+    this.ellipsoids = [];
+    this.unit = new THREE.SphereGeometry(1, 24, 16);
+    this.view("free");
+    new ResizeObserver(() => this.resize()).observe(element);
+    this.resize();
+  }
+
+  makeBody() {
+    this.rings = new THREE.BufferGeometry();
+    this.rings.setAttribute("position", new THREE.BufferAttribute(new Float32Array((MOST + 1) * (AROUND + 1) * 3), 3));
+    const index = [];
+    for (let i = 0; i < MOST; i++) for (let k = 0; k < AROUND; k++) {
+      const a = i * (AROUND + 1) + k, b = a + AROUND + 1;
+      index.push(a, b, a + 1, b, b + 1, a + 1);
+    }
+    this.rings.setIndex(index);
+    this.body = new THREE.Mesh(this.rings, new THREE.MeshStandardMaterial({ color: 0xd98b6a, roughness: 0.55, side: THREE.DoubleSide }));
+    this.body.frustumCulled = false;
+    this.body.visible = false;
+    this.scene.add(this.body);
+  }
+
+  ball(radius, color) {
+    const ball = new THREE.Mesh(new THREE.SphereGeometry(radius, 24, 16), new THREE.MeshStandardMaterial({ color, roughness: 0.4, depthTest: false }));
+    ball.renderOrder = 5;
+    ball.visible = false;
+    this.scene.add(ball);
+    return ball;
+  }
+
+  line(color, most) {
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(most * 3), 3));
+    geometry.setDrawRange(0, 0);
+    const line = new THREE.Line(geometry, new THREE.LineBasicMaterial({ color, transparent: true, opacity: 0.85, depthTest: false }));
+    line.frustumCulled = false;
+    line.renderOrder = 4;
+    line.places = [];
+    this.scene.add(line);
+    return line;
+  }
+
+  drawLine(line, places) {
+    const attribute = line.geometry.getAttribute("position");
+    places.forEach((place, n) => attribute.setXYZ(n, ...place));
+    attribute.needsUpdate = true;
+    line.geometry.setDrawRange(0, places.length);
+  }
+
+  setBody(told) {
+    const points = told.centreline_mm;
+    this.body.visible = Boolean(points);
+    this.setEllipsoids(told.components || []);
+    if (!points) return;
+    const attribute = this.rings.getAttribute("position");
+    const at = points.map((point) => new THREE.Vector3(...point));
+    let across = new THREE.Vector3(1, 0, 0);
+    for (let i = 0; i < at.length; i++) {
+      const along = at[Math.min(i + 1, at.length - 1)].clone().sub(at[Math.max(i - 1, 0)]).normalize();
+      across = across.clone().addScaledVector(along, -across.dot(along)).normalize();
+      const third = new THREE.Vector3().crossVectors(along, across);
+      for (let k = 0; k <= AROUND; k++) {
+        const angle = (2 * Math.PI * k) / AROUND, radius = told.radius_mm[i];
+        const place = at[i].clone().addScaledVector(across, radius * Math.cos(angle)).addScaledVector(third, radius * Math.sin(angle));
+        attribute.setXYZ(i * (AROUND + 1) + k, place.x, place.y, place.z);
+      }
+    }
+    const end = at[at.length - 1];
+    for (let k = 0; k <= AROUND; k++) attribute.setXYZ(at.length * (AROUND + 1) + k, end.x, end.y, end.z);
+    attribute.needsUpdate = true;
+    this.rings.setDrawRange(0, at.length * AROUND * 6);
+    this.rings.computeVertexNormals();
+  }
+
+  setEllipsoids(components) {
+    while (this.ellipsoids.length < components.length) {
+      const material = new THREE.MeshStandardMaterial({ color: 0x8a63d2, transparent: true, depthWrite: false, depthTest: false });
+      const mesh = new THREE.Mesh(this.unit, material);
+      mesh.matrixAutoUpdate = false;
+      mesh.frustumCulled = false;
+      this.scene.add(mesh);
+      this.ellipsoids.push(mesh);
+    }
+    this.ellipsoids.forEach((mesh, n) => {
+      const told = components[n];
+      mesh.visible = Boolean(told);
+      if (!told) return;
+      // A factor L of the covariance, L·Lᵀ, takes the unit sphere to the ellipsoid of one deviation.
+      const [xx, xy, xz, yy, yz, zz] = told.covariance_mm2;
+      const a = Math.sqrt(Math.max(xx, 1e-9)), b = xy / a, c = xz / a;
+      const d = Math.sqrt(Math.max(yy - b * b, 1e-9)), e = (yz - b * c) / d, f = Math.sqrt(Math.max(zz - c * c - e * e, 1e-9));
+      const [x, y, z] = told.mean_mm;
+      mesh.matrix.set(a, 0, 0, x, b, d, 0, y, c, e, f, z, 0, 0, 0, 1);
+      mesh.material.opacity = 0.1 + 0.35 * told.weight;
+    });
+  }
+
+  setTip(told, risk) {
+    const tip = told.tip_mm, aim = told.reference_mm;
+    this.tip.visible = Boolean(tip);
+    this.reference.visible = Boolean(aim);
+    if (tip) { this.tip.position.set(...tip); this.addTo(this.trail, tip); }
+    if (aim) { this.reference.position.set(...aim); this.addTo(this.aims, aim); }
+    const scale = risk ? risk.scale : 1;
+    this.reference.material.color.setHex(told.state === "hold" ? REFERENCE.held : scale < 0.98 ? REFERENCE.reduced : REFERENCE.free);
+    if (tip && this.follows) this.controls.target.lerp(this.tip.position, 0.1);
+  }
+
+  addTo(line, place) {
+    line.places.push(place);
+    if (line.places.length > TRAIL) line.places.shift();
+    this.drawLine(line, line.places);
+  }
+
+  setClearance(risk) {
+    const near = risk && risk.place_mm && risk.obstacle_mm;
+    this.drawLine(this.clearance, near ? [risk.place_mm, risk.obstacle_mm] : []);
+    this.label = near ? { at: new THREE.Vector3(...risk.obstacle_mm), text: `${risk.clearance_mm.toFixed(1)} mm` } : null;
+  }
+
+  setWorkspace(box) {
+    if (this.box) this.scene.remove(this.box);
+    if (!box) return;
+    const [x, y, z] = box;
+    const corners = new THREE.Box3(new THREE.Vector3(x[0], y[0], z[0]), new THREE.Vector3(x[1], y[1], z[1]));
+    this.box = new THREE.Box3Helper(corners, 0x8090a4);
+    this.box.material.transparent = true;
+    this.box.material.opacity = 0.5;
+    this.scene.add(this.box);
+    corners.expandByPoint(new THREE.Vector3(0, 0, 0));
+    corners.getCenter(this.middle);
+    this.size = corners.getSize(new THREE.Vector3()).length();
+    this.view("free");
+  }
+
+  setMesh(buffer) {
+    if (this.mesh) this.scene.remove(this.mesh);
+    if (buffer.byteLength < 84) return;
+    const data = new DataView(buffer), count = data.getUint32(80, true);
+    const places = new Float32Array(count * 9);
+    for (let t = 0; t < count; t++) for (let n = 0; n < 9; n++) places[t * 9 + n] = data.getFloat32(84 + t * 50 + 12 + n * 4, true);
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute("position", new THREE.BufferAttribute(places, 3));
+    geometry.computeVertexNormals();
+    const material = new THREE.MeshStandardMaterial({ color: 0xc76a72, roughness: 0.9, transparent: true, opacity: 0.16, side: THREE.DoubleSide, depthWrite: false });
+    this.mesh = new THREE.Mesh(geometry, material);
+    this.scene.add(this.mesh);
+  }
+
+  view(name) {
+    const [x, y, z] = VIEWS[name];
+    this.controls.target.copy(this.middle);
+    this.camera.position.copy(this.middle).addScaledVector(new THREE.Vector3(x, y, z).normalize(), 1.55 * this.size);
+    this.controls.update();
+  }
+
+  follow(on) { this.follows = on; if (!on) this.controls.target.copy(this.middle); }
+
+  resize() {
+    const { clientWidth: width, clientHeight: height } = this.element;
+    if (!width || !height) return;
+    this.renderer.setSize(width, height, false);
+    this.camera.aspect = width / height;
+    this.camera.updateProjectionMatrix();
+  }
+
+  draw(label) {
+    this.controls.update();
+    this.renderer.render(this.scene, this.camera);
+    this.drawn += 1;
+    label.style.visibility = this.label ? "visible" : "hidden";
+    if (this.label) {
+      const at = this.label.at.clone().project(this.camera);
+      label.textContent = this.label.text;
+      label.style.left = `${((at.x + 1) / 2) * this.element.clientWidth + 10}px`;
+      label.style.top = `${((1 - at.y) / 2) * this.element.clientHeight - 12}px`;
+    }
+  }
+}

@@ -1,0 +1,223 @@
+"""The page over real HTTP and a real wire, and every rule of it by a plain client."""
+
+import asyncio
+import json
+import socket
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import aiohttp
+import pytest
+from aiohttp import web
+
+from daemon.dashboard.experiments import ExperimentFiles
+from daemon.dashboard.http_rules import LARGEST_BODY_BYTES, LOOPBACK_HOSTS, Rules
+from daemon.dashboard.robot_link import RobotLink
+from daemon.dashboard.server import PageServer
+from daemon.host.clock import run_in_real_time
+from daemon.messages import Acquire, Hold
+from tests.daemon.remote.rig import ROBOT, FakeRobot, serving, tip, until
+
+OPERATOR, VIEWER = "operator-token", "viewer-token"
+PAGE, OTHER = "a" * 32, "b" * 32
+
+
+class Served(NamedTuple):
+    http: aiohttp.ClientSession
+    base: str
+    link: RobotLink
+    robot: FakeRobot
+    cookie: str
+
+    def sent(self, token: str = OPERATOR, **headers: str) -> dict[str, str]:
+        cookie = {"Cookie": f"{self.cookie}={token}"} if token else {}
+        return {
+            "Origin": self.base,
+            **cookie,
+            **{k.replace("_", "-"): v for k, v in headers.items()},
+        }
+
+    async def post(self, path: str, token: str = OPERATOR, **body: object) -> tuple[int, str]:
+        url, headers = self.base + path, self.sent(token)
+        async with self.http.post(url, json={"robot": ROBOT, **body}, headers=headers) as got:
+            return got.status, await got.text()
+
+    async def do(self, verb: str, page: str = PAGE, **more: object) -> dict[str, object]:
+        status, text = await self.post("/api/do", verb=verb, page=page, **more)
+        assert status == 200, text
+        told: dict[str, object] = json.loads(text)
+        return told
+
+    def stream(self, page: str = PAGE, **headers: str) -> "aiohttp.client._WSRequestContextManager":
+        url = f"{self.base}/ws?robot={ROBOT}&page={page}"
+        return self.http.ws_connect(url, headers=self.sent(**headers))
+
+
+@asynccontextmanager
+async def served(folder: Path, lease_s: float = 2.0) -> AsyncIterator[Served]:
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        port = int(listening.getsockname()[1])
+        rules = Rules(port, LOOPBACK_HOSTS, {OPERATOR: "operator", VIEWER: "viewer"})
+        server = PageServer(rules, ExperimentFiles())
+        robot = FakeRobot(lease_s)
+        async with serving(folder, robot) as (remote, _):
+            link = server.links[ROBOT] = RobotLink(ROBOT, folder)
+            linking = asyncio.create_task(link.run())
+            runner = web.AppRunner(server.app, access_log=None, shutdown_timeout=0.2)
+            await runner.setup()
+            await web.SockSite(runner, listening).start()
+
+            async def tell() -> None:
+                number = 0
+                while True:
+                    number += 1
+                    remote.publish(tip(number))
+                    remote.publish(robot.status())
+                    await asyncio.sleep(0.03)
+
+            telling = asyncio.create_task(tell())
+            jar = aiohttp.DummyCookieJar()
+            try:
+                async with aiohttp.ClientSession(cookie_jar=jar) as http:
+                    await until(lambda: not link.problem)
+                    yield Served(http, f"http://127.0.0.1:{port}", link, robot, rules.cookie)
+            finally:
+                telling.cancel()
+                linking.cancel()
+                await asyncio.gather(telling, linking, return_exceptions=True)
+                await runner.cleanup()
+
+
+def test_the_token_comes_once_in_the_address_and_is_a_cookie_from_then_on(tmp_path: Path) -> None:
+    async def test() -> None:
+        async with served(tmp_path) as page:
+            assert (await page.http.get(page.base + "/")).status == 401
+            assert (await page.http.get(page.base + "/?token=wrong")).status == 401
+            got = await page.http.get(f"{page.base}/?token={OPERATOR}", allow_redirects=False)
+            cookie = got.headers["Set-Cookie"]
+            assert got.status == 303 and got.headers["Location"] == "/"
+            assert page.cookie in cookie and "HttpOnly" in cookie and "SameSite=Strict" in cookie
+            got = await page.http.get(page.base + "/", headers=page.sent())
+            assert got.status == 200 and "STOP" in await got.text()
+            assert "unsafe" not in got.headers["Content-Security-Policy"]
+            for path in (
+                "/api/robots",
+                "/metrics",
+                "/static/main.js",
+                f"/api/experiments?robot={ROBOT}",
+            ):
+                assert (await page.http.get(page.base + path)).status == 401, path
+                assert (await page.http.get(page.base + path, headers=page.sent())).status == 200
+
+    run_in_real_time(test())
+
+
+def test_other_hosts_origins_kinds_and_sizes_are_refused_on_the_wire(tmp_path: Path) -> None:
+    async def test() -> None:
+        async with served(tmp_path) as page:
+            get, evil = page.base + "/", "http://evil.example"
+            assert (await page.http.get(get, headers=page.sent(Host="evil.example"))).status == 403
+            assert (await page.http.get(get, headers=page.sent() | {"Origin": evil})).status == 403
+            with pytest.raises(aiohttp.WSServerHandshakeError, match="403"):
+                await page.http.ws_connect(
+                    f"{page.base}/ws?robot={ROBOT}&page={PAGE}",
+                    headers=page.sent() | {"Origin": evil},
+                )
+            stop, body = page.base + "/api/stop", json.dumps({"robot": ROBOT})
+            plain = page.sent(Content_Type="text/plain")
+            assert (await page.http.post(stop, data=body, headers=plain)).status == 415
+            for method in ("DELETE", "PUT", "GET"):
+                got = await page.http.request(method, stop, headers=page.sent())
+                assert got.status == 405, method
+            big = page.sent(Content_Type="application/json")
+            got = await page.http.post(stop, data=b" " * (LARGEST_BODY_BYTES + 1), headers=big)
+            assert got.status == 413
+            assert (await page.post("/api/stop", token=""))[0] == 401
+            for path in ("/static/../server.py", "/static/%2e%2e/server.py", "/static//etc/passwd"):
+                assert (await page.http.get(page.base + path, headers=page.sent())).status == 404
+            assert page.robot.stopped_ns == []
+
+    run_in_real_time(test())
+
+
+def test_stop_needs_no_control_and_is_told_by_viewers_too(tmp_path: Path) -> None:
+    async def test() -> None:
+        async with served(tmp_path) as page:
+            for token in (VIEWER, OPERATOR):
+                status, text = await page.post("/api/stop", token=token)
+                told = json.loads(text)
+                assert status == 200 and told["outcome"] == "confirmed" and told["took_ms"] < 2000
+            assert len(page.robot.stopped_ns) == 2
+            assert (await page.post("/api/do", token=VIEWER, verb="take", page=PAGE))[0] == 403
+
+    run_in_real_time(test())
+
+
+def test_a_stop_that_nobody_answers_says_so(tmp_path: Path) -> None:
+    async def test() -> None:
+        async with served(tmp_path) as page:
+            page.link._client, page.link._folder = None, tmp_path / "gone"
+            told = json.loads((await page.post("/api/stop"))[1])
+            assert told["outcome"] == "no answer" and told["text"]
+
+    run_in_real_time(test())
+
+
+def test_commands_are_for_the_page_in_control_and_another_can_take_over(tmp_path: Path) -> None:
+    async def test() -> None:
+        async with served(tmp_path, 60.0) as page:
+            assert "take control first" in str((await page.do("arm"))["text"])
+            assert (await page.do("take"))["ok"] and (await page.do("arm"))["ok"]
+            refused = await page.do("take", OTHER)
+            assert not refused["ok"] and "another page" in str(refused["text"])
+            assert (await page.do("take", OTHER, over=True))["ok"]
+            assert isinstance(page.robot.carried_out[-1][1], Hold), "what moves is held first"
+            assert not (await page.do("arm"))["ok"] and (await page.do("arm", OTHER))["ok"]
+            assert not (await page.do("nonsense", OTHER))["ok"]
+
+    run_in_real_time(test())
+
+
+def test_the_lease_lives_by_the_page_s_heart_and_ends_with_it(tmp_path: Path) -> None:
+    async def test() -> None:
+        async with served(tmp_path, 0.8) as page:
+            now_ns = page.robot.clock.now_ns
+            async with page.stream() as stream:
+                assert (await page.do("take"))["ok"]
+                for _ in range(20):
+                    await stream.send_str("heart")
+                    await asyncio.sleep(0.1)
+                assert page.robot.lease.holder(now_ns()) == "local", "2 s of a lease of 0.8 s"
+                # The socket stays open and is read, as of a tab that hangs: nothing renews.
+                await until(lambda: page.robot.lease.holder(now_ns()) is None)
+                asked = len(page.robot.carried_out)
+                await asyncio.sleep(0.3)
+                assert not any(isinstance(c, Acquire) for _, c in page.robot.carried_out[asked:])
+
+    run_in_real_time(test())
+
+
+def test_a_page_that_is_closed_gives_control_back(tmp_path: Path) -> None:
+    async def test() -> None:
+        async with served(tmp_path, 60.0) as page:
+            async with page.stream() as stream:
+                assert (await page.do("take"))["ok"]
+                await stream.send_str("heart")
+            await until(lambda: page.link.control.page == "")
+            await until(lambda: page.robot.lease.holder(page.robot.clock.now_ns()) is None)
+
+    run_in_real_time(test())
+
+
+def test_a_page_is_told_the_newest_and_buttons_for_itself(tmp_path: Path) -> None:
+    async def test() -> None:
+        async with served(tmp_path) as page, page.stream() as stream:
+            seen: dict[str, object] = {}
+            while not {"tip", "status", "buttons"} <= seen.keys():
+                seen |= json.loads((await stream.receive()).data)
+            assert seen["problem"] == "" and seen["role"] == "operator" and not seen["in_control"]
+            assert isinstance(seen["age_s"], float) and seen["age_s"] < 1.0
+
+    run_in_real_time(test())
