@@ -15,7 +15,7 @@ from tests.hil.daemon_rig import Daemon, short_folder
 from tests.hil.processes import Lab, Process, command
 
 if TYPE_CHECKING:
-    from playwright.sync_api import BrowserContext, Page
+    from playwright.sync_api import BrowserContext, ConsoleMessage, Page
 
 _CHROMIUM: Final = shutil.which("chromium") or shutil.which("chromium-browser")
 _PICTURES: Final = Path(__file__).parent / "pictures"
@@ -66,9 +66,13 @@ class Bench:
         page = context.new_page()
         self.errors: list[str] = []
         page.on("pageerror", lambda error: self.errors.append(str(error)))
-        page.on("console", lambda said: said.type == "error" and self.errors.append(said.text))
+        page.on("console", self._heard)
         page.goto(self.address)
         return page
+
+    def _heard(self, said: "ConsoleMessage") -> None:
+        if said.type == "error":
+            self.errors.append(said.text)
 
     def probe(self) -> dict[str, Any]:
         found: dict[str, Any] = self.page.evaluate("window.probe ? window.probe() : {}")

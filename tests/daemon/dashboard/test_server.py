@@ -45,7 +45,7 @@ class Served(NamedTuple):
             return got.status, await got.text()
 
     async def do(self, verb: str, page: str = PAGE, **more: object) -> dict[str, object]:
-        status, text = await self.post("/api/do", verb=verb, page=page, **more)
+        status, text = await self.post("/api/do", OPERATOR, verb=verb, page=page, **more)
         assert status == 200, text
         told: dict[str, object] = json.loads(text)
         return told
