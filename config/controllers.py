@@ -38,6 +38,11 @@ class TipFollowing(ConfigModel):
     feed_forward: bool = True
     """Whether the reference's own motion is asked for as well as a share of the error."""
 
+    lead: bool = False
+    """Whether the body's lag is found while it is followed, and led: the reference's motion is
+    asked for so much earlier, and what was told and has not arrived counts as made. For bodies with
+    a lag and dead time of several tenths of a second. Only with `feed_forward`."""
+
 
 class Broyden(TipFollowing):
     """Knows nothing of the robot: measures its Jacobian, then keeps it up to date."""

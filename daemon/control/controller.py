@@ -4,6 +4,7 @@ A controller knows no bus, no gate and no clock. What it proposes may be shorten
 became of it shows in the next observation.
 """
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
@@ -12,6 +13,10 @@ from drivers.pose import Vector
 
 class ControllerError(RuntimeError):
     """The controller cannot go on. Says why and what helps."""
+
+
+Ahead = Callable[[float], tuple[Vector, Vector] | None]
+"""(3,) mm and (3,) mm/s of the reference so many seconds from now; None: nobody knows."""
 
 
 class Observation(NamedTuple):
@@ -31,6 +36,8 @@ class Observation(NamedTuple):
     believed: bool = True
     """Whether the tip was measured at this step. Otherwise it is only extrapolated: nothing to
     learn from."""
+    ahead: Ahead | None = None
+    """Where the reference will be. None: nobody knows."""
 
 
 class Proposal(NamedTuple):

@@ -13,10 +13,18 @@ import numpy as np
 from config.controllers import TipFollowing
 from config.robot import Robot
 from daemon.control import jacobian_kernels as kernels
+from daemon.control.body_lag import BodyLag, Underway, parts
 from daemon.control.controller import ControllerError, Observation
 from daemon.control.jacobian_kernels import in_rows
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
+
+_SHORT_S, _LONG_S = 0.2, 0.4
+"""Up to the one a lag is led by the reference alone, from the other on also by prediction."""
+_AVERAGED_S = 0.15
+"""To either side: a corner is rounded for the prediction, which a lag would do as well."""
+_GAIN_BY_LAG = 2.0
+"""Gain times lag, at most, where the tip is predicted: more rings where the prediction is wrong."""
 
 LONGEST_STEP_S = 0.1
 """A step that took longer counts as this long: the tip does not leap after a gap."""
@@ -33,6 +41,10 @@ class TipFollower:
         self._posture = self._fixed_posture()
         self.unit = self.axes.travel / np.sqrt(self._weights())
         """(m,) how far each axis goes for the price of 1."""
+        self.lag = BodyLag()
+        self._underway = Underway()
+        self._told: tuple[Matrix, Vector] | None = None
+        """The last Jacobian, and the targets that it was used at."""
 
     @property
     def posture(self) -> Vector:
@@ -47,21 +59,58 @@ class TipFollower:
 
     def reset(self, observation: Observation) -> None:
         """Motion begins: the posture may be the one of this moment."""
+        self.lag.break_off()
+        self._underway.begin()
+        self._told = None
         if self._options.posture == "start":
             self._posture = np.clip(observation.targets, self.axes.lowest, self.axes.highest)
 
     def tip_step(self, observation: Observation) -> Vector:
         """(3,) mm that the tip shall move in this step. Raises ControllerError for no number."""
         options, dt_s = self._options, step_time(observation)
-        error = observation.reference_mm - observation.tip_mm
-        share = min(options.gain_per_s * dt_s, 1.0)
-        step = share * error
-        if options.feed_forward:
-            step = step + observation.reference_velocity_mm_s * dt_s
+        if options.lead and options.feed_forward:
+            self._take_stock(observation, dt_s)
+            step = self._leading_step(observation, dt_s)
+        else:
+            step = self._plain_step(observation, dt_s)
         if not _all_finite(step):
             raise ControllerError("where the tip is, or shall be, is not a number")
         length, most = math.sqrt(step @ step), options.max_tip_speed_mm_s * dt_s
         return np.asarray(step if length <= most else step * (most / length))
+
+    def _plain_step(self, observation: Observation, dt_s: float) -> Vector:
+        error = observation.reference_mm - observation.tip_mm
+        step = min(self._options.gain_per_s * dt_s, 1.0) * error
+        if self._options.feed_forward:
+            step = step + observation.reference_velocity_mm_s * dt_s
+        return np.asarray(step)
+
+    def _leading_step(self, observation: Observation, dt_s: float) -> Vector:
+        """(3,) mm. A short lag is led by the reference's velocity alone. Across a long one, the tip
+        as it will be when all that was told has arrived is led to where it should be then: errors
+        of the Jacobian come in with what is under way, but the loop does not wait for the body."""
+        lag_s = self.lag.lag_s
+        velocity, there = _ahead(observation, lag_s)
+        gain = self._options.gain_per_s
+        error = observation.reference_mm - observation.tip_mm
+        predicted = (lag_s - _SHORT_S) / (_LONG_S - _SHORT_S)
+        if predicted > 0.0:
+            share = min(predicted, 1.0)
+            gain += share * (min(gain, _GAIN_BY_LAG / lag_s) - gain)
+            missing = there - observation.tip_mm - self._underway.left_mm
+            error = error + share * (missing - error)
+        return np.asarray(min(gain * dt_s, 1.0) * error + velocity * dt_s)
+
+    def _take_stock(self, observation: Observation, dt_s: float) -> None:
+        """What was told since the last step, and what the tip made of all before."""
+        if self._told is None or not _all_finite(observation.targets):
+            return
+        jacobian, targets = self._told
+        moved_mm = jacobian @ (observation.targets - targets)
+        t_s = observation.t_ns * 1e-9
+        self._underway.tell(t_s, dt_s, moved_mm, self.lag.lag_s)
+        if observation.believed and _all_finite(observation.tip_mm):
+            self.lag.add(t_s, dt_s, self._underway.told_mm, observation.tip_mm)
 
     def drawn(self, observation: Observation) -> Vector:
         """(m,) change of the targets that the posture asks for."""
@@ -82,6 +131,7 @@ class TipFollower:
         """
         if not (_all_finite(jacobian) and _all_finite(observation.targets)):
             raise ControllerError("the controller's model is not a number here: learn it anew")
+        self._told = jacobian, observation.targets
         drawn = self.drawn(observation) if near is None else near
         lowest, highest = self.axes.step_range(observation.targets)
         return np.asarray(
@@ -125,6 +175,23 @@ class TipFollower:
 def step_time(observation: Observation) -> float:
     """Seconds that this step may make up for."""
     return min(max(observation.dt_s, 0.0), LONGEST_STEP_S)
+
+
+def _ahead(observation: Observation, lag_s: float) -> tuple[Vector, Vector]:
+    """(3,) mm/s that the reference will have after the lag, and (3,) mm where all that is told
+    should have led to by then: after the dead time, and as far on as the first-order lag is."""
+    dead_s, first_order_s = parts(lag_s)
+    earlier_s, later_s = max(dead_s - _AVERAGED_S, 0.0), dead_s + _AVERAGED_S
+    aims = [
+        None if observation.ahead is None else observation.ahead(lead_s)
+        for lead_s in (lag_s, dead_s, earlier_s, later_s)
+    ]
+    told, due, earlier, later = aims
+    if told is None or due is None or earlier is None or later is None:
+        velocity = observation.reference_velocity_mm_s
+        return velocity, observation.reference_mm + lag_s * velocity
+    mean_velocity = (later[0] - earlier[0]) / (later_s - earlier_s)
+    return told[1], due[0] + first_order_s * mean_velocity
 
 
 def bounded_step(

@@ -4,6 +4,7 @@ A sample for the correction ends only when axes and tip have gone far enough: fr
 next there is mostly noise.
 """
 
+from collections import deque
 from itertools import chain
 from math import isfinite
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 from config.controllers import Broyden
 from config.robot import Robot
 from daemon.array_files import ModelError
+from daemon.control.body_lag import BodyLag, LaggedAxes
 from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.control.tip_following import TipFollower, step_time
 from daemon.controllers.fixed_model_file import load_model, model_metadata, save_model
@@ -37,6 +39,13 @@ _PATIENCE_S = 5.0
 """An excursion that takes so much longer than it should is given up."""
 _FRAMES_AT_LEAST = 3
 _RESTS = 3
+_STILL_MM = 0.25
+"""A tip that goes no further than this in half of the time to settle, is settled."""
+_WAITS_AT_MOST = 10.0
+"""Times to settle: then it creeps, or something pulls it."""
+_FRAMES_AT_MOST = 4000
+_LAG_FRAMES_AT_ONCE = 3
+"""In spare time, so that they are all told within a second or two."""
 
 Frame = tuple[float, Vector, Vector]
 """Time in s, (m,) where the axes were, (3,) where the tip was."""
@@ -60,6 +69,8 @@ class Exploration:
         self._rests: list[list[Frame]] = []
         self._moving = False
         self._elapsed_s = 0.0
+        self.all_frames: list[Frame] = []
+        """All that were seen, moving and at rest."""
         self._begin_rest()
 
     @property
@@ -85,7 +96,11 @@ class Exploration:
 
     def observe(self, observation: Observation) -> None:
         """Take a frame, if the body is at rest by now."""
-        if self.done or self._moving or self._elapsed_s < 0.5 * self._options.settle_s:
+        if self.done:
+            return
+        if self._options.lead and len(self.all_frames) < _FRAMES_AT_MOST:
+            self.all_frames.append((observation.t_ns * 1e-9, observation.u, observation.tip_mm))
+        if self._moving or self._elapsed_s < 0.5 * self._options.settle_s:
             return
         self._rests[-1].append((observation.t_ns * 1e-9, observation.u, observation.tip_mm))
 
@@ -141,7 +156,16 @@ class Exploration:
         self._moving, self._elapsed_s = True, 0.0
 
     def _enough(self) -> bool:
-        return len(self._rests[-1]) >= _FRAMES_AT_LEAST
+        """Whether the tip stands still, by the frames of the last part of the rest."""
+        frames, settle_s = self._rests[-1], self._options.settle_s
+        if len(frames) < _FRAMES_AT_LEAST or not self._options.lead:
+            return len(frames) >= _FRAMES_AT_LEAST
+        del frames[: sum(frames[-1][0] - frame[0] > 0.5 * settle_s for frame in frames)]
+        third = max(1, len(frames) // 3)
+        places = np.array([frame[2] for frame in frames])
+        moved_mm = places[-third:].mean(axis=0) - places[:third].mean(axis=0)
+        still = float(moved_mm @ moved_mm) < _STILL_MM**2
+        return still or self._elapsed_s > _WAITS_AT_MOST * settle_s
 
     def _stuck(self, axis: int, observation: Observation, goal: Vector) -> ControllerError:
         return ControllerError(
@@ -175,10 +199,16 @@ class BroydenController:
         self._exploration = Exploration(options, self._follower.axes)
         self._estimate: JacobianEstimate | None = None
         self._anchor: tuple[Vector, Vector] | None = None
+        self._axes = LaggedAxes()
+        self._seen: deque[Frame] = deque()
+        """Frames of the first motions that have not told yet how late the body is."""
+        self._first_lag = BodyLag()
+        self._first = np.zeros((3, len(self._travel)))
+        self._last_seen_s = 0.0
 
     @property
     def ready(self) -> bool:
-        return self._estimate is not None
+        return self._estimate is not None and not self._seen
 
     @property
     def jacobian(self) -> Vector | None:
@@ -188,6 +218,7 @@ class BroydenController:
     def reset(self, observation: Observation) -> None:
         self._follower.reset(observation)
         self._exploration.reset()
+        self._axes.break_off()
         self._anchor = None
 
     def observe(self, observation: Observation) -> None:
@@ -198,8 +229,13 @@ class BroydenController:
             self._exploration.observe(observation)
             if self._exploration.done:
                 self._begin(self._exploration.jacobian, np.eye(len(self._travel)) * FIRST_STD_MM**2)
+                if self._options.lead:
+                    self._seen = deque(self._exploration.all_frames)
             return
-        here = (observation.u / self._travel, observation.tip_mm)
+        u = observation.u
+        if self._options.lead:
+            u = self._axes.after(observation.t_ns * 1e-9, u, self._follower.lag.lag_s)
+        here = (u / self._travel, observation.tip_mm)
         if self._anchor is None:
             self._anchor = here
             return
@@ -214,12 +250,26 @@ class BroydenController:
     def propose(self, observation: Observation) -> Proposal:
         if self._estimate is None:
             return Proposal(self._exploration.propose(observation), self._exploration.note, 0)
+        if self._seen:
+            note = "works out how late the body follows"
+            return Proposal(np.zeros(len(self._travel)), note, 0)
         jacobian = self._estimate.jacobian / self._travel
         tip_step = self._follower.tip_step(observation)
         return Proposal(self._follower.axis_step(jacobian, tip_step, observation))
 
     def learn(self) -> None:
-        """Nothing waits: a sample is worked in as it comes."""
+        """What the first motions tell of the body's lag, a little at a time."""
+        for _ in range(min(_LAG_FRAMES_AT_ONCE, len(self._seen))):
+            t_s, u, tip_mm = self._seen.popleft()
+            told_mm = self._first @ (u / self._travel)
+            self._first_lag.add(t_s, t_s - self._last_seen_s, told_mm, tip_mm)
+            self._last_seen_s = t_s
+            if not self._seen:
+                self._follower.lag.lag_s = self._first_lag.lag_s
+                self._begin(
+                    self._first_lag.gains[:, None] * self._first,
+                    np.eye(len(self._travel)) * FIRST_STD_MM**2,
+                )
 
     def save(self, path: Path) -> None:
         if self._estimate is None:
@@ -239,3 +289,4 @@ class BroydenController:
             jacobian, covariance, self._options.sample_noise_mm, self._options.drift_mm
         )
         self._anchor = None
+        self._first = np.array(jacobian)

@@ -15,6 +15,7 @@ from config.controllers import Learner
 from config.exploration import MotorBabbling
 from config.robot import Robot
 from daemon.array_files import Arrays, ModelError
+from daemon.control.body_lag import LaggedAxes
 from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.control.tip_following import TipFollower, step_time
 from daemon.controllers.learning_file import LearntFile, load_learnt, save_learnt
@@ -176,6 +177,7 @@ class LearningController(ABC):
         self._model: PretrainedModel | None = None
         self._samples = self._sampler(_UNKNOWN_BODY)
         self._waiting: deque[MotionSample] = deque()
+        self._axes = LaggedAxes()
         if options.model is not None:
             self._load_first(Path(options.model).expanduser())
         elif not options.learning:
@@ -200,6 +202,7 @@ class LearningController(ABC):
 
     def reset(self, observation: Observation) -> None:
         self._samples.break_off()
+        self._axes.break_off()
         self._babbling.reset()
         before = self._follower.posture
         self._follower.reset(observation)
@@ -209,6 +212,10 @@ class LearningController(ABC):
     def observe(self, observation: Observation) -> None:
         if not self._options.learning:
             return
+        if self._options.lead and observation.believed:
+            lag_s = self._follower.lag.lag_s
+            shown = self._axes.after(observation.t_ns * 1e-9, observation.u, lag_s)
+            observation = observation._replace(u=shown)
         sample = self._samples.add(observation)
         if sample is None:
             return
@@ -306,7 +313,12 @@ class LearningController(ABC):
     ) -> None:
         self._take_over(model, jacobian, learnt)
         self._model, self._jacobian = model, jacobian
-        self._samples = self._sampler(_UNKNOWN_BODY if model is None else model.sampling)
+        sampling = _UNKNOWN_BODY if model is None else model.sampling
+        self._samples = self._sampler(sampling)
+        if self._options.lag_s is None:
+            self._follower.lag.lag_s = sampling.lag_s
+        else:
+            self._follower.lag.lag_s = self._options.lag_s
         self._waiting.clear()
 
     def _end_babbling(self) -> None:
@@ -329,6 +341,8 @@ class LearningController(ABC):
         sampling = sampling_with(base, options)
         if self._model is None:
             sampling = replace(sampling, tip_mm=_WITHOUT_MODEL * sampling.tip_mm)
+        if options.lead:  # the axes come as the tip shows them
+            sampling = replace(sampling, lag_s=0.0)
         return LearningSamples(sampling, self._travel, options.sample_noise_mm, self._jacobian)
 
 

@@ -270,6 +270,7 @@ class ControlLoop:
             aim.position_mm,
             aim.velocity_mm_s,
             believed,
+            reference.ahead if running and controller.ready and self._begun else None,
         )
         self.aim = aim if running else None
         try:

@@ -130,6 +130,10 @@ class Reference(Protocol):
         """The aim `dt_s` later."""
         ...
 
+    def ahead(self, lead_s: float) -> tuple[Vector, Vector] | None:
+        """(3,) mm and (3,) mm/s of the aim `lead_s` after the last one; None: that is not known."""
+        ...
+
 
 class _Phase(Enum):
     BLEND = "blend"
@@ -175,6 +179,17 @@ class TrajectoryReference:
         position, velocity = self.trajectory.at(at_s)
         return Aim(position, velocity, self.trajectory.cycle_of(at_s))
 
+    def ahead(self, lead_s: float) -> tuple[Vector, Vector]:
+        along_s = self.elapsed_s + lead_s
+        if self._phase is _Phase.BLEND and self._blend is not None:
+            along_s = self._blend_s + lead_s - self._blend.duration_s
+            if along_s < 0.0:
+                return self._blend.at(self._blend_s + lead_s)
+            along_s += self.elapsed_s
+        end_s = self.trajectory.duration_s
+        position, velocity = self.trajectory.at(min(along_s, end_s))
+        return position, velocity if along_s < end_s else _AT_REST
+
 
 class TeleoperationReference:
     """The set-point stream. It has no end of its own."""
@@ -202,6 +217,9 @@ class TeleoperationReference:
         del dt_s
         position, velocity = self._setpoints.advance(t_ns)
         return Aim(position, velocity, _LED_TO_THE_START)
+
+    def ahead(self, lead_s: float) -> None:
+        """Nobody knows what a hand will do."""
 
     def set(
         self, t_ns: int, position_mm: Vector, valid_s: float, velocity_mm_s: Vector | None

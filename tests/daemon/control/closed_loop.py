@@ -12,8 +12,8 @@ from config.emulation import SoftArmPlant
 from config.exploration import WaypointExploration
 from config.loader import load_robot
 from config.robot import Robot
-from config.trajectory import Lissajous, Rectangle
-from daemon.control.controller import Controller, Observation
+from config.trajectory import Circle, Lissajous, Rectangle
+from daemon.control.controller import Ahead, Controller, Observation
 from daemon.controllers.waypoint_exploration import WaypointExplorationController
 from daemon.estimation.pose_filter import PoseFilter
 from daemon.learning.forward.pretrained_model import PretrainedModel
@@ -123,7 +123,9 @@ class ClosedLoop:
         assert estimate is not None
         return estimate.position_mm
 
-    def observation(self, reference_mm: Vector, velocity_mm_s: Vector) -> Observation:
+    def observation(
+        self, reference_mm: Vector, velocity_mm_s: Vector, ahead: Ahead | None = None
+    ) -> Observation:
         estimate = self.filter.estimate(self.t_ns)
         assert estimate is not None
         return Observation(
@@ -136,6 +138,7 @@ class ClosedLoop:
             reference_mm,
             velocity_mm_s,
             self.believed,
+            ahead,
         )
 
     def fill(self, to_g: float, g_s: float) -> None:
@@ -145,10 +148,12 @@ class ClosedLoop:
     def start(self) -> None:
         self.controller.reset(self.observation(self.tip_mm, np.zeros(3)))
 
-    def step(self, reference_mm: Vector, velocity_mm_s: Vector) -> Vector:
+    def step(
+        self, reference_mm: Vector, velocity_mm_s: Vector, ahead: Ahead | None = None
+    ) -> Vector:
         """One frame. Returns the step that was proposed."""
         self.measure()
-        observation = self.observation(reference_mm, velocity_mm_s)
+        observation = self.observation(reference_mm, velocity_mm_s, ahead)
         self.controller.observe(observation)
         step = self.controller.propose(observation).delta_u
         for _ in range(LEARN_CALLS):
@@ -172,15 +177,15 @@ class ClosedLoop:
         """To a place, and stay there for a moment."""
         blend = Blend(self.tip_mm, to_mm, BLEND_MM_S)
         for k in range(round((blend.duration_s + wait_s) / DT_S)):
-            self.step(*blend.at(k * DT_S))
+            self.step(*blend.at(k * DT_S), _from(blend.at, k * DT_S))
 
-    def follow(self, options: Rectangle | Lissajous) -> Followed:
+    def follow(self, options: Rectangle | Lissajous | Circle) -> Followed:
         """The whole trajectory, from its start."""
         trajectory = make_trajectory(options, Path())
         errors, true_errors, u = [], [], []
         for k in range(round(trajectory.duration_s / DT_S)):
             reference, velocity = trajectory.at(k * DT_S)
-            self.step(reference, velocity)
+            self.step(reference, velocity, _from(trajectory.at, k * DT_S))
             errors.append(float(np.linalg.norm(self.tip_mm - reference)))
             true_errors.append(float(np.linalg.norm(self.body.tip.position_mm - reference)))
             u.append(self.u)
@@ -198,6 +203,11 @@ class ClosedLoop:
         seen = self.seen(tip.position_mm + NOISE_MM * self.noise.normal(size=3))
         pose = None if seen is None else Pose(seen, tip.quaternion)
         self.believed = self.filter.update(self.t_ns, pose)
+
+
+def _from(at: Callable[[float], tuple[Vector, Vector]], t_s: float) -> Ahead:
+    """As it is seen from that time."""
+    return lambda lead_s: at(t_s + lead_s)
 
 
 def started(

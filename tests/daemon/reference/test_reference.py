@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from config.trajectory import load_trajectory_options
-from daemon.reference.reference import TeleoperationReference, TrajectoryReference
+from daemon.reference.reference import Reference, TeleoperationReference, TrajectoryReference
 from daemon.reference.trajectories import make_trajectory
 
 MS = 1_000_000
@@ -109,3 +109,24 @@ def test_a_setpoint_that_is_not_finite_changes_nothing() -> None:
     with pytest.raises(ValueError, match="set-point needs"):
         reference.set(0, np.array([np.nan, 0.0, 0.0]), 0.3, None)
     assert reference.advance(25 * MS, 0.025).position_mm.tolist() == TIP.tolist()
+
+
+def test_what_is_seen_ahead_is_what_comes_from_the_way_to_the_start_on() -> None:
+    reference = rectangle(cycles=1)
+    reference.begin(TIP)
+    seen, came = [], []
+    while not reference.finished:
+        aim = reference.advance(0, 0.025)
+        came.append((*aim.position_mm, *aim.velocity_mm_s))
+        position, velocity = reference.ahead(20 * 0.025)
+        seen.append((*position, *velocity))
+    same = np.abs(np.array(came[20:]) - np.array(seen[:-20])).max(axis=1) < 1e-6
+    assert same.mean() > 0.98  # but where a corner falls within a step
+    np.testing.assert_allclose(seen[-1][3:], 0.0)
+    np.testing.assert_allclose(seen[-1][:3], came[-1][:3], atol=1e-6)
+
+
+def test_nobody_sees_ahead_what_a_hand_will_do() -> None:
+    reference: Reference = TeleoperationReference(10.0, 0)
+    reference.begin(TIP)
+    assert reference.ahead(0.5) is None

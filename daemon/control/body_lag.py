@@ -1,0 +1,200 @@
+"""How late the body answers, found while it is followed, and what of the told motion is under way.
+
+What the controller tells the axes moves the tip after a dead time T and with a lag τ. For control
+their sum h counts: a tip on a smooth path is where it was told to be h ago. A path tells the sum
+well and its parts badly, so they are taken as fixed shares of it.
+
+The told motion x is the sum of J Δu, in mm of the tip. For many delays at once the tip's motions
+over a short span are compared with those of x so much earlier, axis by axis of space with a gain of
+its own, because J is never exact. The delay whose gains leave least unexplained is the lag. Gains
+across the axes of space would explain a circle with any delay, as a turn.
+"""
+
+from bisect import bisect_left
+from collections import deque
+from math import exp
+from operator import itemgetter
+
+import numpy as np
+
+from drivers.pose import Vector
+
+LONGEST_S = 1.6
+"""No lag beyond this is looked for."""
+_DEAD_SHARE = 0.35
+"""Of the lag as a sum. What looks like lag is partly hysteresis and creep, and no dead time."""
+_SPACING_S = 0.05
+_SPAN_S = 0.4
+"""Of the motions that are compared: longer than noise and shorter than a turn."""
+_KEPT_S = _DEAD_SHARE * LONGEST_S + _SPAN_S
+_MEMORY_S = 12.0
+"""Of motion. Then a third is left of what was seen."""
+_MOVED_MM = 0.3
+"""A span in which the tip was neither told to move so far nor did tells nothing but noise."""
+_SPANS_AT_LEAST = 120.0
+_EXPLAINED = 0.5
+"""Of the tip's motion, by the best delay. A load or a push moves it without being told."""
+_CLEARER, _AT_LEAST = 0.05, 2e-3
+"""Share of what the best delay leaves unexplained, and of all motion, by which it must be better.
+So a slow circle does not tell a tenth of a second, which there makes no difference either."""
+_GAINS = 0.5, 2.0
+"""Beyond these the Jacobian is wrong otherwise than by a gain."""
+_APPROACH_S = 1.0
+"""Time constant of the way to what was found: nothing jumps."""
+
+
+class BodyLag:
+    """Takes what was told and what was seen, step by step; gives the lag as it is known."""
+
+    def __init__(self, lag_s: float = 0.0) -> None:
+        """lag_s: as it is known before anything moves."""
+        self.lag_s = lag_s
+        """The sum of dead time and lag."""
+        self._delays = np.arange(0.0, LONGEST_S + 1e-9, _SPACING_S)
+        self._dead_s = _DEAD_SHARE * self._delays
+        self._track: deque[tuple[float, Vector, Vector, Vector]] = deque()
+        """Times, what was told, what of it had arrived by each delay, and where the tip was."""
+        self._sums = np.zeros((3, len(self._delays), 3))
+        """xx, xy and yy by delay and coordinate, mm²."""
+        self._spans = 0.0
+
+    def break_off(self) -> None:
+        """What comes next does not go on from here. What was found stays."""
+        self._track.clear()
+
+    def add(self, t_s: float, dt_s: float, told_mm: Vector, tip_mm: Vector) -> None:
+        """At `t_s` all that was told so far came to (3,) x, and the tip is at (3,)."""
+        track = self._track
+        if not track:
+            track.append((t_s, told_mm, np.tile(told_mm, (len(self._delays), 1)), tip_mm))
+            return
+        times = np.array([*(one[0] for one in track), t_s])
+        told = np.array([*(one[1] for one in track), told_mm])
+        due = _between(times, told, t_s - self._dead_s)
+        first_order_s = np.maximum(self._delays - self._dead_s, 1e-9)
+        share = -np.expm1(-max(t_s - track[-1][0], 0.0) / first_order_s)[:, None]
+        arrived = track[-1][2] + share * (due - track[-1][2])
+        track.append((t_s, told_mm, arrived, tip_mm))
+        while t_s - track[0][0] > _KEPT_S:
+            track.popleft()
+        if t_s - track[0][0] < _SPAN_S:
+            return
+        begin = bisect_left(track, t_s - _SPAN_S, key=itemgetter(0))
+        seen, moved = tip_mm - track[begin][3], arrived - track[begin][2]
+        if max(float(seen @ seen), float((moved**2).sum(axis=1).max())) < _MOVED_MM**2:
+            return
+        kept = exp(-dt_s / _MEMORY_S)
+        self._spans = kept * self._spans + 1.0
+        self._sums *= kept
+        self._sums[0] += moved**2
+        self._sums[1] += moved * seen
+        self._sums[2] += seen**2
+        self._approach(dt_s)
+
+    @property
+    def gains(self) -> Vector:
+        """(3,) how much more the tip goes along x, y and z than it is told; 1 where that is not
+        clear."""
+        if self._spans < _SPANS_AT_LEAST:
+            return np.ones(3)
+        here = int(np.argmin(np.abs(self._delays - self.lag_s)))
+        xx, xy, _ = self._sums[:, here]
+        return np.asarray(np.clip(xy / np.maximum(xx, 1e-12), *_GAINS))
+
+    def _approach(self, dt_s: float) -> None:
+        xx, xy, yy = self._sums
+        whole = float(yy[0].sum())
+        if self._spans < _SPANS_AT_LEAST or not whole > 0.0:
+            return
+        left = (yy - np.maximum(xy, 0.0) ** 2 / np.maximum(xx, 1e-12)).sum(axis=1) / whole
+        best = int(np.argmin(left))
+        here = float(np.interp(self.lag_s, self._delays, left))
+        if best == len(left) - 1 or left[best] > 1.0 - _EXPLAINED:
+            return
+        if here - left[best] < _CLEARER * left[best] + _AT_LEAST:
+            return
+        found = _lowest(self._delays, left, best)
+        self.lag_s += (1.0 - exp(-dt_s / _APPROACH_S)) * (found - self.lag_s)
+
+
+class LaggedAxes:
+    """The axes as the tip shows them: passed through the body's dead time and lag."""
+
+    def __init__(self) -> None:
+        self._kept: deque[tuple[float, Vector]] = deque()
+        self._shown: Vector | None = None
+
+    def break_off(self) -> None:
+        """What comes next does not go on from here."""
+        self._kept.clear()
+        self._shown = None
+
+    def after(self, t_s: float, u: Vector, lag_s: float) -> Vector:
+        """(m,) what shows of axes that are at `u` at `t_s`."""
+        dead_s, first_order_s = parts(lag_s)
+        kept = self._kept
+        last_s = kept[-1][0] if kept else t_s
+        kept.append((t_s, u))
+        while len(kept) > 1 and kept[1][0] <= t_s - dead_s:
+            kept.popleft()
+        due = kept[0][1]
+        share = -np.expm1(-(t_s - last_s) / first_order_s) if first_order_s > 0.0 else 1.0
+        shown = due if self._shown is None else self._shown + share * (due - self._shown)
+        self._shown = np.asarray(shown)
+        return self._shown
+
+
+def _between(times: Vector, values: Vector, at: Vector) -> Vector:
+    """(k, 3) rows of `values` at other times; evenly between two of them."""
+    right = np.clip(np.searchsorted(times, at), 1, len(times) - 1)
+    share = np.clip((at - times[right - 1]) / (times[right] - times[right - 1]), 0.0, 1.0)
+    before = values[right - 1]
+    return np.asarray(before + share[:, None] * (values[right] - before))
+
+
+def _lowest(delays: Vector, left: Vector, best: int) -> float:
+    """Where the parabola through the lowest value and its neighbours has its lowest point."""
+    if best == 0:
+        return 0.0
+    before, here, after = left[best - 1 : best + 2].tolist()
+    bend = before - 2.0 * here + after
+    shift = 0.5 * (before - after) / bend if bend > 0.0 else 0.0
+    return float(delays[best] + shift * (delays[1] - delays[0]))
+
+
+class Underway:
+    """What was told and has not arrived: the tip will be there without being told more."""
+
+    def __init__(self) -> None:
+        self.told_mm = np.zeros(3)
+        """All that was told."""
+        self._arrived_mm = np.zeros(3)
+        self._waiting: deque[tuple[float, Vector]] = deque()
+
+    def begin(self) -> None:
+        """Everything has arrived."""
+        self._arrived_mm = self.told_mm
+        self._waiting.clear()
+
+    def tell(self, t_s: float, dt_s: float, moved_mm: Vector, lag_s: float) -> None:
+        """By `t_s` (3,) more was told. lag_s: of the body, as a sum."""
+        self.told_mm = self.told_mm + moved_mm
+        dead_s, first_order_s = parts(lag_s)
+        waiting = self._waiting
+        waiting.append((t_s, self.told_mm))
+        while len(waiting) > 1 and waiting[1][0] <= t_s - dead_s:
+            waiting.popleft()
+        due = waiting[0][1] if waiting[0][0] <= t_s - dead_s else self._arrived_mm
+        share = -np.expm1(-dt_s / first_order_s) if first_order_s > 0.0 else 1.0
+        self._arrived_mm = self._arrived_mm + share * (due - self._arrived_mm)
+
+    @property
+    def left_mm(self) -> Vector:
+        """(3,)"""
+        return self.told_mm - self._arrived_mm
+
+
+def parts(lag_s: float) -> tuple[float, float]:
+    """Dead time and first-order lag of a lag that is known as a sum."""
+    dead_s = _DEAD_SHARE * lag_s
+    return dead_s, lag_s - dead_s

@@ -1,0 +1,152 @@
+"""The lag is found from motion, what is under way is known, and both are as they are defined."""
+
+import numpy as np
+import pytest
+
+from config.controllers import Broyden, TipFollowing
+from config.emulation import SoftArmPlant
+from config.trajectory import Circle
+from daemon.control.body_lag import LONGEST_S, BodyLag, LaggedAxes, Underway, parts
+from daemon.control.tip_following import TipFollower
+from daemon.controllers.broyden import BroydenController
+from drivers.pose import Vector
+from sim_backends.plants.soft_arm import SoftArm
+from tests.daemon.control import closed_loop
+from tests.daemon.control.closed_loop import DT_S, PISTON_MM2, ROBOT, Followed, started
+from tests.daemon.control.test_tip_following import seen
+
+STEPS = 1600
+GENERATOR = np.random.default_rng(5)
+
+
+def wandering() -> Vector:
+    """(n, 3) mm told, at up to some 30 mm/s, never the same way for long."""
+    t_s = DT_S * np.arange(STEPS)
+    phases = np.array([0.0, 1.0, 2.0])
+    slow = 20.0 * np.sin(0.5 * t_s[:, None] + phases)
+    return np.asarray(slow + 6.0 * np.sin(1.7 * t_s[:, None] + 2.0 * phases))
+
+
+def circle(speed_mm_s: float = 20.0) -> Vector:
+    angle = speed_mm_s / 30.0 * DT_S * np.arange(STEPS)
+    return 30.0 * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
+
+
+def late(told: Vector, dead_s: float, lag_s: float) -> Vector:
+    """(n, 3) what comes out of a dead time and a first-order lag."""
+    shift = round(dead_s / DT_S)
+    due = np.concatenate([np.tile(told[:1], (shift, 1)), told])[: len(told)]
+    out = [told[0]]
+    for place in due[1:]:
+        out.append(out[-1] + (1.0 - np.exp(-DT_S / lag_s)) * (place - out[-1]))
+    return np.array(out)
+
+
+def found(told: Vector, tip: Vector, noise_mm: float = 0.1, begin_s: float = 0.0) -> BodyLag:
+    lag = BodyLag(begin_s)
+    noisy = tip + noise_mm * np.random.default_rng(1).normal(size=tip.shape)
+    for k in range(len(told)):
+        lag.add(k * DT_S, DT_S, told[k], noisy[k])
+    return lag
+
+
+@pytest.mark.parametrize(
+    ("dead_s", "lag_s"), [(0.0, 0.1), (0.05, 0.1), (0.25, 0.5), (0.1, 0.5), (0.25, 1.0)]
+)
+@pytest.mark.parametrize("path", [wandering, circle])
+def test_the_sum_of_dead_time_and_lag_is_found(dead_s: float, lag_s: float, path: object) -> None:
+    told = wandering() if path is wandering else circle()
+    lag = found(told, late(told, dead_s, lag_s))
+    # Where dead time has another share than is taken for given, it is another sum that fits.
+    assert lag.lag_s == pytest.approx(dead_s + lag_s, rel=0.2, abs=0.09)
+
+
+def test_a_jacobian_that_is_off_by_gains_does_not_hide_the_lag() -> None:
+    told = wandering()
+    gains = np.array([1.5, 0.7, 1.2])
+    lag = found(told, gains * late(told, 0.25, 0.5))
+    assert lag.lag_s == pytest.approx(0.75, abs=0.12)
+    np.testing.assert_allclose(lag.gains, gains, rtol=0.1)
+
+
+def test_what_is_no_answer_to_what_was_told_changes_nothing() -> None:
+    told = wandering()
+    pushed = np.cumsum(GENERATOR.normal(size=told.shape), axis=0)
+    assert found(told, pushed, begin_s=0.1).lag_s == 0.1
+    rest = np.zeros_like(told)
+    assert found(rest, rest, begin_s=0.1).lag_s == 0.1
+    even = np.linspace(0.0, 800.0, STEPS)[:, None] * np.ones(3)  # any lag explains it
+    assert found(even, even, begin_s=0.1).lag_s == 0.1
+
+
+def test_the_lag_stays_within_what_is_looked_for() -> None:
+    told = wandering()
+    assert 0.0 <= found(told, late(told, 3.0, 1.0)).lag_s <= LONGEST_S
+    assert found(told, told).lag_s < 0.05
+
+
+def test_what_was_told_has_arrived_after_a_while_and_not_before_the_dead_time() -> None:
+    underway, lag_s = Underway(), 0.8
+    dead_s, first_order_s = parts(lag_s)
+    underway.tell(0.0, DT_S, np.zeros(3), lag_s)
+    underway.tell(DT_S, DT_S, np.array([2.0, 0.0, 0.0]), lag_s)
+    left = []
+    for k in range(2, 200):
+        underway.tell(k * DT_S, DT_S, np.zeros(3), lag_s)
+        left.append(underway.left_mm[0])
+    times = DT_S * np.arange(1, 199)
+    before = times < dead_s - DT_S
+    np.testing.assert_allclose(np.array(left)[before], 2.0)
+    expected = 2.0 * np.exp(-(times - dead_s) / first_order_s)
+    after = times > dead_s + DT_S
+    np.testing.assert_allclose(np.array(left)[after], expected[after], atol=0.13)
+    underway.begin()
+    assert (underway.left_mm == 0.0).all()
+
+
+def test_axes_show_as_late_as_the_body_is_and_at_once_without_a_lag() -> None:
+    told = wandering()
+    axes, prompt = LaggedAxes(), LaggedAxes()
+    shown = np.array([axes.after(k * DT_S, told[k], 0.8) for k in range(STEPS)])
+    dead_s, first_order_s = parts(0.8)
+    np.testing.assert_allclose(shown, late(told, dead_s, first_order_s), atol=0.6)
+    assert all((prompt.after(k * DT_S, told[k], 0.0) == told[k]).all() for k in range(50))
+
+
+def test_without_a_lag_leading_is_the_plain_law() -> None:
+    observation = seen(
+        reference_mm=np.array([1.0, 2.0, 181.0]), reference_velocity_mm_s=np.array([4.0, 0.0, 1.0])
+    )
+    plain = TipFollower(TipFollowing(), ROBOT).tip_step(observation)
+    leading = TipFollower(TipFollowing(lead=True), ROBOT).tip_step(observation)
+    np.testing.assert_allclose(leading, plain, atol=1e-12)
+
+
+def followed(body: str, lead: bool, speed_mm_s: float, monkeypatch: pytest.MonkeyPatch) -> Followed:
+    """The last cycle but one of a circle of 30 mm radius."""
+    plant = SoftArmPlant.model_validate({"kind": "soft_arm", "body": body})
+    monkeypatch.setattr(closed_loop, "soft_arm", lambda _: SoftArm(plant, [PISTON_MM2] * 6))
+    controller = BroydenController(Broyden(kind="broyden", lead=lead), ROBOT)
+    loop = started(controller, np.array([30.0, 0.0, 185.0]))
+    options = Circle(
+        kind="circle",
+        center_mm=(0.0, 0.0, 185.0),
+        radius_mm=30.0,
+        cycle_s=60.0 * np.pi / speed_mm_s,
+        cycles=2,
+    )
+    return loop.follow(options)
+
+
+def test_a_slow_body_is_followed_that_is_lost_without_leading(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert followed("slow", False, 5.0, monkeypatch).mean_mm > 20.0
+    led = followed("slow", True, 5.0, monkeypatch)
+    assert led.mean_mm < 2.5
+    assert led.errors_mm[len(led.errors_mm) // 2 :].mean() < 1.6
+
+
+def test_leading_does_not_harm_a_body_that_is_not_slow(monkeypatch: pytest.MonkeyPatch) -> None:
+    plain, led = (followed("as_made", lead, 20.0, monkeypatch) for lead in (False, True))
+    assert led.mean_mm < 1.15 * plain.mean_mm
