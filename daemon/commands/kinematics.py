@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from config.emulation import ConcentricTubesPlant
 from config.paths import shipped_or_beside
+from config.problems import in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
 from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
 
@@ -55,6 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     # What solves and learns is compiled when it comes: `--help` does without.
     from daemon.array_files import ModelError
+    from daemon.files import check_can_be_made
     from daemon.learning.forward.pose_model import PoseModel
     from daemon.workbench.pretraining.pose_learning import (
         PoseLearningError,
@@ -90,10 +92,11 @@ def run(arguments: argparse.Namespace) -> int:
             path = shipped_or_beside(arguments.model, "models", Path.cwd() / "any.yaml")
             found = evaluate_pose(PoseModel.load(path), tubes, settings)
         else:
+            check_can_be_made(arguments.out)
             found = learn_pose(tubes, settings, _about(arguments, plant), _say)
             found.model.save(arguments.out)
     except (RelativeRangeError, PoseLearningError, ModelError, OSError, ValueError) as error:
-        print(error, file=sys.stderr)
+        print(in_words(error), file=sys.stderr)
         return EXIT_FAILED
     print(json.dumps(_as_json(found)) if arguments.json else _as_table(found))
     return EXIT_OK

@@ -15,6 +15,7 @@ from daemon.commands.terminal.command_line import main
 
 SHIPPED = Path(str(files("config")))
 ROBOT = SHIPPED / "robots" / "soft_arm.yaml"
+TUBES = SHIPPED / "robots" / "concentric_tubes.yaml"
 EXPERIMENT = SHIPPED / "experiments" / "rectangle.yaml"
 SCENARIO = SHIPPED / "scenarios" / "lost_and_found.yaml"
 MODEL = SHIPPED / "models" / "soft_arm.npz"
@@ -36,6 +37,8 @@ READ = [
     f"explore {ROBOT} --from BAD --out data.npz",
     "pretrain BAD data.npz --out model.npz",
     f"pretrain {ROBOT} BAD --out model.npz",
+    "kinematics BAD --out model.npz",
+    f"kinematics {TUBES} --model BAD",
     "experiment BAD --out run",
     "reproduce BAD --out study",
     "compare --study BAD --out study",
@@ -69,6 +72,7 @@ FOLDERS = [
 WRITTEN = [
     f"explore {ROBOT} --waypoints 1 --out BAD",
     f"pretrain {ROBOT} data.npz --out BAD",
+    f"kinematics {TUBES} --out BAD",
     f"experiment {EXPERIMENT} --out BAD",
     "reproduce ho2018 --out BAD",
     "compare --out BAD",
@@ -85,7 +89,7 @@ WRITTEN = [
 
 
 def _makes_a_file(words: str) -> bool:
-    return words.startswith(("explore", "pretrain", "mdn collect", "mdn train"))
+    return words.startswith(("explore", "pretrain", "kinematics", "mdn collect", "mdn train"))
 
 
 BAD = ("missing", "folder", "binary", "empty", "unreadable", "below", "long")

@@ -2,6 +2,7 @@
 
 import re
 import shlex
+import textwrap
 from pathlib import Path
 
 import pytest
@@ -14,8 +15,20 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 def blocks(kind: str) -> list[str]:
     """The code blocks of a kind, without the indentation of what they stand in."""
-    found = re.findall(rf"(?ms)^( *)```{kind}\n(.*?)^ *```$", README)
-    return [re.sub(rf"(?m)^{indent}", "", text) for indent, text in found]
+    found: list[str] = []
+    block: list[str] | None = None
+    opened = ""
+    for line in README.splitlines():
+        bare = line.strip()
+        if not bare.startswith("```"):
+            if block is not None:
+                block.append(line)
+        elif block is None:
+            opened, block = bare.removeprefix("```"), []
+        else:
+            found += [textwrap.dedent("\n".join([*block, ""]))] if opened == kind else []
+            block = None
+    return found
 
 
 def shell_lines() -> list[str]:
