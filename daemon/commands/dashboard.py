@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from config.problems import in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
 from daemon.host.stop_signals import StopSignals
 from daemon.remote.access import OPERATOR
@@ -58,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         asyncio.run(_serve(arguments))
     except OSError as error:
-        print(f"the page cannot be served: {error.strerror or error}", file=sys.stderr)
+        print(f"the page cannot be served: {in_words(error)}", file=sys.stderr)
         return EXIT_FAILED
     return EXIT_OK
 
@@ -71,6 +72,7 @@ async def _serve(arguments: argparse.Namespace) -> None:
     from daemon.dashboard.http_rules import LOOPBACK_HOSTS, VIEWER, Rules
     from daemon.dashboard.server import PageServer
 
+    context = _context(arguments)  # before there is anything to be closed
     listening, port = _listening(arguments.bind, arguments.port)
     tokens = {} if arguments.no_token else {_token(): OPERATOR, _token(): VIEWER}
     hosts = (*LOOPBACK_HOSTS, *arguments.host)
@@ -80,7 +82,7 @@ async def _serve(arguments: argparse.Namespace) -> None:
     await runner.setup()
     finding = asyncio.create_task(_find(server, arguments))
     try:
-        await web.SockSite(runner, listening, ssl_context=_context(arguments)).start()
+        await web.SockSite(runner, listening, ssl_context=context).start()
         _tell(arguments, port, tokens)
         await StopSignals().wait(None)
     finally:
@@ -109,7 +111,11 @@ def _context(arguments: argparse.Namespace) -> ssl.SSLContext | None:
     if arguments.tls is None:
         return None
     context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
-    context.load_cert_chain(*arguments.tls)
+    try:
+        context.load_cert_chain(*arguments.tls)
+    except OSError as error:  # it does not say which file
+        error.filename = str(arguments.tls[0])
+        raise
     return context
 
 

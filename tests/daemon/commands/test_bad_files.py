@@ -37,6 +37,7 @@ READ = [
     f"explore {ROBOT} --from BAD --out data.npz",
     "pretrain BAD data.npz --out model.npz",
     f"pretrain {ROBOT} BAD --out model.npz",
+    "dashboard --port 0 --tls BAD BAD",
     "kinematics BAD --out model.npz",
     f"kinematics {TUBES} --model BAD",
     "experiment BAD --out run",
