@@ -138,8 +138,7 @@ class Consequences:
         for reason in reasons:
             key = _key(reason)
             origin = self._origin(key)
-            if origin != key:  # what stands between them may be forgotten
-                self._known[key].lead = origin
+            self._known[key].lead = origin  # what stands between them may be forgotten
             groups.setdefault(origin, []).append(reason)
         ordered: list[ActiveReason] = []
         for origin, members in groups.items():
@@ -163,8 +162,9 @@ class Consequences:
                 known.over_ns = None
             elif known.over_ns is None:
                 known.over_ns = t_ns
-        for key, known in self._known.items():
-            if key not in present and known.over_ns is None:
+        for key in self._known.keys() - present:
+            known = self._known[key]
+            if known.over_ns is None:
                 known.over_ns = t_ns
 
     def _look_for_lead(self, known: _Known) -> None:
@@ -173,19 +173,21 @@ class Consequences:
         found = [
             (_RANK.get(lead.reason.cause, len(_RANK)), lead.reason.since_ns, key)
             for key, lead in self._known.items()
-            if lead is not known and _may_lead(lead, cause, since_ns, known.reason.subject)
+            if _may_lead(lead, cause, since_ns, known.reason.subject)
         ]
         if found:
             known.lead = min(found)[2]
 
     def _origin(self, key: _Key) -> _Key:
-        seen = {key}
-        while (lead := self._known[key].lead) is not None and lead in self._known:
-            if lead in seen:
-                break
-            seen.add(lead)
-            key = lead
-        return key
+        """Of those that follow from each other in a circle, because one of them has come anew or by
+        way of what leads later, the oldest: it is one for all of them."""
+        way = [key]
+        while (lead := self._known[way[-1]].lead) is not None and lead in self._known:
+            if lead in way:
+                circle = way[way.index(lead) :]
+                return min(circle, key=lambda one: (self._known[one].reason.since_ns, one))
+            way.append(lead)
+        return way[-1]
 
     def _forget(self, present: set[_Key], leads: set[_Key], t_ns: int) -> None:
         for key, known in tuple(self._known.items()):

@@ -1,14 +1,20 @@
 """Where one thing makes many go wrong, that one is told first, and the others under it."""
 
+from dataclasses import replace
 from itertools import product
 
 import pytest
+from hypothesis import given, strategies
 
 from safety.causes import Cause, Severity, cause
 from safety.consequences import LEADS_LATER_TO, LEADS_TO, Consequences, with_leads
 from safety.failsafe import ActiveReason
 
 S = 1_000_000_000
+CIRCLING = (
+    *("node_lost", "bus_queue_full", "bus_degraded", "drive_no_voltage", "node_reset"),
+    *("node_not_ready", "drive_fault", "arming_failed", "bus_off", "loop_late"),
+)
 
 
 def reason(name: str, at_s: float, subject: str = "x", *, latched: bool = False) -> ActiveReason:
@@ -60,6 +66,20 @@ def test_of_several_that_may_lead_the_one_nearest_to_the_origin_does() -> None:
     ]
 
 
+def test_of_leads_that_have_nothing_to_do_with_each_other_the_first_in_the_table_counts() -> None:
+    ordered = ordered_once(
+        reason("drive_fault", 10.0),
+        reason("drive_settings_changed", 10.2),
+        reason("arming_failed", 11),
+    )
+    assert ("arming_failed", "drive_settings_changed", False) in ordered
+
+
+def test_a_drive_that_starts_anew_follows_from_its_supply() -> None:
+    ordered = ordered_once(reason("drive_no_voltage", 10.0), reason("node_reset", 10.2))
+    assert ordered == [("drive_no_voltage", "", False), ("node_reset", "drive_no_voltage", False)]
+
+
 def test_a_group_is_as_bad_as_the_worst_in_it() -> None:
     ordered = ordered_once(
         reason("tracker_warning", 10.0), reason("tracker_gone", 13.0), reason("operator_hold", 1.0)
@@ -71,9 +91,9 @@ def test_a_group_is_as_bad_as_the_worst_in_it() -> None:
     ("lead_at_s", "follow_at_s", "latched", "expected"),
     [
         (10.0, 9.0, True, "loop_stalled"),  # seen before its origin was
-        (10.0, 8.9, True, ""),
+        (10.0, 8.999_999_999, True, ""),
         (10.0, 12.0, True, "loop_stalled"),  # so long after it was over
-        (10.0, 12.1, True, ""),
+        (10.0, 12.000_000_001, True, ""),
         (10.0, 50.0, False, "loop_stalled"),  # it still goes on
     ],
 )
@@ -129,8 +149,10 @@ def test_the_same_of_several_drives_at_once_has_one_origin() -> None:
 
 
 def test_the_same_much_later_stands_for_itself() -> None:
-    ordered = ordered_once(reason("node_lost", 10.0, "a"), reason("node_lost", 10.6, "b"))
-    assert [follows for _, follows, _ in ordered] == ["", ""]
+    at_once = ordered_once(reason("node_lost", 10.0, "a"), reason("node_lost", 10.5, "b"))
+    assert [follows for _, follows, _ in at_once] == ["", "node_lost"]
+    later = ordered_once(reason("node_lost", 10.0, "a"), reason("node_lost", 10.500_000_001, "b"))
+    assert [follows for _, follows, _ in later] == ["", ""]
 
 
 def test_a_lead_that_is_over_is_told_as_long_as_anything_follows_from_it() -> None:
@@ -140,10 +162,11 @@ def test_a_lead_that_is_over_is_told_as_long_as_anything_follows_from_it() -> No
     ordered = consequences.ordered([fault], round(10.06 * S))
     assert shown(ordered) == [("loop_late", "", True), ("drive_fault", "loop_late", False)]
     assert ordered[0].severity is Severity.NONE
-    much_later = consequences.ordered([fault, reason("drive_warning", 90.0)], 90 * S)
-    assert ("loop_late", "", True) in shown(much_later)
-    assert consequences.ordered([], 91 * S) == ()
-    assert shown(consequences.ordered([reason("drive_fault", 95.0)], 95 * S)) == [
+    for at_s in (90, 95, 98):
+        much_later = consequences.ordered([fault, reason("drive_warning", 90.0)], at_s * S)
+        assert ("loop_late", "", True) in shown(much_later)
+    assert consequences.ordered([], 99 * S) == ()
+    assert shown(consequences.ordered([reason("drive_fault", 105.0)], 105 * S)) == [
         ("drive_fault", "", False)
     ]
     assert [key[0] for key in consequences._known] == ["drive_fault"]
@@ -160,6 +183,111 @@ def test_what_stood_between_may_go() -> None:
         ("loop_stalled", "", False),
         ("node_not_ready", "loop_stalled", False),
     ]
+
+
+def test_what_stood_between_may_be_forgotten() -> None:
+    consequences = Consequences()
+    unready, slack = reason("node_not_ready", 10.0), reason("tendon_slack", 10.2)
+    assert ("tendon_slack", "", False) in ordered_once(unready, slack)
+    consequences.ordered(worst_first(unready, reason("drive_not_enabled", 10.1), slack), 11 * S)
+    for at_s in (20, 30, 40):
+        ordered = consequences.ordered(worst_first(unready, slack), at_s * S)
+    assert ("tendon_slack", "node_not_ready", False) in shown(ordered)
+
+
+def test_a_lead_is_told_as_it_is_by_now() -> None:
+    consequences = Consequences()
+    late, fault = reason("loop_late", 10.0), reason("drive_fault", 10.1)
+    consequences.ordered(worst_first(late, fault), 11 * S)
+    by_now = replace(late, detail="20 ms", latched=True)
+    ordered = consequences.ordered(worst_first(by_now, fault), 12 * S)
+    assert ordered[0] == by_now
+    gone = consequences.ordered([fault], 13 * S)
+    assert gone[0] == replace(by_now, over=True, latched=False)
+
+
+def test_what_is_only_kept_to_be_read_leads_no_longer_for_it() -> None:
+    consequences, stalled = Consequences(), reason("loop_stalled", 10.0, latched=True)
+    for at_s in (10, 13, 14):
+        consequences.ordered([stalled], at_s * S)
+    ordered = consequences.ordered(worst_first(stalled, reason("node_lost", 15.0)), 15 * S)
+    assert ("node_lost", "", False) in shown(ordered)
+
+
+def test_what_is_there_again_leads_again() -> None:
+    consequences = Consequences()
+    over, again = reason("loop_late", 10.0, latched=True), reason("loop_late", 10.0)
+    consequences.ordered([over], 10 * S)
+    ordered = consequences.ordered(worst_first(again, reason("node_lost", 50.0)), 50 * S)
+    assert ("node_lost", "loop_late", False) in shown(ordered)
+
+
+@pytest.mark.parametrize(
+    ("follow_at_s", "expected"), [(41.5, "loop_late"), (43.0, "loop_late"), (43.000_000_001, "")]
+)
+def test_it_leads_for_a_while_after_it_has_gone(follow_at_s: float, expected: str) -> None:
+    consequences = Consequences()
+    for at_s in (10, 40):
+        consequences.ordered([reason("loop_late", 10.0)], at_s * S)
+    for at_s in (41, 42, 43):
+        assert consequences.ordered([], at_s * S) == ()
+    ordered = consequences.ordered([reason("node_lost", follow_at_s)], 44 * S)
+    assert ("node_lost", expected, False) in shown(ordered)
+
+
+def test_what_comes_back_when_its_lead_is_forgotten_stands_for_itself() -> None:
+    consequences = Consequences()
+    late, lost = reason("loop_late", 10.0), reason("node_lost", 10.1)
+    consequences.ordered(worst_first(late, lost), round(10.2 * S))
+    consequences.ordered([lost], 11 * S)
+    consequences.ordered([], round(12.5 * S))
+    consequences.ordered([], round(13.5 * S))
+    assert shown(consequences.ordered([lost], 14 * S)) == [("node_lost", "", False)]
+
+
+def each_once(ordered: tuple[ActiveReason, ...]) -> list[str]:
+    return sorted(f"{one.cause.value} {one.subject}" for one in ordered)
+
+
+def test_a_lead_that_comes_anew_after_what_followed_from_it_is_told_once() -> None:
+    consequences = Consequences()
+    full = reason("bus_queue_full", 12.0)
+    before = consequences.ordered(worst_first(reason("node_lost", 10.0), full), 13 * S)
+    assert ("bus_queue_full", "node_lost", False) in shown(before)
+    for at_s in (20, 30):
+        ordered = consequences.ordered(worst_first(reason("node_lost", 20.0), full), at_s * S)
+        assert shown(ordered) == [
+            ("bus_queue_full", "", False),
+            ("node_lost", "bus_queue_full", False),
+        ]
+
+
+def test_of_causes_that_could_each_follow_from_another_the_oldest_leads() -> None:
+    consequences = Consequences()
+    reasons = worst_first(
+        reason("node_lost", 10.0),
+        reason("drive_no_voltage", 10.7),
+        reason("bus_queue_full", 11.5),
+        reason("arming_failed", 11.6),
+    )
+    for at_s in (12, 13, 20):
+        ordered = consequences.ordered(reasons, at_s * S)
+        assert each_once(ordered) == each_once(tuple(reasons))
+        assert shown(ordered)[0] == ("node_lost", "", False)
+        assert {follows for _, follows, _ in shown(ordered)[1:]} == {"node_lost"}
+
+
+@given(data=strategies.data())
+def test_whatever_comes_and_goes_nothing_is_lost_or_told_twice(data: strategies.DataObject) -> None:
+    moments = strategies.integers(0, 12).map(lambda quarter: 10.0 + quarter / 4.0)
+    keys = strategies.tuples(strategies.sampled_from(CIRCLING), strategies.sampled_from("ab"))
+    consequences = Consequences()
+    for at_s in (13, 14, 17):
+        present = data.draw(strategies.dictionaries(keys, moments, max_size=8))
+        reasons = worst_first(*(reason(name, at, who) for (name, who), at in present.items()))
+        ordered = consequences.ordered(reasons, at_s * S)
+        assert each_once(tuple(one for one in ordered if not one.over)) == each_once(tuple(reasons))
+        assert len(set(each_once(ordered))) == len(ordered)
 
 
 def test_what_has_come_anew_is_looked_at_anew() -> None:
@@ -204,4 +332,8 @@ def test_of_those_that_are_bad_enough_each_comes_with_its_lead() -> None:
     kept = [one.cause.value for one in with_leads(ordered, Severity.HOLD)]
     assert kept == ["tracker_warning", "tracker_late", "tracker_quality"]
     assert with_leads(ordered, Severity.FAULT) == ()
+    late = [replace(reason("loop_late", 9.0), over=True)]
+    late += [replace(reason("drive_fault", 9.1), follows_from="loop_late")]
+    kept = [one.cause.value for one in with_leads((*ordered, *late), Severity.HOLD)]
+    assert kept[3:] == ["loop_late", "drive_fault"]
     assert with_leads((), Severity.NONE) == ()
