@@ -30,7 +30,7 @@ def frames_of_run(path: Path) -> Frames:
     """Every believed frame of a run (its folder, or one recording) during which it was running.
 
     The tip is the loop's, and not that of `recorded_path`: its place is not late, only its velocity
-    is, which nothing is learnt from. On the emulated soft arm both give the same lag, within 0.5 ms
+    is, which nothing is learnt from. On the emulated soft arm both give the same lag, within 1 ms
     of that of the true tip, and models that predict true motions equally well (rms of four
     explorations 0.271 mm filtered, 0.278 smoothed, 0.273 true).
 

@@ -150,12 +150,16 @@ def test_the_shipped_soft_arm_with_a_load_is_told_from_one_without() -> None:
     assert alarms[LOAD_G] > 0.5 * len(u)
 
 
+@pytest.mark.parametrize("seed", [2, 38])
 def test_at_the_gates_edge_a_load_touches_unless_the_tip_is_compared_with_the_model(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A ball as near as the model allows, where the weight bends the body to."""
+    """A ball as near as the model allows, where the weight bends the body to.
+
+    In seed 38 the arm goes so fast that it sinks on by 3 mm while the comparison makes up its mind.
+    """
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    edge = Edge.of(2, tmp_path)
+    edge = Edge.of(seed, tmp_path)
     assert 0.02 < edge.risk <= THRESHOLD
     unseeing = play_edge(edge, tmp_path, seeing=False)
     assert (unseeing.touched, unseeing.by_the_drop, unseeing.arrived) == (True, False, True)
@@ -163,7 +167,7 @@ def test_at_the_gates_edge_a_load_touches_unless_the_tip_is_compared_with_the_mo
     seeing = play_edge(edge, tmp_path, seeing=True)
     assert (seeing.touched, seeing.arrived, seeing.state) == (False, False, OperatingState.HOLD)
     assert seeing.causes <= {CAUSE, "risk_too_high"}
-    assert seeing.least_clearance_mm > 3.0
+    assert seeing.least_clearance_mm > 2.0
 
 
 @pytest.mark.parametrize("seed", [4])
