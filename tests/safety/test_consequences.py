@@ -185,12 +185,13 @@ def test_what_stood_between_may_go() -> None:
     ]
 
 
-def test_what_stood_between_may_be_forgotten() -> None:
-    consequences = Consequences()
-    unready, slack = reason("node_not_ready", 10.0), reason("tendon_slack", 10.2)
+@pytest.mark.parametrize("latched", [False, True])
+def test_what_stood_between_may_be_forgotten(latched: bool) -> None:
+    consequences, unready = Consequences(), reason("node_not_ready", 10.0)
+    slack = reason("tendon_slack", 10.2, latched=latched)
     assert ("tendon_slack", "", False) in ordered_once(unready, slack)
     consequences.ordered(worst_first(unready, reason("drive_not_enabled", 10.1), slack), 11 * S)
-    for at_s in (20, 30, 40):
+    for at_s in (20, 30, 40, 50):
         ordered = consequences.ordered(worst_first(unready, slack), at_s * S)
     assert ("tendon_slack", "node_not_ready", False) in shown(ordered)
 
