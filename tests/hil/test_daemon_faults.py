@@ -238,7 +238,7 @@ def assert_told(one: Rig, name: str) -> None:
     assert told.severity == cause(name).severity.name.lower()
 
 
-@pytest.mark.parametrize("row", WHILE_RUNNING, ids=lambda row: f"{row.cause}-{row.value}")
+@pytest.mark.parametrize("row", WHILE_RUNNING, ids=lambda row: f"{row.cause}-{row.name}")
 def test_while_running(robot: Rig, row: Row) -> None:
     robot.running()
     row.act(robot)

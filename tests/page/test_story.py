@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import BrowserContext, ConsoleMessage, Page
 
 _CHROMIUM: Final = shutil.which("chromium") or shutil.which("chromium-browser")
-_PICTURES: Final = Path(__file__).parent / "pictures"
+_PICTURES: Final = Path(__file__).parents[2] / "docs" / "pictures"
 """What the pictures in the documentation are made by, so that they are never old."""
 _ROBOT: Final = SHIPPED_ROBOTS / "tendon_arm.yaml"
 _PATIENCE_S: Final = 60.0
@@ -98,7 +98,7 @@ class Bench:
         self.page.mouse.up()
 
     def picture(self, name: str) -> None:
-        _PICTURES.mkdir(exist_ok=True)
+        _PICTURES.mkdir(parents=True, exist_ok=True)
         self.page.screenshot(path=str(_PICTURES / f"{name}.png"))
 
     def leave(self) -> None:

@@ -41,6 +41,7 @@ def test_a_standard_reader_reads_everything(tmp_path: Path) -> None:
             "/tip_pose",
             "/axes",
             "/risk",
+            "/body",
             "/loop",
             "/event",
             "/raw/tracker",

