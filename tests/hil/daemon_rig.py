@@ -384,9 +384,11 @@ class Rig:
             time.sleep(0.1)
 
     def _acquire(self) -> None:
-        """Take the lease, also while one that was lost runs out."""
+        """Take the lease, also while one that was lost runs out, and where the client has not heard
+        yet that it has."""
         with suppress(RefusedError):
-            if not self.client._lease.token or self.client.lease_lost is not None:
+            lost = not self.client._lease.token or self.client.lease_lost is not None
+            if lost or self.status().lease.holder is None:
                 self.user.do(self.client.acquire())
 
     def _moves(self) -> bool:
