@@ -1,13 +1,17 @@
-"""What one browser is told, 30 times a second at most: the newest of everything, never a queue."""
+"""What one browser is told, 30 times a second at most: the newest of everything, never a queue.
+
+The buttons of the page are drawn as they are told: from what the daemon says of every command.
+"""
 
 import asyncio
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import msgspec
 from aiohttp import web
 
-from daemon.dashboard.buttons import buttons
+from daemon.dashboard.http_rules import may
 from daemon.dashboard.robot_link import RobotLink
+from daemon.messages import Status
 
 _EVERY_S: Final = 1.0 / 30.0
 _MOST_WAITING_BYTES: Final = 65536
@@ -76,3 +80,52 @@ class PageSocket:
             told = list(link.events)[first : first + _EVENTS_AT_ONCE]
             frame["events"] = told
             self._events_sent = link.events_heard - new + len(told)
+
+
+class _Look(NamedTuple):
+    verb: str
+    label: str
+    hold_s: float = 0.0
+    """For how long it has to be pressed: what makes the robot strong or move."""
+
+
+_BUTTONS: Final = (
+    _Look("arm", "Arm", 0.8),
+    _Look("start", "Start"),
+    _Look("hold", "Hold"),
+    _Look("resume", "Resume"),
+    _Look("disarm", "Disarm"),
+    _Look("clear", "Clear"),
+    _Look("home", "Home", 0.8),
+)
+
+
+def buttons(
+    status: Status, role: str | None, in_control: bool, holder: str = ""
+) -> list[dict[str, Any]]:
+    """What the page draws. in_control: whether this page is. holder: who is, for people."""
+    by_name = {verb.name: verb for verb in status.verbs}
+    drawn = []
+    for look in _BUTTONS:
+        told = by_name.get(look.verb)
+        why, helps = "", ""
+        if not may(role, look.verb):
+            why, helps = "viewers only watch", "Ask for an operator's link"
+        elif not in_control:
+            whose = f"{holder} is in control" if holder else "nobody is in control"
+            why, helps = whose, "Take control first"
+        elif told is None:
+            why, helps = "the daemon does not know this command", "Update the daemon"
+        elif not told.possible:
+            why, helps = told.why_not, told.helps
+        drawn.append(
+            {
+                "verb": look.verb,
+                "label": look.label,
+                "enabled": not why,
+                "why": why,
+                "helps": helps,
+                "hold_s": look.hold_s,
+            }
+        )
+    return drawn

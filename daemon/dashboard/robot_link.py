@@ -1,4 +1,8 @@
-"""One robot as the page's server knows it: heard while its daemon runs, picked up again after."""
+"""One robot as the page's server knows it: heard while its daemon runs, picked up again after.
+
+Its lease is renewed only when the page that has control has just been heard. A hung tab, a laptop
+asleep or a frozen server renew nothing, and the daemon does what it does without an operator.
+"""
 
 import asyncio
 from collections import deque
@@ -7,7 +11,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
-from daemon.dashboard.control import PageControl
 from daemon.messages import (
     Acquire,
     Answer,
@@ -29,6 +32,42 @@ _EVENTS_KEPT: Final = 1000
 _RENEW_EACH_S: Final = 0.2
 _STOPS_WITHIN_S: Final = 4.0
 _DEPTH: Final = 512
+HEARD_WITHIN_S: Final = 0.4
+"""An older heartbeat renews nothing."""
+
+
+class PageControl:
+    """Which page is in control of one robot, and until when: nothing keeps that alive but the
+    browser's own heartbeat. Times are seconds of one clock."""
+
+    def __init__(self) -> None:
+        self.page = ""
+        """Which is in control; empty: none."""
+        self._heard_s = 0.0
+
+    def take(self, page: str, now_s: float) -> str:
+        """Returns the page that had it before; empty where there was none, or it is the same."""
+        before = self.page if self.page != page else ""
+        self.page, self._heard_s = page, now_s
+        return before
+
+    def give(self, page: str) -> bool:
+        """Returns whether it had it."""
+        if not page or page != self.page:
+            return False
+        self.page = ""
+        return True
+
+    def heard(self, page: str, now_s: float) -> bool:
+        """A page's heartbeat. Returns whether the lease may be renewed."""
+        if not page or page != self.page:
+            return False
+        self._heard_s = now_s
+        return True
+
+    def alive(self, now_s: float) -> bool:
+        """Whether the page in control was heard so lately that it counts as an operator."""
+        return bool(self.page) and now_s - self._heard_s <= HEARD_WITHIN_S
 
 
 class RobotLink:

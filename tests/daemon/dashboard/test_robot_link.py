@@ -1,6 +1,6 @@
 """Only the page in control keeps the lease alive, and only while it is heard."""
 
-from daemon.dashboard.control import HEARD_WITHIN_S, PageControl
+from daemon.dashboard.robot_link import HEARD_WITHIN_S, PageControl
 
 
 def test_a_page_that_is_not_heard_is_no_operator() -> None:

@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from daemon.dashboard.buttons import buttons
+from daemon.dashboard.page_socket import buttons
 from daemon.messages import COMMANDS, Status, Verb, verb
 from tests.daemon.remote.rig import FakeRobot
 
