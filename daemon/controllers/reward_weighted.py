@@ -27,7 +27,7 @@ from daemon.controllers.learning_controller import LearningController
 from daemon.controllers.learnt_jacobian import LearntJacobian
 from daemon.controllers.local_law import LocalLaw, window_arrays, window_samples
 from daemon.learning.forward.pretrained_model import PretrainedModel
-from daemon.learning.inverse.local_controllers import Command, LocalControllers
+from daemon.learning.inverse.local_controllers import InverseAnswer, LocalControllers
 from daemon.learning.inverse.window import Window
 from daemon.learning.samples.motion import MotionSample
 from daemon.learning.samples.receptive_fields import ReceptiveFields
@@ -100,10 +100,10 @@ class GrowingControllers:
         if not self._missing:
             self._engine, self._next = self._next, None
 
-    def command(self, delta_tip_mm: Vector, tip_mm: Vector, u: Vector) -> Command:
+    def command(self, delta_tip_mm: Vector, tip_mm: Vector, u: Vector) -> InverseAnswer:
         """See `LocalControllers`."""
         if self._engine is None:
-            return Command(np.zeros(len(u)), 0.0, 0.0)
+            return InverseAnswer(np.zeros(len(u)), 0.0, 0.0)
         return self._engine.command(delta_tip_mm, tip_mm, u)
 
     def set_posture(self, posture: Vector) -> None:
@@ -223,7 +223,7 @@ class RewardWeightedController(LearningController):
         step = follower.axis_step(jacobian, wanted, observation, near)
         return Proposal(step, "" if trust > 0.0 else "follows by the forward model alone")
 
-    def _command(self, tip_motion: Vector, observation: Observation) -> Command:
+    def _command(self, tip_motion: Vector, observation: Observation) -> InverseAnswer:
         assert self._local is not None
         return self._local.command(tip_motion, observation.tip_mm, observation.u)
 
@@ -256,10 +256,10 @@ class RewardWeightedController(LearningController):
         return np.concatenate([np.full(3, p_mm), travel])
 
 
-def _trust(command: Command) -> float:
+def _trust(command: InverseAnswer) -> float:
     """How far local controllers are followed, 0 to 1."""
     return min(command.activation / _ACTIVE, command.support / _SUPPORTED, 1.0)
 
 
-def _note(command: Command) -> str:
+def _note(command: InverseAnswer) -> str:
     return "" if command.support > 0.0 else "no local controller knows anything here"

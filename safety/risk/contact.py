@@ -22,7 +22,7 @@ from safety.risk.contact_kernels import (
     FINEST_MM,
     Shapes,
     Skin,
-    Surroundings,
+    SolidArrays,
     clearances,
     place_shapes,
     sweep,
@@ -340,14 +340,14 @@ def _share_touching(clearance: SingleArray) -> float:
     return int(np.count_nonzero(clearance <= 0.0)) / clearance.size
 
 
-def _surroundings(grid: DistanceGrid, port: InsertionPort | None) -> Surroundings:
+def _surroundings(grid: DistanceGrid, port: InsertionPort | None) -> SolidArrays:
     outside = -1.0 if grid.solid_around else 1.0
     frame = [*grid.origin_mm, 1.0 / grid.spacing_mm, outside, grid.margin_mm, grid.error_mm]
     hole = [0.0] * 6 + [-1.0, 0.0]
     if port is not None:
         inwards = np.asarray(port.inwards) / np.linalg.norm(port.inwards)
         hole = [*port.centre_mm, *inwards, port.radius_mm, port.depth_mm]
-    return Surroundings(
+    return SolidArrays(
         grid.values_mm.ravel(),
         np.array(grid.values_mm.shape, np.uint64),
         np.array(frame, np.float32),

@@ -30,7 +30,7 @@ _placing = njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract
 SingleArray = NDArray[np.float32]
 
 
-class Surroundings(NamedTuple):
+class SolidArrays(NamedTuple):
     """Distances as `distance_grid` has them, and the port, as the compiled code reads them.
 
     values: (nx·ny·nz,) mm. shape: (3,) uint64. frame: (7,) the grid's origin, places per mm, ±1 for

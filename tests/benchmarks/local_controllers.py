@@ -21,7 +21,7 @@ import numpy as np
 
 from daemon.learning.inverse.bank import BankControllers, BankPrecision
 from daemon.learning.inverse.exact import BatchControllers, OracleControllers
-from daemon.learning.inverse.local_controllers import Command, LocalControllers
+from daemon.learning.inverse.local_controllers import InverseAnswer, LocalControllers
 from daemon.learning.inverse.prior import Prior
 from daemon.learning.samples.motion import MotionSample
 from daemon.learning.samples.receptive_fields import ReceptiveFields
@@ -225,7 +225,7 @@ def _update(walk: Walk, controllers: LocalControllers, samples: int) -> Figures:
     }
 
 
-def _ask(controllers: LocalControllers, sample: MotionSample) -> Command:
+def _ask(controllers: LocalControllers, sample: MotionSample) -> InverseAnswer:
     return controllers.command(sample.delta_tip_mm, sample.tip_mm, sample.u)
 
 

@@ -28,7 +28,7 @@ from daemon.learning.inverse.bank_kernels import (
 from daemon.learning.inverse.engine_parts import Engine, SolvedFields
 from daemon.learning.inverse.local_controller_kernels import IndexArray, Sums, log_weights
 from daemon.learning.inverse.local_controller_settings import LocalControllerSettings
-from daemon.learning.inverse.local_controllers import Command
+from daemon.learning.inverse.local_controllers import InverseAnswer
 from daemon.learning.inverse.prior import Prior
 from daemon.learning.inverse.reward import LEAST_MEAN_COST
 from daemon.learning.inverse.window import PLACE
@@ -148,7 +148,7 @@ class BankControllers(Engine):
     def solve(self, budget: int | None = None) -> None:
         self._solve(np.flatnonzero(self._moments.stale)[:budget])
 
-    def command(self, delta_tip_mm: Vector, tip_mm: Vector, u: Vector) -> Command:
+    def command(self, delta_tip_mm: Vector, tip_mm: Vector, u: Vector) -> InverseAnswer:
         if not self._solved.ask(delta_tip_mm, tip_mm, u):
             return self._solved.nothing()
         count = stale_fields(

@@ -12,7 +12,7 @@ from daemon.learning.inverse.local_controller_kernels import (
     solve_fields,
 )
 from daemon.learning.inverse.local_controller_settings import LocalControllerSettings
-from daemon.learning.inverse.local_controllers import Command
+from daemon.learning.inverse.local_controllers import InverseAnswer
 from daemon.learning.inverse.prior import Prior, prior_for
 from daemon.learning.inverse.window import PLACE, RegressionWindow, Regressors, Window
 from daemon.learning.samples.receptive_fields import ReceptiveFields
@@ -98,13 +98,13 @@ class SolvedFields:
         log_weights(self.geometry, self._place, self.log_weights)
         return True
 
-    def answer(self) -> Command:
+    def answer(self) -> InverseAnswer:
         """The command for the query that `ask` took."""
         here = self.log_weights[0]
         support = blend(self._row, here, self._cutoff, self._solutions, self._answer)
         activation = float(np.exp(here.max(initial=-np.inf)))
-        return Command(self._answer * self._regressors.axis_steps, activation, support)
+        return InverseAnswer(self._answer * self._regressors.axis_steps, activation, support)
 
-    def nothing(self) -> Command:
+    def nothing(self) -> InverseAnswer:
         """The answer to a query that cannot be answered."""
-        return Command(np.zeros(self._regressors.axes), 0.0, 0.0)
+        return InverseAnswer(np.zeros(self._regressors.axes), 0.0, 0.0)

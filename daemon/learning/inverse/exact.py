@@ -16,7 +16,7 @@ import numpy as np
 from daemon.learning.inverse.engine_parts import Engine, SolvedFields
 from daemon.learning.inverse.local_controller_kernels import SUPPORT_CUTOFF, Sums, log_weights
 from daemon.learning.inverse.local_controller_settings import LocalControllerSettings
-from daemon.learning.inverse.local_controllers import Command
+from daemon.learning.inverse.local_controllers import InverseAnswer
 from daemon.learning.inverse.prior import Prior
 from daemon.learning.inverse.reward import reward_scale, reward_scales, rewarded_products
 from daemon.learning.inverse.window import PLACE
@@ -69,7 +69,7 @@ class BatchControllers(Engine):
             self._solve()
             self._stale = False
 
-    def command(self, delta_tip_mm: Vector, tip_mm: Vector, u: Vector) -> Command:
+    def command(self, delta_tip_mm: Vector, tip_mm: Vector, u: Vector) -> InverseAnswer:
         self.solve()
         asked = self._solved.ask(delta_tip_mm, tip_mm, u)
         return self._solved.answer() if asked else self._solved.nothing()
@@ -148,17 +148,17 @@ class OracleControllers(Engine):
         beta = np.asarray(np.linalg.solve(matrix, cross), dtype=np.float64)
         return SolvedField(beta, matrix)
 
-    def command(self, delta_tip_mm: Vector, tip_mm: Vector, u: Vector) -> Command:
+    def command(self, delta_tip_mm: Vector, tip_mm: Vector, u: Vector) -> InverseAnswer:
         nothing = np.zeros(self._regressors.axes)
         row = np.zeros(self._regressors.count)
         self._regressors.query(delta_tip_mm, tip_mm, u, row)
         if not self._regressors.known(row):
-            return Command(nothing, 0.0, 0.0)
+            return InverseAnswer(nothing, 0.0, 0.0)
         log_weight = self.fields.log_weights(tip_mm, u)
         activation = float(np.exp(log_weight.max(initial=-np.inf)))
         solved = {i: s for i in range(self.fields.count) if (s := self.solve_field(i)) is not None}
         if not solved:
-            return Command(nothing, activation, 0.0)
+            return InverseAnswer(nothing, activation, 0.0)
         weight = np.exp(log_weight[list(solved)] - log_weight[list(solved)].max())
         weight /= weight.sum()
         answers = np.array([row @ field.beta for field in solved.values()])
@@ -166,4 +166,4 @@ class OracleControllers(Engine):
         leverage = np.array([row @ np.linalg.solve(s.matrix, row) for s in solved.values()])
         strong = weight >= SUPPORT_CUTOFF * weight.max()
         support = weight[strong].sum() / (weight[strong] @ leverage[strong])
-        return Command(delta_u, activation, float(support))
+        return InverseAnswer(delta_u, activation, float(support))

@@ -27,7 +27,7 @@ from daemon.learning.samples.receptive_fields import ReceptiveFields
 from drivers.pose import Vector
 
 
-class Command(NamedTuple):
+class InverseAnswer(NamedTuple):
     """What the local controllers propose."""
 
     delta_u: Vector
@@ -96,6 +96,6 @@ class LocalControllers(Protocol):
         """Work that can wait: solve `budget` of the fields that have changed, or all."""
         ...
 
-    def command(self, delta_tip_mm: Vector, tip_mm: Vector, u: Vector) -> Command:
+    def command(self, delta_tip_mm: Vector, tip_mm: Vector, u: Vector) -> InverseAnswer:
         """The step that should move the tip by (3,) Δp from (3,) p and (m,) u."""
         ...

@@ -28,9 +28,9 @@ from daemon.workbench.report.two_processes import in_two_processes
 
 
 HASH: Final = b"h"
-"""Wish for the control hash of what is recorded by now."""
+"""Request for the control hash of what has been recorded."""
 REPORT: Final = b"r"
-"""Wish for the report. Answered by an empty line when it is written."""
+"""Request for the report. Answered by an empty line when it is written."""
 
 _COMMAND: Final = (sys.executable, "-m", "daemon.workbench.report.report_process")
 _ANSWERS_WITHIN_S: Final = 120.0

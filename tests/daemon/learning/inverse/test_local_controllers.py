@@ -10,7 +10,7 @@ from scipy.stats import norm, qmc
 from daemon.learning.inverse import bank_kernels, local_controller_kernels
 from daemon.learning.inverse.engines import EngineName, make_local_controllers, warm_up
 from daemon.learning.inverse.local_controller_settings import LocalControllerSettings
-from daemon.learning.inverse.local_controllers import Command, LocalControllers
+from daemon.learning.inverse.local_controllers import InverseAnswer, LocalControllers
 from daemon.learning.inverse.prior import Prior
 from daemon.learning.samples.motion import MotionSample
 from daemon.learning.samples.receptive_fields import ReceptiveFields
@@ -57,11 +57,11 @@ def made(
     return controllers
 
 
-def asked(controllers: LocalControllers, samples: tuple[MotionSample, ...]) -> list[Command]:
+def asked(controllers: LocalControllers, samples: tuple[MotionSample, ...]) -> list[InverseAnswer]:
     return [controllers.command(s.delta_tip_mm, s.tip_mm, s.u) for s in samples]
 
 
-def assert_same(ours: list[Command], theirs: list[Command], within: float) -> None:
+def assert_same(ours: list[InverseAnswer], theirs: list[InverseAnswer], within: float) -> None:
     longest = max(float(np.linalg.norm(command.delta_u)) for command in theirs)
     for a, b in zip(ours, theirs, strict=True):
         assert a.delta_u == pytest.approx(b.delta_u, abs=within * longest)

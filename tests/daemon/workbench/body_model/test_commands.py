@@ -63,7 +63,7 @@ def test_a_seed_is_a_mesh(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
         (["box", "--size-mm", "1", "1", "1"], "1 mm large"),
     ],
 )
-def test_wishes_that_cannot_be_met_leave_no_file(
+def test_requests_that_cannot_be_met_leave_no_file(
     words: list[str], told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "mesh.stl"

@@ -252,7 +252,7 @@ def test_a_rig_without_an_emulation_cannot_be_collected(tmp_path: Path, worker: 
         (["--seed", "-1"], EXIT_USAGE),
     ],
 )
-def test_wishes_that_cannot_be_met_leave_no_file(
+def test_requests_that_cannot_be_met_leave_no_file(
     words: list[str], code: int, tmp_path: Path
 ) -> None:
     path = tmp_path / "clouds.npz"
