@@ -85,8 +85,10 @@ class Session:
             try:
                 await end_tasks([devices], _DEVICES_END_WITHIN_S)
             finally:
-                await errors.end()
-                await self._end_recording()
+                try:
+                    await errors.end()
+                finally:
+                    await self._end_recording()
 
     async def _end_recording(self) -> None:
         # What was written until then is there, and recovery completes it.
