@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar, Final, Literal
 
 from pydantic import Field
 
-from config.model import ConfigModel, Name, NodeId, NotNegative, Positive
+from config.documents.model import ConfigModel, Name, NodeId, NotNegative, Positive
 
 Range = Annotated[tuple[float, float], Field(strict=False)]
 Permille = Annotated[int, Field(ge=1, le=5000)]

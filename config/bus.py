@@ -4,7 +4,7 @@ from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
-from config.model import ConfigModel, NodeId, Positive
+from config.documents.model import ConfigModel, NodeId, Positive
 
 LAB: Final = "lab:"
 """What the name of a port begins with where it is one of an emulated lab."""

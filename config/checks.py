@@ -11,12 +11,12 @@ from pydantic import TypeAdapter, ValidationError
 from config.axis import Axis, Drive, Quantity
 from config.bus import Bus
 from config.control import Supervision
+from config.documents.problems import did_you_mean
+from config.documents.schema_errors import location_in_file
+from config.documents.yaml_document import Location
 from config.emulation import ConcentricTubesPlant, Emulation, SoftArmPlant, TendonArmPlant
 from config.patience import impatience
-from config.problems import did_you_mean
-from config.schema_errors import location_in_file
 from config.tracker import Tracker
-from config.yaml_document import Location
 
 T = TypeVar("T")
 Finding = tuple[Location, str]

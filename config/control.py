@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from config.model import ConfigModel, NotNegative, Positive, Vector3
+from config.documents.model import ConfigModel, NotNegative, Positive, Vector3
 
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 Box = Annotated[tuple[float, float], Field(strict=False)]

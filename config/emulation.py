@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, StringConstraints, model_validator
 
 from config.bodies import BodyName, with_body
-from config.model import ConfigModel, NotNegative, Positive, Vector3
+from config.documents.model import ConfigModel, NotNegative, Positive, Vector3
 
 # The emulated CiA 402 drives and their quirks.
 

@@ -6,11 +6,11 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from config.checks import Parts, findings
+from config.documents.problems import ConfigError, Problem
+from config.documents.schema_errors import schema_problems
+from config.documents.yaml_document import Location, YamlDocument, read_yaml
 from config.paths import eds_path, is_file, named_paths
-from config.problems import ConfigError, Problem
 from config.robot import Robot
-from config.schema_errors import schema_problems
-from config.yaml_document import Location, YamlDocument, read_yaml
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+from config.documents.yaml_document import Location
 from config.robot import Robot
-from config.yaml_document import Location
 
 BUILTIN: Final = "builtin:"
 

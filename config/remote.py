@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, StringConstraints, model_validator
 
-from config.model import ConfigModel, Name
+from config.documents.model import ConfigModel, Name
 
 Role = Literal["operator", "viewer"]
 """An operator may command; a viewer sees what the robot tells of itself."""

@@ -7,8 +7,8 @@ from pydantic import Field
 from config.axis import Axis
 from config.bus import Bus
 from config.control import PoseFilterSettings, RiskSettings, Supervision, Workspace
+from config.documents.model import ConfigModel, Name
 from config.emulation import Emulation
-from config.model import ConfigModel, Name
 from config.remote import Remote
 from config.tracker import Tracker
 

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, StringConstraints, model_validator
 
-from config.model import ConfigModel, Name, NotNegative, Positive
+from config.documents.model import ConfigModel, Name, NotNegative, Positive
 
 BaudRate = Literal[9600, 38400, 57600, 115200, 230400, 921600]
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
-from config.problems import did_you_mean
+from config.documents.problems import did_you_mean
 
 Value = float | int | str
 ParameterKind = Literal["duration_s", "count", "code", "number", "word"]

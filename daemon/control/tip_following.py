@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from config.controllers import TipFollowing
 from config.robot import Robot
+from config.tasks.controllers import TipFollowing
 from daemon.control import jacobian_kernels as kernels
 from daemon.control.body_lag import BodyLag, Underway, parts
 from daemon.control.controller import ControllerError, Observation

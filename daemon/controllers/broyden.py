@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from config.controllers import Broyden
 from config.robot import Robot
+from config.tasks.controllers import Broyden
 from daemon.array_files import ModelError
 from daemon.control.body_lag import BodyLag, LaggedAxes
 from daemon.control.controller import ControllerError, Observation, Proposal

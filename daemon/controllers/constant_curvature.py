@@ -9,8 +9,8 @@ from typing import Protocol
 
 import numpy as np
 
-from config.controllers import ConstantCurvature, GasChambers, VolumetricChambers
 from config.robot import Robot
+from config.tasks.controllers import ConstantCurvature, GasChambers, VolumetricChambers
 from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.control.tip_following import TipFollower, bounded_step
 from daemon.controllers.fixed_model_file import load_model, model_metadata, save_model

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from config.controllers import ForwardJacobian
 from config.robot import Robot
+from config.tasks.controllers import ForwardJacobian
 from daemon.array_files import Arrays
 from daemon.control.controller import Observation, Proposal
 from daemon.controllers.learning_controller import LearningController

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from config.controllers import Learner
-from config.exploration import MotorBabbling
 from config.robot import Robot
+from config.tasks.controllers import Learner
+from config.tasks.exploration import MotorBabbling
 from daemon.array_files import Arrays, ModelError
 from daemon.control.body_lag import LaggedAxes
 from daemon.control.controller import ControllerError, Observation, Proposal

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from config.controllers import Learner
+from config.tasks.controllers import Learner
 from daemon.control.jacobian_kernels import in_rows
 from daemon.controllers.jacobian_estimate import JacobianEstimate
 from daemon.learning.lwpr.model import Lwpr

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from config.controllers import RewardWeighted
+from config.tasks.controllers import RewardWeighted
 from daemon.control.tip_following import damped_solution
 from daemon.learning.forward.forward_model import slopes_by_step
 from daemon.learning.forward.pretrained_model import PretrainedModel

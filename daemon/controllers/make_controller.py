@@ -9,15 +9,15 @@ from typing import Final, assert_never
 
 import numpy as np
 
-from config.controllers import (
+from config.robot import Robot
+from config.tasks.controllers import (
     Broyden,
     ConstantCurvature,
     ControllerOptions,
     ForwardJacobian,
     RewardWeighted,
 )
-from config.exploration import WaypointExploration
-from config.robot import Robot
+from config.tasks.exploration import WaypointExploration
 from daemon.control import tip_following
 from daemon.control.controller import Controller
 from daemon.learning.forward.forward_model import forward_settings, slopes_by_step

@@ -18,8 +18,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from config.controllers import RewardWeighted
 from config.robot import Robot
+from config.tasks.controllers import RewardWeighted
 from daemon.array_files import Arrays
 from daemon.control.controller import Observation, Proposal
 from daemon.control.tip_following import step_time

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from config.control import Workspace
-from config.exploration import RandomMotion, WaypointExploration
 from config.robot import Robot
+from config.tasks.exploration import RandomMotion, WaypointExploration
 from daemon.array_files import ModelError
 from daemon.control.controller import Observation, Proposal
 from daemon.control.tip_following import step_time

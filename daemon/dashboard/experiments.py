@@ -4,7 +4,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from config.yaml_document import read_yaml
+from config.documents.yaml_document import read_yaml
 
 
 class ExperimentFiles:

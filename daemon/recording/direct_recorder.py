@@ -4,15 +4,15 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from daemon.messages import Message
-from daemon.recording.can_batches import BusBatches, CanBatches
-from daemon.recording.channels import (
+from daemon.recording.flight_recorder import RecorderStatus, RecordingError
+from daemon.recording.format.can_batches import BusBatches, CanBatches
+from daemon.recording.format.channels import (
     RAW_TRACKER,
     TOPICS,
     message_time_ns,
     telemetry_payload,
     tracker_payload,
 )
-from daemon.recording.flight_recorder import RecorderStatus, RecordingError
 from daemon.recording.run_folder import RUN_FILE, free_mb
 from daemon.recording.run_writer import RunWriter
 

@@ -14,15 +14,15 @@ from typing import Final, NamedTuple, Protocol
 import msgspec
 
 from daemon.messages import Message
-from daemon.recording.can_batches import BusBatches, CanBatches
-from daemon.recording.channels import (
+from daemon.recording.format.can_batches import BusBatches, CanBatches
+from daemon.recording.format.channels import (
     RAW_TRACKER,
     TOPICS,
     message_time_ns,
     telemetry_payload,
     tracker_payload,
 )
-from daemon.recording.record_stream import Begin, Progress, RecordWriter
+from daemon.recording.format.record_stream import Begin, Progress, RecordWriter
 from daemon.recording.run_folder import RUN_FILE
 from drivers.can.link import TrafficTap
 

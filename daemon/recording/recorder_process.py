@@ -18,7 +18,7 @@ import msgspec
 
 from daemon.host.clock import MonotonicClock
 from daemon.host.logs import logging_to_stderr
-from daemon.recording.record_stream import (
+from daemon.recording.format.record_stream import (
     BEGIN,
     CHANNEL,
     END,

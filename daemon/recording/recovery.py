@@ -14,8 +14,8 @@ from typing import IO, Final
 
 from mcap.records import Channel, Message, Metadata, Schema
 
-from daemon.recording.channels import channel_format
-from daemon.recording.mcap_file import McapChannel, McapFile, PatientFile, sync_folder
+from daemon.recording.format.channels import channel_format
+from daemon.recording.format.mcap_file import McapChannel, McapFile, PatientFile, sync_folder
 from daemon.recording.run_folder import RUN_FILE, RUN_FILES, finished, unfinished
 from daemon.recording.run_reader import RunReader, UnreadableRunError
 from daemon.recording.run_writer import HEADER, LIBRARY, header_in_channel

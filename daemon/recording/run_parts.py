@@ -11,7 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
-from daemon.recording.channels import CONTROL_TOPICS
+from daemon.recording.format.channels import CONTROL_TOPICS
 from daemon.recording.run_folder import (
     RUN_FILE,
     RUN_FILES,

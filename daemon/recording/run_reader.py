@@ -12,8 +12,8 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, McapRecord, Message, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC
 
-from daemon.recording.channels import CONTROL_TOPICS
-from daemon.recording.mcap_framing import RECORD_HEAD, Frame, filled, frame_at, next_frame
+from daemon.recording.format.channels import CONTROL_TOPICS
+from daemon.recording.format.mcap_framing import RECORD_HEAD, Frame, filled, frame_at, next_frame
 
 _MESSAGE_HEAD: Final = struct.Struct("<HIQQ")
 """Channel, sequence, log time, publish time."""

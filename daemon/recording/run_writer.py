@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Final
 
 from daemon.messages import Tip
-from daemon.recording.channels import TIP_POSE, TOPICS, channel_format, tip_pose
-from daemon.recording.mcap_file import McapChannel, McapFile, PatientFile, sync_folder
+from daemon.recording.format.channels import TIP_POSE, TOPICS, channel_format, tip_pose
+from daemon.recording.format.mcap_file import McapChannel, McapFile, PatientFile, sync_folder
 from daemon.recording.run_folder import unfinished
 
 LIBRARY: Final = "tentacled"

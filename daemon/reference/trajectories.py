@@ -9,8 +9,8 @@ from typing import assert_never
 
 import numpy as np
 
-from config.model import Vector3
-from config.trajectory import (
+from config.documents.model import Vector3
+from config.tasks.trajectory import (
     LONGEST_S,
     Circle,
     Helix,

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from config.trajectory import FARTHEST_MM, LONGEST_S
+from config.tasks.trajectory import FARTHEST_MM, LONGEST_S
 from daemon.files import read_regular
 from drivers.pose import Vector
 

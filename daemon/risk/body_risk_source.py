@@ -16,9 +16,14 @@ from daemon.risk.model_file import ModelFile, read_model
 from drivers.clock import WallClock
 from safety.risk.body_risk import Beside, BodyRisk
 from safety.risk.contact import WorstPlace
-from safety.risk.environment import Environment, EnvironmentFaultError, InsertionPort, Mesh
-from safety.risk.mixture import FloatArray
-from safety.risk.risk_model import RiskModelError
+from safety.risk.model.mixture import FloatArray
+from safety.risk.model.risk_model import RiskModelError
+from safety.risk.surroundings.environment import (
+    Environment,
+    EnvironmentFaultError,
+    InsertionPort,
+    Mesh,
+)
 from safety.risk.tip_consistency import TipConsistency, TipModel
 from safety.risk_source import (
     Clearance,

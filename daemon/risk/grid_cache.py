@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 
 from daemon.array_files import load_npz, save_npz
-from safety.risk.distance_grid import DistanceGrid, distance_grid
-from safety.risk.environment import Environment
+from safety.risk.surroundings.distance_grid import DistanceGrid, distance_grid
+from safety.risk.surroundings.environment import Environment
 
 _VERSION: Final = 1
 """Of what the numbers mean: what was kept by another version is made again."""

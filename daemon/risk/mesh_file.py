@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.array_files import in_a_line
-from safety.risk.environment import (
+from safety.risk.surroundings.environment import (
     MM_PER,
     Environment,
     EnvironmentFaultError,

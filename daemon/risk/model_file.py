@@ -1,7 +1,8 @@
 """Learned models of the body on disk: one NPZ file with arrays and, as JSON, what they are of.
 
-Beside the arrays of `safety.risk.risk_model` there is `about`, a JSON object: `format`, `robot`,
-`points_activation`, `shapes_activation`, and whatever else the trainer has to say of their origin.
+Beside the arrays of `safety.risk.model.risk_model` there is `about`, a JSON object: `format`,
+`robot`, `points_activation`, `shapes_activation`, and what else the trainer has to say of their
+origin.
 """
 
 import json
@@ -14,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.array_files import ArrayFile, in_a_line, load_npz
-from safety.risk.mixture import FloatArray
-from safety.risk.risk_model import RiskModel, RiskModelError, risk_model
+from safety.risk.model.mixture import FloatArray
+from safety.risk.model.risk_model import RiskModel, RiskModelError, risk_model
 
 FORMAT: Final = 1
 _ABOUT: Final = "about"

@@ -5,8 +5,8 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+from config.documents.problems import ConfigError, Problem
 from config.loader import RobotFile, load_robot
-from config.problems import ConfigError, Problem
 from drivers.can.budget import BusBudget, bus_budget
 from drivers.cia402.pdo_plan import bus_traffic
 

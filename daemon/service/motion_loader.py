@@ -11,10 +11,10 @@ from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 from typing import Any, Final, Protocol, TypeVar
 
-from config.controllers import Broyden, ControllerOptions, load_controller_options
-from config.model import OptionsError
+from config.documents.model import OptionsError
 from config.robot import Robot
-from config.trajectory import Waypoints, load_trajectory_options
+from config.tasks.controllers import Broyden, ControllerOptions, load_controller_options
+from config.tasks.trajectory import Waypoints, load_trajectory_options
 from daemon.control.controller import Controller, ControllerError
 from daemon.control.reachability import Bounds, HasKinematics
 from daemon.controllers.make_controller import make_controller

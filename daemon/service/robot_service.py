@@ -22,13 +22,13 @@ from daemon.messages import (
     Verb,
 )
 from daemon.robot.hardware import Hardware, Listeners
-from daemon.service.body_teller import BodyTeller
 from daemon.service.dependencies import Dependencies
-from daemon.service.events import Events
 from daemon.service.following import Following
 from daemon.service.lease import Lease
 from daemon.service.monitors import Monitors
-from daemon.service.status import StatusReport
+from daemon.service.telemetry.body_teller import BodyTeller
+from daemon.service.telemetry.events import Events
+from daemon.service.telemetry.status import StatusReport
 from daemon.supervision.supervisor import Supervisor
 from drivers.aurora.frame import TrackerFrame
 from drivers.axis_scale import axis_scale, count_limits

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 from config.control import Workspace
-from config.trajectory import FARTHEST_MM
+from config.tasks.trajectory import FARTHEST_MM
 from daemon.messages import Setpoint
 from daemon.reference.reference import TeleoperationReference
 

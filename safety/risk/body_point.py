@@ -21,10 +21,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from safety.risk.environment import Environment
-from safety.risk.free_region_kernels import MOST_PLANES, Cells, Work, mixture_bounds
-from safety.risk.mixture import FloatArray, Mixture
+from safety.risk.model.mixture import FloatArray, Mixture
 from safety.risk.solid_share_kernels import SUMS, solid_shares
+from safety.risk.surroundings.environment import Environment
+from safety.risk.surroundings.free_region_kernels import MOST_PLANES, Cells, Work, mixture_bounds
 
 # The sphere cut into triangles, each into four, and so on: see `free_region_kernels`.
 

@@ -13,10 +13,10 @@ import numpy as np
 
 from safety.risk.body_point import BodyPointRisk
 from safety.risk.contact import ContactModel, ContactRisk, most_touching
-from safety.risk.distance_grid import DistanceGrid
-from safety.risk.environment import Environment
-from safety.risk.mixture import FloatArray, Mixture
-from safety.risk.risk_model import RiskModel
+from safety.risk.model.mixture import FloatArray, Mixture
+from safety.risk.model.risk_model import RiskModel
+from safety.risk.surroundings.distance_grid import DistanceGrid
+from safety.risk.surroundings.environment import Environment
 from safety.risk_source import Clearance, KnownBody, Leaving
 
 _LONGEST_SEGMENT: Final = 0.1

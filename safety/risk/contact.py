@@ -27,10 +27,10 @@ from safety.risk.contact_kernels import (
     place_shapes,
     sweep,
 )
-from safety.risk.distance_grid import DistanceGrid
-from safety.risk.environment import InsertionPort
-from safety.risk.mixture import FloatArray, IndexArray, Mixture
-from safety.risk.shape_basis import ShapeBasis, SingleArray
+from safety.risk.model.mixture import FloatArray, IndexArray, Mixture
+from safety.risk.model.shape_basis import ShapeBasis, SingleArray
+from safety.risk.surroundings.distance_grid import DistanceGrid
+from safety.risk.surroundings.environment import InsertionPort
 from safety.risk_source import Leaving
 
 CONFIDENCE: Final = 0.95

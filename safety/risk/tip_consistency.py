@@ -20,8 +20,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from safety.risk.mixture import FloatArray, Mixture
-from safety.risk.risk_model import RiskModel
+from safety.risk.model.mixture import FloatArray, Mixture
+from safety.risk.model.risk_model import RiskModel
 from safety.risk.tip_kernels import tail
 
 REFERENCE: Final = log(300.0)

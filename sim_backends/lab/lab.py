@@ -31,8 +31,8 @@ from sim_backends.lab.play import PLAYS
 from sim_backends.plants.concentric.concentric_tubes import ConcentricTubes
 from sim_backends.plants.plant import Plant, PlantError, TipLoad
 from sim_backends.plants.shooting import warm_up
-from sim_backends.plants.soft_arm import SoftArm
-from sim_backends.plants.tendon_arm import TendonArm
+from sim_backends.plants.soft_arm.soft_arm import SoftArm
+from sim_backends.plants.tendon_arm.tendon_arm import TendonArm
 
 _BEYOND_TRAVEL = 0.02
 """End stops and their switches lie this share of the travel beyond its ends."""

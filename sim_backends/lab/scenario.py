@@ -6,10 +6,10 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from config.problems import ConfigError
-from config.scenario import Scenario, ScenarioEvent
-from config.schema_errors import schema_problems
-from config.yaml_document import read_yaml
+from config.documents.problems import ConfigError
+from config.documents.schema_errors import schema_problems
+from config.documents.yaml_document import read_yaml
+from config.tasks.scenario import Scenario, ScenarioEvent
 from sim_backends.faults import FaultError, understand
 from sim_backends.lab.lab import Lab
 

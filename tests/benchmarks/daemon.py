@@ -17,7 +17,7 @@ import yaml
 
 from config.loader import load_robot
 from daemon.messages import LoopStatus
-from daemon.recording.channels import read_can_payload
+from daemon.recording.format.channels import read_can_payload
 from daemon.recording.run_reader import RunReader
 from daemon.remote.client.address import LocalAddress
 from daemon.remote.client.client import RobotClient

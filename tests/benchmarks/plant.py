@@ -10,7 +10,7 @@ from config.emulation import SoftArmPlant
 from sim_backends.plants.plant import FloatArray, TipLoad
 from sim_backends.plants.rod import Rod, Section, helix
 from sim_backends.plants.shooting import ConstantPull, Problem, Solver, warm_up
-from sim_backends.plants.soft_arm import SoftArm
+from sim_backends.plants.soft_arm.soft_arm import SoftArm
 from tests.benchmarks.timing import Figures, pieces
 
 PISTON_MM2 = np.pi / 4.0 * 25.0**2

@@ -178,7 +178,10 @@ def _import_times(count: int) -> Figures:
         subprocess.run([sys.executable, "-c", code], check=True)
         return time.perf_counter_ns() - start
 
-    codes = {"python": "pass", "client": "import daemon.remote.client.client, daemon.commands.stop"}
+    codes = {
+        "python": "pass",
+        "client": "import daemon.remote.client.client, daemon.commands.client.stop",
+    }
     return {
         name: percentiles([took(code) for _ in range(count)], 1e-6) for name, code in codes.items()
     }

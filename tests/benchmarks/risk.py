@@ -27,11 +27,11 @@ from drivers.axis_scale import axis_scale, count_limits
 from safety.gate import Gate, Measured
 from safety.risk.body_point import BodyPointRisk
 from safety.risk.contact import ContactModel
-from safety.risk.distance_grid import distance_grid
-from safety.risk.environment import environment
-from safety.risk.mixture import FloatArray, Mixture
-from safety.risk.mixture_network import MixtureNetwork
-from safety.risk.risk_model import RiskModel
+from safety.risk.model.mixture import FloatArray, Mixture
+from safety.risk.model.mixture_network import MixtureNetwork
+from safety.risk.model.risk_model import RiskModel
+from safety.risk.surroundings.distance_grid import distance_grid
+from safety.risk.surroundings.environment import environment
 from tests import SOFT_ARM
 from tests.benchmarks.timing import Figures, percentiles, pieces
 from tests.safety.risk.arms import Pose, points_mixture, shape_mixture

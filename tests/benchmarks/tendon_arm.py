@@ -12,7 +12,7 @@ import numpy as np
 
 from config.emulation import TendonArmPlant
 from sim_backends.plants.plant import FloatArray, TipLoad
-from sim_backends.plants.tendon_arm import TendonArm
+from sim_backends.plants.tendon_arm.tendon_arm import TendonArm
 from tests.benchmarks.timing import Figures, pieces
 from tests.sim_backends.plants.tendon_arms import (
     PERIOD_S,

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from config.documents.problems import ConfigError
 from config.emulation import ConcentricTubesPlant
 from config.loader import load_robot
-from config.problems import ConfigError
 from sim_backends.plants.concentric.concentric_tubes import ConcentricTubes
 from sim_backends.plants.plant import TipLoad
 from tests import SHIPPED_ROBOTS

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from config.axis import LinearStepper
+from config.documents.problems import ConfigError
 from config.loader import load_robot
-from config.problems import ConfigError
 
 SHIPPED = sorted(Path(str(files("config") / "robots")).glob("*.yaml"))
 SOFT_ARM = Path(str(files("config") / "robots" / "soft_arm.yaml"))

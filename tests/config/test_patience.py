@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from config.documents.problems import ConfigError
 from config.loader import load_robot
 from config.patience import patient
-from config.problems import ConfigError
 from config.robot import Robot
 from tests import SHIPPED_ROBOTS, SOFT_ARM
 

@@ -4,7 +4,7 @@ import json
 from importlib.resources import files
 from pathlib import Path
 
-from daemon.commands.schema import robot_schema
+from daemon.commands.host.schema import robot_schema
 
 SHIPPED = Path(str(files("config") / "robot.schema.json"))
 

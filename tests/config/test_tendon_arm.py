@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from config.axis import TendonMotor
+from config.documents.problems import ConfigError
 from config.emulation import TendonArmPlant
 from config.loader import load_robot
-from config.problems import ConfigError
 from drivers.axis_scale import axis_scale
 from tests import SHIPPED_ROBOTS
 

@@ -14,9 +14,9 @@ from typing import Any, Final, NamedTuple
 
 import yaml
 
-from daemon.recording.can_batches import BusBatches
 from daemon.recording.direct_recorder import DirectRecorder
 from daemon.recording.flight_recorder import RecorderStatus
+from daemon.recording.format.can_batches import BusBatches
 
 _SYNC: Final = 0x80
 _RPDO_1: Final = 0x200

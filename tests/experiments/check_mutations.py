@@ -12,8 +12,8 @@ from collections import Counter
 from pathlib import Path
 from typing import Final
 
-from config.problems import ConfigError
-from daemon.commands.check import check
+from config.documents.problems import ConfigError
+from daemon.commands.host.check import check
 from daemon.robot.checked_robot import check_robot
 from daemon.workbench.experiments.construction import experiment_problems, robot_problems
 from daemon.workbench.experiments.experiment_file import load_experiment

@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from daemon.recording.channels import (
+from daemon.recording.format.channels import (
     RAW_CAN,
     RAW_TRACKER,
     TOPICS,

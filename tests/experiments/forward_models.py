@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from config.exploration import WaypointExploration
+from config.tasks.exploration import WaypointExploration
 from daemon.control.tip_following import damped_solution
 from daemon.controllers.waypoint_exploration import WaypointExplorationController
 from daemon.learning.forward.forward_model import slopes_by_step

@@ -21,7 +21,7 @@ import msgspec
 import yaml
 
 from daemon.messages import Event
-from daemon.recording.channels import TOPICS
+from daemon.recording.format.channels import TOPICS
 from daemon.recording.run_folder import RUN_FILE
 from daemon.recording.run_parts import RunParts
 from daemon.remote.client.client import RobotClient

@@ -33,7 +33,7 @@ from daemon.risk.model_file import read_model
 from daemon.robot.axes import AxisRanges
 from daemon.workbench.body_model.clouds.configurations import Candidates
 from drivers.pose import PlainPose
-from safety.risk.mixture import FloatArray
+from safety.risk.model.mixture import FloatArray
 from safety.risk.tip_consistency import REFERENCE, TipConsistency, TipModel
 from sim_backends.devices.aurora.measurement import Sensing
 from sim_backends.lab.lab import plant_of

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from contextlib import suppress
 
-from config.yaml_document import parse_yaml
+from config.documents.yaml_document import parse_yaml
 from drivers.can.capture import CaptureError, capture_header, capture_record, read_capture
 from drivers.can.frame import CanFrame, pack_frame, unpack_frame
 from drivers.canopen.sdo_client import SdoClient

@@ -13,9 +13,9 @@ from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset, Cloud
 from daemon.workbench.body_model.clouds.cloud_file import CloudFileError, read_cloud
 from daemon.workbench.body_model.evaluation.mixture_file import read_mixture
 from daemon.workbench.body_model.evaluation.shapes import box
-from safety.risk.environment import EnvironmentFaultError
-from safety.risk.mixture import MixtureError
-from safety.risk.risk_model import RiskModelError
+from safety.risk.model.mixture import MixtureError
+from safety.risk.model.risk_model import RiskModelError
+from safety.risk.surroundings.environment import EnvironmentFaultError
 from tests import SOFT_ARM
 from tests.safety.risk.networks import model_arrays
 

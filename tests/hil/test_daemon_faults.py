@@ -61,7 +61,7 @@ NOT_FROM_OUTSIDE: Final = {
     "real_time_degraded": "what a machine permits is not ours to change",
     "drive_limit": "the gate keeps targets inside the drives' own limits",
     "recording_dropped": "8 MiB have to wait first; tests/hil/test_recording.py has it",
-    "not_recorded": "tests/daemon/service/test_run_recording.py kills each recorder that starts",
+    "not_recorded": "tests/daemon/service/operation/test_run_recording.py kills each recorder",
     "disk_full": "nine tenths of what a robot asks for would have to be filled",
     "gate_refused": "trajectories out of reach are refused; a model asks for little beyond them",
     "controller_failed": "no shipped controller fails on what can be asked of it from outside",

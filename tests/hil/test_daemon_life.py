@@ -14,7 +14,7 @@ import msgspec
 import pytest
 
 from daemon.messages import LoopStatus, Status
-from daemon.recording.channels import RAW_CAN, read_can_payload
+from daemon.recording.format.channels import RAW_CAN, read_can_payload
 from daemon.recording.result import Result
 from daemon.recording.run_folder import (
     PROVENANCE_FILE,

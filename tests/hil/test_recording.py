@@ -16,8 +16,8 @@ import pytest
 from daemon.host.clock import run_in_real_time
 from daemon.messages import Event
 from daemon.recording import flight_recorder
-from daemon.recording.channels import read_can_payload, read_tracker_payload
 from daemon.recording.flight_recorder import FlightRecorder, RecordingError
+from daemon.recording.format.channels import read_can_payload, read_tracker_payload
 from daemon.recording.recovery import Recovered, recover
 from daemon.recording.run_parts import control_hash
 from daemon.recording.run_reader import RunReader

@@ -21,7 +21,7 @@ from tests.quick.selection import (
 
 RENEW = "`python -m tests.quick --moved` follows files, `--measure` measures anew"
 MEASURED_ALREADY = read_measured(MEASURED.read_text())
-UNTESTED = {"daemon.commands.body_model", "daemon.commands.terminal"}
+UNTESTED = {"daemon.commands.body_model", "daemon.commands.client", "daemon.commands.terminal"}
 """Packages that no quick test imports itself: they are tested as processes."""
 
 

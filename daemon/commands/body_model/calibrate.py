@@ -5,7 +5,7 @@ import json
 import sys
 from pathlib import Path
 
-from config.problems import in_words
+from config.documents.problems import in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
 
@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
         write_reliability,
     )
     from daemon.workbench.body_model.evaluation.rollouts import roll_out
-    from safety.risk.risk_model import RiskModelError
+    from safety.risk.model.risk_model import RiskModelError
     from sim_backends.lab.lab import LabError
     from sim_backends.plants.shooting import warm_up
 

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from config.problems import in_words
+from config.documents.problems import in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
 from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
 

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from config.problems import in_words
+from config.documents.problems import in_words
 from daemon.commands.body_model.train import add_data_arguments, torch_or_explain
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
     from daemon.workbench.body_model.training.body_training import BodySettings
     from daemon.workbench.body_model.training.network import NetworkShape
     from daemon.workbench.body_model.training.training import TrainingError
-    from safety.risk.risk_model import RiskModelError
+    from safety.risk.model.risk_model import RiskModelError
 
     try:
         dataset = CloudDataset.load(arguments.data, checked.file.robot)

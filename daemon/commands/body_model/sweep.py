@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from config.problems import in_words
+from config.documents.problems import in_words
 from daemon.commands.body_model.train import (
     add_data_arguments,
     add_training_arguments,

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from config.problems import in_words
+from config.documents.problems import in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
 from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
 
@@ -90,7 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
     from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset, CloudDatasetError
     from daemon.workbench.body_model.training.body_training import nats_in_metres, train_body
     from daemon.workbench.body_model.training.training import TrainingError
-    from safety.risk.risk_model import RiskModelError
+    from safety.risk.model.risk_model import RiskModelError
 
     try:
         settings = _settings(arguments)

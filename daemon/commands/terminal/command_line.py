@@ -10,7 +10,7 @@ from importlib import import_module
 from importlib.metadata import version
 from typing import Any, Final, NoReturn, Protocol, cast
 
-from config.problems import did_you_mean, in_words
+from config.documents.problems import did_you_mean, in_words
 from daemon.host.real_time import imported_for_good
 
 EXIT_OK: Final = 0
@@ -18,41 +18,56 @@ EXIT_FAILED: Final = 1
 EXIT_USAGE: Final = 2
 EXIT_INTERRUPTED: Final = 130
 
-# In the order in which a newcomer needs them.
+# The folder that each is in and what it is for, in the order in which a newcomer needs them.
 _COMMANDS: Final = {
-    "demo": "show it all, with nothing plugged in: lab, daemon and a client round a rectangle",
-    "check": "say what is wrong with a robot, experiment, scenario or study file, and where",
-    "emulate": "start the emulated lab of a robot",
-    "probe": "connect to tracker and drives and show what they say",
-    "inject": "make an emulated device misbehave",
-    "run": "start the daemon of a robot",
-    "status": "show the robot at a glance",
-    "dashboard": "serve the operator's page: robots live, in a browser",
-    "lease": "take control, and keep it until Ctrl-C",
-    "arm": "energise the drives where they stand",
-    "home": "let axes look for their zeros",
-    "load": "make a trajectory and a controller ready",
-    "start": "follow what was loaded",
-    "teleoperate": "follow set-points",
-    "hold": "stand still, energised",
-    "resume": "go on after a hold",
-    "stop": "quick stop, then power off; no emergency stop circuit",
-    "disarm": "stop, and take the drives' power off",
-    "clear": "acknowledge faults",
-    "explore": "move a robot at random, for a model to be learnt from it",
-    "pretrain": "learn a forward model of a robot from an exploration",
-    "kinematics": "learn where the tip of concentric tubes is and points, from their statics",
-    "experiment": "carry out an experiment file with emulated devices",
-    "reproduce": "carry out a paper's experiments, and put its tables beside ours",
-    "compare": "carry out experiments with all controllers, and put them side by side",
-    "report": "make a page of figures of a recorded run",
-    "recover": "make recordings whole that a crash has left unfinished",
-    "environment": "make surroundings to try the risk of touching them in",
-    "mdn": "collect data of a body, and learn where it is: the mixture density network",
-    "risk": "say how likely a random point of a mixture is in something solid",
-    "certificates": "make keys and certificates for clients on other machines",
-    "schema": "write the JSON Schema of robot files, for editors",
-    "doctor": "look for what would stop tentacled from working on this machine",
+    "demo": (
+        "host",
+        "show it all, with nothing plugged in: lab, daemon and a client round a rectangle",
+    ),
+    "check": (
+        "host",
+        "say what is wrong with a robot, experiment, scenario or study file, and where",
+    ),
+    "emulate": ("host", "start the emulated lab of a robot"),
+    "probe": ("host", "connect to tracker and drives and show what they say"),
+    "inject": ("client", "make an emulated device misbehave"),
+    "run": ("host", "start the daemon of a robot"),
+    "status": ("client", "show the robot at a glance"),
+    "dashboard": ("host", "serve the operator's page: robots live, in a browser"),
+    "lease": ("client", "take control, and keep it until Ctrl-C"),
+    "arm": ("client", "energise the drives where they stand"),
+    "home": ("client", "let axes look for their zeros"),
+    "load": ("client", "make a trajectory and a controller ready"),
+    "start": ("client", "follow what was loaded"),
+    "teleoperate": ("client", "follow set-points"),
+    "hold": ("client", "stand still, energised"),
+    "resume": ("client", "go on after a hold"),
+    "stop": ("client", "quick stop, then power off; no emergency stop circuit"),
+    "disarm": ("client", "stop, and take the drives' power off"),
+    "clear": ("client", "acknowledge faults"),
+    "explore": ("workbench", "move a robot at random, for a model to be learnt from it"),
+    "pretrain": ("workbench", "learn a forward model of a robot from an exploration"),
+    "kinematics": (
+        "workbench",
+        "learn where the tip of concentric tubes is and points, from their statics",
+    ),
+    "experiment": ("workbench", "carry out an experiment file with emulated devices"),
+    "reproduce": ("workbench", "carry out a paper's experiments, and put its tables beside ours"),
+    "compare": (
+        "workbench",
+        "carry out experiments with all controllers, and put them side by side",
+    ),
+    "report": ("workbench", "make a page of figures of a recorded run"),
+    "recover": ("workbench", "make recordings whole that a crash has left unfinished"),
+    "environment": ("workbench", "make surroundings to try the risk of touching them in"),
+    "mdn": (
+        "workbench",
+        "collect data of a body, and learn where it is: the mixture density network",
+    ),
+    "risk": ("workbench", "say how likely a random point of a mixture is in something solid"),
+    "certificates": ("host", "make keys and certificates for clients on other machines"),
+    "schema": ("host", "write the JSON Schema of robot files, for editors"),
+    "doctor": ("host", "look for what would stop tentacled from working on this machine"),
 }
 
 _ONE_WORD: Final = ("start", "hold", "resume", "disarm", "clear")
@@ -150,7 +165,7 @@ def parsed(words: Sequence[str]) -> argparse.Namespace:
     parser = CommandParser(prog="tentacled", description="The control daemon for continuum robots.")
     parser.add_argument("--version", action="version", version=version("tentacled"))
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for name, purpose in _COMMANDS.items():
+    for name, (_, purpose) in _COMMANDS.items():
         subparser = subparsers.add_parser(name, help=purpose, description=purpose)
         if name == wanted:
             _command(name).add_arguments(subparser)
@@ -161,9 +176,10 @@ def parsed(words: Sequence[str]) -> argparse.Namespace:
 
 
 def _command(name: str) -> CommandModule:
+    folder, _ = _COMMANDS[name]
     module = "order" if name in _ONE_WORD else name
     with imported_for_good():
-        return cast(CommandModule, import_module(f"daemon.commands.{module}"))
+        return cast(CommandModule, import_module(f"daemon.commands.{folder}.{module}"))
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 import msgspec
 
-from config.problems import did_you_mean
+from config.documents.problems import did_you_mean
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
 from daemon.messages import Answer, Command
 from daemon.remote.client.address import Address, LocalAddress, TlsAddress

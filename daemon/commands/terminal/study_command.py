@@ -10,8 +10,8 @@ from typing import Final
 from matplotlib.figure import Figure
 from rich.console import Console
 
+from config.documents.problems import ConfigError, in_words
 from config.paths import is_file
-from config.problems import ConfigError, in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
 from daemon.commands.terminal.compiled import compile_all, telling_progress
 from daemon.commands.terminal.progress_line import ProgressLine

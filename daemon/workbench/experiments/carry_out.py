@@ -16,8 +16,8 @@ from daemon.recording.result import read_result, write_result
 from daemon.reference.trajectories import make_trajectory
 from daemon.robot.axes import AxisRanges
 from daemon.service.dependencies import Dependencies
-from daemon.service.run_recording import MakeFolder
-from daemon.service.session import Session
+from daemon.service.operation.run_recording import MakeFolder
+from daemon.service.operation.session import Session
 from daemon.workbench.experiments.experiment_file import ExperimentFile
 from daemon.workbench.experiments.scripted_events import LabControl
 from daemon.workbench.experiments.step_statistics import (

@@ -7,10 +7,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
+from config.documents.problems import ConfigError, Problem
+from config.documents.yaml_document import Location
 from config.loader import RobotFile
-from config.problems import ConfigError, Problem
 from config.robot import Robot
-from config.yaml_document import Location
 from daemon.controllers.make_controller import make_controller
 from daemon.host.clock import MonotonicClock
 from daemon.recording.flight_recorder import FlightRecorder

@@ -9,14 +9,14 @@ from typing import Any
 from pydantic import ValidationError
 
 from config.bodies import BodyName, body_figures
+from config.documents.problems import ConfigError, Problem, did_you_mean, did_you_mean_file
+from config.documents.schema_errors import schema_problems
+from config.documents.yaml_document import Location, YamlDocument, read_yaml
 from config.emulation import Emulation, Plant
-from config.experiment import Experiment
 from config.loader import RobotFile
 from config.paths import BUILTIN, is_file
-from config.problems import ConfigError, Problem, did_you_mean, did_you_mean_file
 from config.robot import Robot
-from config.schema_errors import schema_problems
-from config.yaml_document import Location, YamlDocument, read_yaml
+from config.tasks.experiment import Experiment
 from daemon.recording.run_folder import describe_run
 from daemon.robot.checked_robot import check_robot
 

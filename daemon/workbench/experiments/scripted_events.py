@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from config.experiment import Happening
+from config.tasks.experiment import Happening
 
 
 class LabControl(Protocol):

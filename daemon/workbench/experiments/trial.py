@@ -5,12 +5,12 @@ import re
 from collections.abc import Callable
 from typing import Final
 
-from config.experiment import Experiment
+from config.tasks.experiment import Experiment
 from daemon.host.progress import Progress, Unheard
 from daemon.messages import Acquire, Answer, Arm, Disarm, Refusal, Tip
 from daemon.reference.trajectories import Trajectory
 from daemon.service.motion_loader import CommandRefusedError
-from daemon.service.session import Session
+from daemon.service.operation.session import Session
 from daemon.workbench.experiments.scripted_events import Happenings, LabControl
 from daemon.workbench.experiments.stopwatch import Stopwatch, TimedController
 from safety.states import OperatingState

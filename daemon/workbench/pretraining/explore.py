@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from config.experiment import Experiment
-from config.exploration import WaypointExploration
 from config.loader import RobotFile
 from config.robot import Robot
-from config.trajectory import Hold
+from config.tasks.experiment import Experiment
+from config.tasks.exploration import WaypointExploration
+from config.tasks.trajectory import Hold
 from daemon.host.progress import Progress
 from daemon.learning.samples.dataset import Dataset
 from daemon.recording.run_folder import robot_yaml

@@ -13,9 +13,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
-from config.experiment import Pretraining
-from config.exploration import WaypointExploration
 from config.loader import RobotFile
+from config.tasks.experiment import Pretraining
+from config.tasks.exploration import WaypointExploration
 from daemon.array_files import ModelError
 from daemon.files import models_directory
 from daemon.host.progress import Progress

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from config.exploration import WaypointExploration
 from config.loader import RobotFile
+from config.tasks.exploration import WaypointExploration
 from daemon.files import write_whole
 from daemon.host.progress import Progress
 from daemon.learning.samples.dataset import Dataset, DatasetError, joined

@@ -8,7 +8,7 @@ import numpy as np
 
 from daemon.learning.samples.dataset import DatasetError, Frames
 from daemon.messages import Axes, Status, Tip
-from daemon.recording.channels import TOPICS
+from daemon.recording.format.channels import TOPICS
 from daemon.recording.run_parts import RunParts
 from daemon.recording.run_reader import UnreadableRunError
 from safety.states import OperatingState

@@ -10,7 +10,7 @@ import numpy as np
 
 from daemon.host.real_time import collector_paused
 from daemon.messages import Axes, AxisStatus, Event, InternalError, Loop, Message, Risk, Status, Tip
-from daemon.recording.channels import MESSAGES
+from daemon.recording.format.channels import MESSAGES
 from daemon.recording.result import CycleError, ErrorTable, Result, read_result
 from daemon.recording.run_folder import (
     PROVENANCE_FILE,

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullFormatter, StrMethodFormatter
 
-from config.study import Variant
+from config.tasks.study import Variant
 from daemon.workbench.report.report_style import SERIES, figure
 from daemon.workbench.studies.findings import Findings
 from daemon.workbench.studies.study_file import StudyFile

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Final
 
-from config.study import Published, StudyTable
+from config.tasks.study import Published, StudyTable
 from daemon.workbench.studies.findings import Findings, cycles_of
 from daemon.workbench.studies.study_file import StudyFile
 from daemon.workbench.studies.summary import CycleSummary, Spread, Summary

@@ -11,7 +11,7 @@ from typing import Final, Literal
 import msgspec
 
 from config.emulation import ConcentricTubesPlant, SoftArmPlant
-from config.study import Variant
+from config.tasks.study import Variant
 from daemon.files import write_whole
 from daemon.recording.result import Result
 from daemon.recording.run_folder import formatted_json

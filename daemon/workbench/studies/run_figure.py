@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from config.study import Published
+from config.tasks.study import Published
 from daemon.workbench.experiments.step_statistics import Array, StepSeries
 from daemon.workbench.report.report_paths import plane_of
 from daemon.workbench.report.report_style import (

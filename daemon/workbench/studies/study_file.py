@@ -7,13 +7,13 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from config.controllers import ControllerOptions, load_controller_options
-from config.model import OptionsError
+from config.documents.model import OptionsError
+from config.documents.problems import ConfigError, Problem, did_you_mean_file
+from config.documents.schema_errors import schema_problems
+from config.documents.yaml_document import YamlDocument, read_yaml
 from config.paths import is_file
-from config.problems import ConfigError, Problem, did_you_mean_file
-from config.schema_errors import schema_problems
-from config.study import Study, StudyRow
-from config.yaml_document import YamlDocument, read_yaml
+from config.tasks.controllers import ControllerOptions, load_controller_options
+from config.tasks.study import Study, StudyRow
 from daemon.workbench.experiments.experiment_file import (
     ExperimentFile,
     load_experiment,

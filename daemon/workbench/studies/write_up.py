@@ -6,7 +6,7 @@ from typing import Final
 
 from matplotlib.figure import Figure
 
-from config.study import StudyFigure, Variant
+from config.tasks.study import StudyFigure, Variant
 from daemon.files import write_whole
 from daemon.recording.run_folder import formatted_json
 from daemon.reference.trajectories import make_trajectory

@@ -82,7 +82,7 @@ def test_in_real_time_it_is_done_before_the_lab_is_started(
         raise BeganError
 
     monkeypatch.setattr(compiled, "compile_all", lambda _: done.append("compiled"))
-    monkeypatch.setattr("daemon.commands.experiment.compile_all", compiled.compile_all)
+    monkeypatch.setattr("daemon.commands.workbench.experiment.compile_all", compiled.compile_all)
     where = "daemon.workbench.experiments.in_real_time.carry_out_in_real_time"
     monkeypatch.setattr(where, begin)
     monkeypatch.setattr("daemon.workbench.pretraining.explore.carry_out_in_real_time", begin)

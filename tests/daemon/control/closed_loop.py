@@ -9,10 +9,10 @@ import numpy as np
 
 from config.control import PoseFilterSettings
 from config.emulation import SoftArmPlant
-from config.exploration import WaypointExploration
 from config.loader import load_robot
 from config.robot import Robot
-from config.trajectory import Circle, Lissajous, Rectangle
+from config.tasks.exploration import WaypointExploration
+from config.tasks.trajectory import Circle, Lissajous, Rectangle
 from daemon.control.controller import Ahead, Controller, Observation
 from daemon.controllers.waypoint_exploration import WaypointExplorationController
 from daemon.estimation.pose_filter import PoseFilter
@@ -24,7 +24,7 @@ from daemon.reference.trajectories import make_trajectory
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Pose, Vector
 from sim_backends.plants.plant import BodyState, TipLoad, variation
-from sim_backends.plants.soft_arm import SoftArm
+from sim_backends.plants.soft_arm.soft_arm import SoftArm
 
 DT_S = 0.025
 NOISE_MM = 0.2

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from config.controllers import Broyden, TipFollowing
 from config.emulation import SoftArmPlant
-from config.trajectory import Circle
+from config.tasks.controllers import Broyden, TipFollowing
+from config.tasks.trajectory import Circle
 from daemon.control.body_lag import LONGEST_S, BodyLag, LaggedAxes, Underway, parts
 from daemon.control.tip_following import TipFollower
 from daemon.controllers.broyden import BroydenController
 from drivers.pose import Vector
-from sim_backends.plants.soft_arm import SoftArm
+from sim_backends.plants.soft_arm.soft_arm import SoftArm
 from tests.daemon.control import closed_loop
 from tests.daemon.control.closed_loop import DT_S, PISTON_MM2, ROBOT, Followed, started
 from tests.daemon.control.test_tip_following import seen

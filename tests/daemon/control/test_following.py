@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from config.controllers import Broyden, ConstantCurvature, ControllerOptions
+from config.tasks.controllers import Broyden, ConstantCurvature, ControllerOptions
 from daemon.control.controller import Controller
 from daemon.controllers.broyden import BroydenController
 from daemon.controllers.make_controller import make_controller

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from config.controllers import load_controller_options
-from config.exploration import MotorBabbling
-from config.trajectory import Lissajous
+from config.tasks.controllers import load_controller_options
+from config.tasks.exploration import MotorBabbling
+from config.tasks.trajectory import Lissajous
 from daemon.array_files import ModelError
 from daemon.control.controller import ControllerError
 from daemon.controllers.learning_controller import LearningController

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from config.control import Workspace
-from config.controllers import Broyden, ConstantCurvature
-from config.trajectory import Circle, Hold, TrajectoryOptions, Waypoints
+from config.tasks.controllers import Broyden, ConstantCurvature
+from config.tasks.trajectory import Circle, Hold, TrajectoryOptions, Waypoints
 from daemon.control.reachability import Bounds, HasKinematics, KinematicModel, looks, unreachable
 from daemon.controllers.make_controller import make_controller
 from daemon.reference.trajectories import make_trajectory

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from config.controllers import TipFollowing
+from config.tasks.controllers import TipFollowing
 from daemon.control.controller import ControllerError, Observation
 from daemon.control.tip_following import TipFollower, bounded_step, damped_solution
 from daemon.robot.axes import AxisRanges

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from config.controllers import ConstantCurvature, GasChambers, VolumetricChambers
 from config.robot import Robot
+from config.tasks.controllers import ConstantCurvature, GasChambers, VolumetricChambers
 from daemon.control.controller import ControllerError
 from daemon.controllers.constant_curvature import (
     ArcKinematics,

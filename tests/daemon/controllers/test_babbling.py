@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from config.exploration import MotorBabbling
+from config.tasks.exploration import MotorBabbling
 from daemon.control.controller import Observation
 from daemon.controllers.learning_controller import Babbling
 from daemon.robot.axes import AxisRanges

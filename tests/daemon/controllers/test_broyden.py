@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from config.controllers import Broyden, ConstantCurvature
 from config.robot import Robot
+from config.tasks.controllers import Broyden, ConstantCurvature
 from daemon.array_files import ModelError
 from daemon.control.controller import ControllerError, Observation
 from daemon.controllers.broyden import BroydenController

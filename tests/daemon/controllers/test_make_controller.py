@@ -6,14 +6,14 @@ from typing import get_args
 
 import pytest
 
-from config.controllers import ControllerOptions
+from config.tasks.controllers import ControllerOptions
 
 KINDS = [kind.model_fields["kind"].annotation for kind in get_args(get_args(ControllerOptions)[0])]
 NAMES = [get_args(kind)[0] for kind in KINDS]
 
 NEWLY_IMPORTED = """
 import sys
-from config.controllers import load_controller_options
+from config.tasks.controllers import load_controller_options
 from config.loader import load_robot
 from daemon.controllers.make_controller import import_all, make_controller
 from tests import SOFT_ARM

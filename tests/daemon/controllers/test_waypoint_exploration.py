@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from config.control import Workspace
-from config.exploration import WaypointExploration
 from config.robot import Robot
+from config.tasks.exploration import WaypointExploration
 from daemon.array_files import ModelError
 from daemon.control.controller import Observation
 from daemon.controllers.waypoint_exploration import WaypointExplorationController

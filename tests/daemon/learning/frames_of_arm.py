@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from config.controllers import ConstantCurvature
 from config.loader import load_robot
 from config.robot import Robot
+from config.tasks.controllers import ConstantCurvature
 from daemon.controllers.constant_curvature import ArcKinematics
 from daemon.learning.samples.dataset import Dataset, Frames
 from daemon.robot.axes import AxisRanges

@@ -146,7 +146,7 @@ def test_what_cannot_be_read_at_all_is_kept_and_told_once(tmp_path: Path) -> Non
 def test_a_new_file_that_does_not_hold_everything_replaces_nothing(
     unfinished: Unfinished, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("daemon.recording.mcap_file.MCAP0_MAGIC", b"\x89MCAP1\r\n")
+    monkeypatch.setattr("daemon.recording.format.mcap_file.MCAP0_MAGIC", b"\x89MCAP1\r\n")
     outcome, _ = unfinished.recovered(unfinished.unfinished)
     assert "cannot be recovered now" in outcome.problem
     part = unfinished.folder / "run" / "run.mcap.part"

@@ -7,7 +7,7 @@ import msgspec
 import pytest
 
 from daemon.messages import Tip
-from daemon.recording.channels import TOPICS
+from daemon.recording.format.channels import TOPICS
 from daemon.recording.recovery import recover_unfinished
 from daemon.recording.run_folder import segment_file, unfinished
 from daemon.recording.run_parts import RunParts, control_hash, run_files, segment_number

@@ -121,7 +121,7 @@ class FullDisk:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, room: int) -> None:
         self.room = room
         self._write = os.write
-        monkeypatch.setattr("daemon.recording.mcap_file.os.write", self.write)
+        monkeypatch.setattr("daemon.recording.format.mcap_file.os.write", self.write)
 
     def write(self, fd: int, data: bytes) -> int:
         if self.room <= 0:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from config.trajectory import load_trajectory_options
+from config.tasks.trajectory import load_trajectory_options
 from daemon.reference.reference import Reference, TeleoperationReference, TrajectoryReference
 from daemon.reference.trajectories import make_trajectory
 

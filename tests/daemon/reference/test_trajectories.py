@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from config.trajectory import (
+from config.tasks.trajectory import (
     Circle,
     Helix,
     Hold,

@@ -189,5 +189,5 @@ def test_a_stop_that_fails_inside_is_refused_and_not_silent(tmp_path: Path) -> N
 
 def test_the_stop_command_needs_no_session(tmp_path: Path) -> None:
     """What a STOP has to import before it is sent counts, and zenoh is the most of it."""
-    code = "import sys, daemon.commands.stop; print('zenoh' in sys.modules)"
+    code = "import sys, daemon.commands.client.stop; print('zenoh' in sys.modules)"
     assert subprocess.check_output([sys.executable, "-c", code], text=True) == "False\n"

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import yaml
 
+from config.documents.problems import ConfigError
 from config.loader import load_robot
-from config.problems import ConfigError
 from daemon.commands.terminal.command_line import EXIT_FAILED, main
 from daemon.risk.body_risk_source import RiskFilesError, make_risk_source
 from daemon.risk.mesh_file import write_mesh

@@ -8,8 +8,8 @@ import pytest
 from daemon.risk import grid_cache
 from daemon.risk.grid_cache import cached_grid, default_cache_directory
 from daemon.workbench.body_model.evaluation.shapes import box, turned
-from safety.risk.distance_grid import DistanceGrid, distance_grid
-from safety.risk.environment import Environment, environment
+from safety.risk.surroundings.distance_grid import DistanceGrid, distance_grid
+from safety.risk.surroundings.environment import Environment, environment
 
 BLOCK = environment(*box((20.0, 20.0, 20.0), (0.0, 0.0, 0.0), 2))
 

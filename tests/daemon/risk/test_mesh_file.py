@@ -12,7 +12,7 @@ import trimesh
 
 from daemon.risk.mesh_file import _corners, read_environment, write_mesh
 from daemon.workbench.body_model.evaluation.shapes import ball, box, chest, turned
-from safety.risk.environment import EnvironmentFaultError, InsertionPort, Mesh
+from safety.risk.surroundings.environment import EnvironmentFaultError, InsertionPort, Mesh
 
 BLOCK = box((40.0, 30.0, 20.0), (0.0, 0.0, 0.0), 2)
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from daemon.risk.model_file import read_model, write_model
-from safety.risk.risk_model import RiskModelError, risk_model
+from safety.risk.model.risk_model import RiskModelError, risk_model
 from tests.safety.risk.networks import model_arrays
 
 ABOUT = {"robot": "arm", "points_activation": "silu", "shapes_activation": "relu", "seed": 3}

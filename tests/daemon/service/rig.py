@@ -26,10 +26,10 @@ from daemon.recording.flight_recorder import Recorder
 from daemon.robot.checked_robot import check_robot
 from daemon.robot.lab_connections import LabConnections
 from daemon.service.dependencies import Dependencies
-from daemon.service.operator import Operator
+from daemon.service.operation.operator import Operator
+from daemon.service.operation.run_recording import RunRecording
+from daemon.service.operation.session import Session
 from daemon.service.robot_service import RobotService
-from daemon.service.run_recording import RunRecording
-from daemon.service.session import Session
 from drivers.bounded import end_tasks
 from drivers.cia402.power_state import PowerState
 from safety.risk_source import NoModel, RiskSource

@@ -21,7 +21,7 @@ from daemon.risk.grid_cache import cached_grid
 from daemon.risk.mesh_file import read_environment, write_mesh
 from daemon.workbench.body_model.evaluation.shapes import CHEST_PORT, chest
 from drivers.cia402.power_state import PowerState
-from safety.risk.distance_grid import DistanceGrid
+from safety.risk.surroundings.distance_grid import DistanceGrid
 from safety.risk_source import NoModel, RiskReading
 from safety.states import OperatingState
 from tests.daemon.service.grazing import TENDON_ARM, StoppedClock, once_round

@@ -20,7 +20,7 @@ from daemon.messages import Acquire, Arm, Event, Load, Refusal, Risk, Start
 from daemon.risk.body_risk_source import make_risk_source
 from daemon.risk.mesh_file import write_mesh
 from daemon.workbench.body_model.evaluation.shapes import ball
-from safety.risk.environment import Mesh
+from safety.risk.surroundings.environment import Mesh
 from safety.states import OperatingState
 from sim_backends.plants.plant import variation
 from tests import SOFT_ARM

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from safety.risk.mixture import FloatArray, Mixture
-from safety.risk.shape_basis import ShapeBasis
+from safety.risk.model.mixture import FloatArray, Mixture
+from safety.risk.model.shape_basis import ShapeBasis
 
 LENGTH_MM, RADIUS_MM, NODES = 200.0, 6.0, 41
 _PARTS = 5

@@ -12,8 +12,8 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from daemon.workbench.body_model.evaluation.shapes import ball, box, joined, turned
-from safety.risk.environment import Environment, Mesh, environment
-from safety.risk.mixture import FloatArray, Mixture
+from safety.risk.model.mixture import FloatArray, Mixture
+from safety.risk.surroundings.environment import Environment, Mesh, environment
 
 ROOM_MM = 200.0
 _CLEAR_MM = 58.0

@@ -16,9 +16,9 @@ from daemon.workbench.body_model.evaluation.shapes import (
     turned,
 )
 from safety.risk.body_point import BodyPointRisk, along_path
-from safety.risk.environment import Environment, environment
-from safety.risk.mixture import FloatArray, Mixture
-from safety.risk.mixture_network import MixtureNetwork
+from safety.risk.model.mixture import FloatArray, Mixture
+from safety.risk.model.mixture_network import MixtureNetwork
+from safety.risk.surroundings.environment import Environment, environment
 from tests.safety.risk.networks import random_arrays
 from tests.safety.risk.scenes import (
     factor_of,

@@ -5,9 +5,9 @@ import pytest
 
 from daemon.workbench.body_model.evaluation.shapes import box, joined
 from safety.risk.body_risk import BodyRisk, WayRisk
-from safety.risk.distance_grid import DistanceGrid, distance_grid
-from safety.risk.environment import Environment, environment
-from safety.risk.risk_model import RiskModel, risk_model
+from safety.risk.model.risk_model import RiskModel, risk_model
+from safety.risk.surroundings.distance_grid import DistanceGrid, distance_grid
+from safety.risk.surroundings.environment import Environment, environment
 from tests.safety.risk.networks import Arrays, model_arrays
 
 INSIDE = (0.0, 0.0, 0.0, 0.0)

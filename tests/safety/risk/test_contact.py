@@ -11,10 +11,10 @@ from scipy.stats import binom
 from daemon.workbench.body_model.evaluation.shapes import CHEST_PORT, ball, box, chest, slot, turned
 from safety.risk.body_point import BodyPointRisk
 from safety.risk.contact import ContactModel, most_touching, upper_limit
-from safety.risk.distance_grid import DistanceGrid, distance_grid
-from safety.risk.environment import Environment, InsertionPort, Mesh, environment
-from safety.risk.mixture import FloatArray, Mixture
-from safety.risk.shape_basis import ShapeBasis
+from safety.risk.model.mixture import FloatArray, Mixture
+from safety.risk.model.shape_basis import ShapeBasis
+from safety.risk.surroundings.distance_grid import DistanceGrid, distance_grid
+from safety.risk.surroundings.environment import Environment, InsertionPort, Mesh, environment
 from tests.safety.risk.arms import ARC_MM, Pose, points_mixture, shape_mixture, shapes
 
 LENGTH_MM, RADIUS_MM = 100.0, 5.0

@@ -8,8 +8,8 @@ import pytest
 from scipy.stats import chi2
 
 from safety.risk import tip_consistency
-from safety.risk.mixture import Mixture
-from safety.risk.risk_model import RiskModel, risk_model
+from safety.risk.model.mixture import Mixture
+from safety.risk.model.risk_model import RiskModel, risk_model
 from safety.risk.tip_consistency import (
     LIMIT_S,
     REFERENCE,

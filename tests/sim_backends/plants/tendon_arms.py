@@ -7,7 +7,7 @@ import numpy as np
 
 from config.emulation import TendonArmPlant
 from sim_backends.plants.plant import BodyState, FloatArray, TipLoad
-from sim_backends.plants.tendon_arm import TendonArm
+from sim_backends.plants.tendon_arm.tendon_arm import TendonArm
 
 SHIPPED = TendonArmPlant(kind="tendon_arm")
 FREE = TipLoad()

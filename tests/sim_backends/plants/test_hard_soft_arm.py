@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from config.emulation import SoftArmPlant
-from sim_backends.plants.gas import ATMOSPHERE_MPA
 from sim_backends.plants.plant import FloatArray, TipLoad
-from sim_backends.plants.soft_arm import SoftArm
+from sim_backends.plants.soft_arm.gas import ATMOSPHERE_MPA
+from sim_backends.plants.soft_arm.soft_arm import SoftArm
 
 PISTON_MM2 = np.pi / 4.0 * 25.0**2
 PERIOD_S = 0.025

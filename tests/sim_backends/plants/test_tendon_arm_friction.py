@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from config.emulation import TendonArmPlant
 from drivers.pose import rotate
 from sim_backends.plants.plant import BodyState, FloatArray
-from sim_backends.plants.tendon_arm import TendonArm
+from sim_backends.plants.tendon_arm.tendon_arm import TendonArm
 from tests.sim_backends.plants.tendon_arms import (
     SHIPPED,
     SMOOTH,

@@ -12,7 +12,7 @@ from daemon.messages import Load, Start
 from drivers.axis_scale import axis_scale
 from safety.states import OperatingState
 from sim_backends.plants.plant import FloatArray, TipLoad
-from sim_backends.plants.tendon_arm import TendonArm
+from sim_backends.plants.tendon_arm.tendon_arm import TendonArm
 from tests import SHIPPED_ROBOTS
 from tests.daemon.service.rig import Rig, on_a_rig
 

@@ -25,7 +25,7 @@ from daemon.workbench.body_model.clouds.centreline_fit import (
     fit_centreline,
     refined,
 )
-from safety.risk.mixture import FloatArray
+from safety.risk.model.mixture import FloatArray
 
 _CLOUDS: Final = 120
 """Of a collection: with so many, where they begin is known to a fiftieth of a millimetre."""

@@ -26,7 +26,7 @@ from scipy.spatial import cKDTree
 
 from config.emulation import Plant
 from daemon.workbench.body_model.clouds.centreline_fit_kernels import likely, misses, placed, slopes
-from safety.risk.mixture import FloatArray
+from safety.risk.model.mixture import FloatArray
 from sim_backends.devices.body_surface import BodySurface
 
 _PIECES: Final = 40

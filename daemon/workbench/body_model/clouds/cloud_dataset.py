@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from config.robot import Robot
 from daemon.array_files import ArrayFile, in_a_line, load_npz, misfit_of
-from safety.risk.mixture import FloatArray
+from safety.risk.model.mixture import FloatArray
 
 SingleArray = NDArray[np.float32]
 BoolArray = NDArray[np.bool_]

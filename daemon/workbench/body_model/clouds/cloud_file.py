@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.array_files import in_a_line
-from safety.risk.environment import MM_PER, Unit
-from safety.risk.mixture import FloatArray
+from safety.risk.model.mixture import FloatArray
+from safety.risk.surroundings.environment import MM_PER, Unit
 
 _ARRAY: Final = "points"
 

@@ -30,7 +30,7 @@ from daemon.workbench.body_model.clouds.cloud_dataset import BoolArray, CloudDat
 from daemon.workbench.body_model.clouds.cloud_file import CloudFileError, read_cloud
 from daemon.workbench.body_model.clouds.cloud_table import CloudImportError, CloudTable, read_table
 from daemon.workbench.body_model.clouds.collection import FITTED, block_of
-from safety.risk.environment import Unit
+from safety.risk.surroundings.environment import Unit
 
 SingleArray = NDArray[np.float32]
 T = TypeVar("T")

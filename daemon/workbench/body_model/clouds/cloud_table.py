@@ -22,7 +22,7 @@ import numpy as np
 
 from daemon.robot.axes import AxisRanges
 from daemon.workbench.body_model.clouds.cloud_dataset import BoolArray, CloudDatasetError
-from safety.risk.mixture import FloatArray
+from safety.risk.model.mixture import FloatArray
 
 TABLE: Final = "configurations.csv"
 SUFFIXES: Final = (".ply", ".npz")

@@ -25,7 +25,7 @@ from daemon.workbench.body_model.clouds.centreline_fit import (
 )
 from daemon.workbench.body_model.clouds.configurations import Candidates
 from daemon.workbench.body_model.clouds.emulated_body import EmulatedBody
-from safety.risk.mixture import FloatArray, IndexArray
+from safety.risk.model.mixture import FloatArray, IndexArray
 from sim_backends.devices.body_surface import BodySurface
 from sim_backends.devices.depth_cameras import DepthCameras
 from sim_backends.plants.shooting import warm_up

@@ -6,7 +6,7 @@ import numpy as np
 
 from config.robot import Robot
 from daemon.robot.axes import AxisRanges
-from safety.risk.mixture import FloatArray
+from safety.risk.model.mixture import FloatArray
 from sim_backends.lab.lab import plant_of
 from sim_backends.plants.plant import BodyState, PlantError, TipLoad
 

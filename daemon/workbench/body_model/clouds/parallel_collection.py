@@ -33,7 +33,7 @@ from daemon.workbench.body_model.clouds.collection import (
     possible_ones,
     seen_at,
 )
-from safety.risk.mixture import FloatArray
+from safety.risk.model.mixture import FloatArray
 
 _MOST_BYTES: Final = 1 << 32
 _VERSION: Final = 3

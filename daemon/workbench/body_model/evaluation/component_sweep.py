@@ -20,7 +20,7 @@ from daemon.workbench.body_model.training.body_training import (
 from daemon.workbench.body_model.training.calibration import scores
 from daemon.workbench.body_model.training.network import NetworkShape
 from daemon.workbench.body_model.training.training import Check, TrainingSettings
-from safety.risk.mixture_network import MixtureNetwork
+from safety.risk.model.mixture_network import MixtureNetwork
 
 _NOTHING: Final = 0.01
 """A component with less weight is of no use."""

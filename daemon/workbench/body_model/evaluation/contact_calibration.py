@@ -14,8 +14,8 @@ from daemon.workbench.body_model.evaluation.grazed_obstacles import grazed_block
 from daemon.workbench.body_model.evaluation.rollouts import Rollouts
 from daemon.workbench.report.report_style import ACCENT, MUTED, REFERENCE, WIDTH_IN, styled
 from safety.risk.contact import ContactModel
-from safety.risk.distance_grid import distance_grid
-from safety.risk.mixture import FloatArray
+from safety.risk.model.mixture import FloatArray
+from safety.risk.surroundings.distance_grid import distance_grid
 
 BINS: Final = 10
 _MARGIN_MM: Final = 10.0

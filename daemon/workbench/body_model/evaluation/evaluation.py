@@ -22,9 +22,9 @@ from daemon.workbench.body_model.training.calibration import CURVE, LEVELS, Scor
 from daemon.workbench.body_model.training.network import NetworkShape
 from daemon.workbench.body_model.training.reference_mixture import reference_mixture
 from daemon.workbench.body_model.training.training import TrainingSettings
-from safety.risk.mixture import FloatArray
-from safety.risk.mixture_network import MixtureNetwork
-from safety.risk.risk_model import RiskModel
+from safety.risk.model.mixture import FloatArray
+from safety.risk.model.mixture_network import MixtureNetwork
+from safety.risk.model.risk_model import RiskModel
 
 _RESAMPLED: Final = 2000
 _POINTS: Final = 512

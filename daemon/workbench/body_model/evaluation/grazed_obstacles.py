@@ -12,8 +12,8 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from daemon.workbench.body_model.evaluation.shapes import box
-from safety.risk.environment import Environment, Mesh, environment
-from safety.risk.mixture import FloatArray
+from safety.risk.model.mixture import FloatArray
+from safety.risk.surroundings.environment import Environment, Mesh, environment
 
 _SMALLEST_MM, _LARGEST_MM = 8.0, 80.0
 _NEAR_BASE: Final = 0.3

@@ -26,7 +26,7 @@ from daemon.workbench.report.report_style import (
     WIDTH_IN,
     styled,
 )
-from safety.risk.risk_model import RiskModel
+from safety.risk.model.risk_model import RiskModel
 
 _DPI: Final = 160
 _POINTS: Final = 1500

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Final
 
-from safety.risk.mixture import Mixture, MixtureError
+from safety.risk.model.mixture import Mixture, MixtureError
 
 _TOLD: Final = 40
 """Characters of what is no number."""

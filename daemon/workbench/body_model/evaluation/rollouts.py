@@ -18,7 +18,7 @@ from daemon.workbench.body_model.clouds.collection import CollectionError, other
 from daemon.workbench.body_model.clouds.configurations import Candidates
 from daemon.workbench.body_model.clouds.emulated_body import EmulatedBody
 from daemon.workbench.body_model.clouds.parallel_collection import first_possible
-from safety.risk.mixture import FloatArray
+from safety.risk.model.mixture import FloatArray
 from sim_backends.plants.shooting import warm_up
 
 _OTHER_SEQUENCE: Final = 1_000_003

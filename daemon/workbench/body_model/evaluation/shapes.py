@@ -9,8 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from safety.risk.environment import InsertionPort, Mesh
-from safety.risk.mixture import FloatArray
+from safety.risk.model.mixture import FloatArray
+from safety.risk.surroundings.environment import InsertionPort, Mesh
 
 CHEST_PORT: Final = InsertionPort((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), radius_mm=10.0, depth_mm=30.0)
 """The arm comes in at the origin, along z."""

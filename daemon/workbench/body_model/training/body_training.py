@@ -18,8 +18,8 @@ from daemon.workbench.body_model.training.network import Beginning, NetworkShape
 from daemon.workbench.body_model.training.recalibration import MOST_DOUBLED, recalibrated
 from daemon.workbench.body_model.training.shape_fit import ShapeFit, coefficients_of, fit_shapes
 from daemon.workbench.body_model.training.training import Check, Trained, TrainingSettings, train
-from safety.risk.mixture import FloatArray
-from safety.risk.shape_basis import ShapeBasis
+from safety.risk.model.mixture import FloatArray
+from safety.risk.model.shape_basis import ShapeBasis
 
 Arrays = dict[str, NDArray[Any]]
 Heard = Callable[[str, Check], None]

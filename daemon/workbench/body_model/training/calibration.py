@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.workbench.body_model.training.training import TrainingError
-from safety.risk.mixture import FloatArray
-from safety.risk.mixture_network import MixtureNetwork
+from safety.risk.model.mixture import FloatArray
+from safety.risk.model.mixture_network import MixtureNetwork
 
 LEVELS: Final = (0.5, 0.8, 0.95)
 CURVE: Final = tuple(round(0.05 * step, 2) for step in range(1, 20))

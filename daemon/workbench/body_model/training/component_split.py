@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from daemon.workbench.body_model.training.network import MixtureDensityNetwork
 from daemon.workbench.body_model.training.reference_mixture import reference_mixture
-from safety.risk.mixture import FloatArray
+from safety.risk.model.mixture import FloatArray
 
 _MISSES: Final = 4000
 """By chance, that tell how to split."""

@@ -19,7 +19,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from safety.risk.mixture import MOST_COMPONENTS, FloatArray
+from safety.risk.model.mixture import MOST_COMPONENTS, FloatArray
 
 _ACTIVATIONS: Final = {"relu": nn.ReLU, "tanh": nn.Tanh, "silu": nn.SiLU}
 _SMALL: Final = 0.1

@@ -17,8 +17,8 @@ from scipy.optimize import minimize
 from scipy.special import expit, logsumexp
 
 from daemon.workbench.body_model.training.training import TrainingError
-from safety.risk.mixture import MOST_COMPONENTS, FloatArray
-from safety.risk.mixture_network import MixtureNetwork
+from safety.risk.model.mixture import MOST_COMPONENTS, FloatArray
+from safety.risk.model.mixture_network import MixtureNetwork
 
 Arrays = dict[str, NDArray[Any]]
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from safety.risk.mixture import FloatArray, Mixture
+from safety.risk.model.mixture import FloatArray, Mixture
 
 _FIRST_ROUNDS: Final = 15
 """From every beginning; the best goes on."""

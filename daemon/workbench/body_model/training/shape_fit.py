@@ -7,8 +7,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from safety.risk.mixture import FloatArray
-from safety.risk.shape_basis import ShapeBasis
+from safety.risk.model.mixture import FloatArray
+from safety.risk.model.shape_basis import ShapeBasis
 
 _LEAST_APART: Final = 0.01
 """Of a coefficient's whole spread. What spreads less in a group is taken to spread so much."""

@@ -28,7 +28,7 @@ from daemon.workbench.body_model.training.network import (
     NetworkShape,
     Scaling,
 )
-from safety.risk.mixture import FloatArray, IndexArray
+from safety.risk.model.mixture import FloatArray, IndexArray
 
 _LARGEST_GRADIENT: Final = 5.0
 _WEIGHT_DECAY: Final = 1e-2

@@ -465,7 +465,8 @@ def test_the_blocking_client_fails_with_the_same_reasons(tmp_path: Path) -> None
 
 def test_importing_the_client_brings_nothing_heavy_along() -> None:
     modules = (
-        "daemon.remote.client.client, daemon.remote.client.blocking_client, daemon.commands.stop"
+        "daemon.remote.client.client, daemon.remote.client.blocking_client, "
+        "daemon.commands.client.stop"
     )
     heavy = "numpy scipy torch matplotlib numba pydantic rich yaml cryptography mcap"
     code = f"import sys, {modules}; print(sorted(set({heavy!r}.split()) & set(sys.modules)))"

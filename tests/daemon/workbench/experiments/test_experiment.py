@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from config.problems import ConfigError
+from config.documents.problems import ConfigError
 from daemon.messages import InternalError
-from daemon.recording.channels import TIP_POSE, TOPICS
+from daemon.recording.format.channels import TIP_POSE, TOPICS
 from daemon.recording.result import Result, read_result
 from daemon.recording.run_reader import RunReader
 from daemon.workbench.experiments import in_virtual_time

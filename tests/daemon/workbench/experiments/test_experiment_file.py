@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from config.problems import ConfigError
+from config.documents.problems import ConfigError
 from daemon.workbench.experiments.experiment_file import load_experiment
 
 EXPERIMENT = """experiment: little

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from config.exploration import WaypointExploration
+from config.tasks.exploration import WaypointExploration
 from daemon.commands.terminal.progress_line import ProgressLine
 from daemon.commands.terminal.study_command import _Told
 from daemon.learning.forward.pretraining import EpochErrors, PretrainingSettings

@@ -3,7 +3,7 @@
 import pytest
 from pydantic import ValidationError
 
-from config.experiment import Happening
+from config.tasks.experiment import Happening
 from daemon.workbench.experiments.scripted_events import Happenings
 
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from config.exploration import WaypointExploration
 from config.loader import RobotFile, load_robot
+from config.tasks.exploration import WaypointExploration
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE, main
 from daemon.files import models_directory
 from daemon.learning.forward.pretrained_model import PretrainedModel

@@ -15,10 +15,10 @@ from matplotlib.figure import Figure
 
 from config.control import PoseFilterSettings
 from config.loader import load_robot
-from daemon.commands import recover, report
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+from daemon.commands.workbench import recover, report
 from daemon.messages import Event, InternalError, Message, Risk, Status, Tip
-from daemon.recording.channels import TOPICS, telemetry_payload
+from daemon.recording.format.channels import TOPICS, telemetry_payload
 from daemon.recording.result import CycleError, Result, read_result, write_result
 from daemon.recording.run_folder import describe_run
 from daemon.recording.run_writer import RunWriter

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from config.controllers import ConstantCurvature
+from config.tasks.controllers import ConstantCurvature
 from daemon.workbench.studies.run import plan
 from daemon.workbench.studies.study_file import StudyFile, load_study
 from tests.daemon.workbench.studies.made_up import write_study

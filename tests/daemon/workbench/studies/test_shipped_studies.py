@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from config.trajectory import Rectangle
+from config.tasks.trajectory import Rectangle
 from daemon.commands.terminal.study_command import shipped_study
 from daemon.workbench.studies.findings import cycles_of
 from daemon.workbench.studies.run import plan

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from config.controllers import Broyden, ConstantCurvature, load_controller_options
-from config.model import OptionsError
-from config.problems import ConfigError
+from config.documents.model import OptionsError
+from config.documents.problems import ConfigError
+from config.tasks.controllers import Broyden, ConstantCurvature, load_controller_options
 from daemon.workbench.studies.study_file import load_study, merged
 from tests.daemon.workbench.studies.made_up import STUDY, write_study
 

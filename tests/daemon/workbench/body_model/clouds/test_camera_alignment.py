@@ -6,7 +6,7 @@ import pytest
 from daemon.workbench.body_model.clouds.camera_alignment import alignment_of
 from daemon.workbench.body_model.clouds.centreline_fit import VisibleSurface, fit_centreline
 from daemon.workbench.body_model.evaluation.evaluation import off_curves
-from safety.risk.mixture import FloatArray
+from safety.risk.model.mixture import FloatArray
 from tests.daemon.workbench.body_model.clouds.test_centreline_fit import TUBE, bent, skin
 from tests.daemon.workbench.body_model.seen_bodies import seen_bodies
 

@@ -17,7 +17,7 @@ from daemon.workbench.body_model.evaluation.contact_calibration import (
 )
 from daemon.workbench.body_model.evaluation.grazed_obstacles import Block, grazed_block
 from daemon.workbench.body_model.evaluation.rollouts import Rollouts, roll_out
-from safety.risk.risk_model import risk_model
+from safety.risk.model.risk_model import risk_model
 from tests import SOFT_ARM
 from tests.safety.risk.test_body_risk import arrays, at
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from daemon.workbench.body_model.evaluation.mixture_file import read_mixture
-from safety.risk.mixture import MixtureError
+from safety.risk.model.mixture import MixtureError
 
 SOUND = {
     "weights": [0.25, 0.75],

@@ -14,7 +14,7 @@ from daemon.workbench.body_model.evaluation.shapes import (
     sphere,
     turned,
 )
-from safety.risk.environment import Mesh, environment
+from safety.risk.surroundings.environment import Mesh, environment
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,7 @@ from daemon.workbench.body_model.training.body_training import (  # noqa: E402
 from daemon.workbench.body_model.training.calibration import scores  # noqa: E402
 from daemon.workbench.body_model.training.network import NetworkShape  # noqa: E402
 from daemon.workbench.body_model.training.training import TrainingSettings  # noqa: E402
-from safety.risk.risk_model import risk_model  # noqa: E402
+from safety.risk.model.risk_model import risk_model  # noqa: E402
 from tests.daemon.workbench.body_model.small_clouds import SOFT_ARM, TENDON_ARM, dataset  # noqa: E402
 
 SETTINGS = BodySettings(

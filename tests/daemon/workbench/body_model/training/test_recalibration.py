@@ -7,7 +7,7 @@ import pytest
 
 from daemon.workbench.body_model.training.calibration import scores
 from daemon.workbench.body_model.training.recalibration import Widths, doubled, recalibrated
-from safety.risk.mixture_network import MixtureNetwork
+from safety.risk.model.mixture_network import MixtureNetwork
 from tests.safety.risk.networks import random_arrays
 
 

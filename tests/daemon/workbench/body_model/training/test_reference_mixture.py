@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from daemon.workbench.body_model.training.reference_mixture import reference_mixture
-from safety.risk.mixture import Mixture
+from safety.risk.model.mixture import Mixture
 
 
 def three() -> Mixture:

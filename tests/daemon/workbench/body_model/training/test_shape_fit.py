@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from daemon.workbench.body_model.training.shape_fit import ShapeFit, coefficients_of, fit_shapes
-from safety.risk.shape_basis import ShapeBasis
+from safety.risk.model.shape_basis import ShapeBasis
 
 RADIUS_MM = 12.0
 FloatArray = NDArray[np.float64]

@@ -21,8 +21,8 @@ from daemon.workbench.body_model.training.training import (  # noqa: E402
     TrainingSettings,
     train,
 )
-from safety.risk.mixture import Mixture  # noqa: E402
-from safety.risk.mixture_network import MixtureNetwork  # noqa: E402
+from safety.risk.model.mixture import Mixture  # noqa: E402
+from safety.risk.model.mixture_network import MixtureNetwork  # noqa: E402
 
 INPUTS = 2
 

@@ -1,0 +1,54 @@
+"""What every part of the schema shares: unknown keys refused, nothing coerced, nothing mutable."""
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+
+from config.documents.schema_errors import schema_problems
+from config.documents.yaml_document import YamlDocument
+
+# Options that come in a message instead of a file: checked alike, told alike, without lines.
+
+
+M = TypeVar("M", bound=BaseModel)
+
+
+class OptionsError(ValueError):
+    """Options that cannot be used, with every problem found in them."""
+
+    def __init__(self, problems: Sequence[str]) -> None:
+        self.problems = tuple(problems)
+        super().__init__("; ".join(self.problems))
+
+
+def checked_options(model: type[M], key: str, mapping: Mapping[str, Any]) -> M:
+    """`model` with `mapping` under `key`. Raises OptionsError that names every wrong key."""
+    value = {key: dict(mapping)}
+    try:
+        return model.model_validate(value)
+    except ValidationError as error:
+        found = schema_problems(YamlDocument("", value), model, error)
+        raise OptionsError([f"{one.key_path}: {one.message}" for one in found]) from None
+
+
+class ConfigModel(BaseModel):
+    """A part of a configuration file."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        frozen=True,
+        strict=True,
+        allow_inf_nan=False,
+        use_attribute_docstrings=True,
+        validate_default=True,
+    )
+
+
+Name = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]{0,62}$")]
+"""A lower-case word: it becomes part of remote keys, file names and table heads."""
+
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+NodeId = Annotated[int, Field(ge=1, le=127)]
+Vector3 = Annotated[tuple[float, float, float], Field(strict=False)]

@@ -1,0 +1,1 @@
+"""What a robot is to do: experiments, explorations, trajectories, controllers and studies."""

@@ -1,0 +1,231 @@
+"""The controllers that an experiment or a client can choose, and what can be set on them."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from config.documents.model import ConfigModel, NotNegative, Positive, Vector3, checked_options
+from config.tasks.exploration import MotorBabbling, WaypointExploration
+
+Share = Annotated[float, Field(gt=0.0, le=1.0)]
+PerAxis = Annotated[tuple[float, ...], Field(min_length=1, strict=False)]
+
+
+class TipFollowing(ConfigModel):
+    """The law that turns a reference into a step of the tip, and this into a step of the axes."""
+
+    gain_per_s: Positive = 3.0
+    """Share of the tip's error that is asked for per second (K_P of Ho 2018, eq. 14)."""
+
+    max_tip_speed_mm_s: Positive = 25.0
+    """No step asks the tip to be faster than this, whatever the error."""
+
+    damping_mm: Positive = 8.0
+    """Damped least squares. Where the tip moves less than this in some direction while an axis goes
+    through its whole travel, that direction is given up gently instead of with huge steps."""
+
+    posture: Literal["mid_travel", "start"] | PerAxis = "mid_travel"
+    """Where the axes are drawn without moving the tip: the middle of their travel, where they were
+    when the motion began, or the given positions (mm or rad, one per axis)."""
+
+    posture_gain_per_s: NotNegative = 0.1
+    """Share of the way to the posture per second. 0: redundant axes are left alone."""
+
+    axis_weights: Annotated[tuple[Positive, ...], Field(min_length=1, strict=False)] | None = None
+    """How dear the motion of each axis is, counted in shares of its travel: the diagonal of N of
+    Ho 2018, eq. 7. None: all alike."""
+
+    feed_forward: bool = True
+    """Whether the reference's own motion is asked for as well as a share of the error."""
+
+    lead: bool = False
+    """Whether the body's lag is found while it is followed, and led: the reference's motion is
+    asked for so much earlier, and what was told and has not arrived counts as made. For bodies with
+    a lag and dead time of several tenths of a second. Only with `feed_forward`."""
+
+
+class Broyden(TipFollowing):
+    """Knows nothing of the robot: measures its Jacobian, then keeps it up to date."""
+
+    kind: Literal["broyden"]
+
+    explore_share: Annotated[float, Field(gt=0.0, le=0.25)] = 0.06
+    """Amplitude of the first motions, axis by axis, as a share of the axis' travel."""
+
+    explore_speed_share: Share = 0.5
+    """Their speed as a share of the axis' highest."""
+
+    explore_together: bool = True
+    """Whether all axes go out together once as well. Not where they pull against each other, as
+    tendons do."""
+
+    settle_s: Positive = 0.6
+    """Waiting for the body after each of them. The second half of it is measured."""
+
+    sample_tip_mm: Positive = 0.5
+    """A sample for the Jacobian ends when the tip has moved so far ..."""
+
+    sample_travel_share: Share = 0.005
+    """... and the axes so far, as a share of their travel."""
+
+    sample_noise_mm: Positive = 0.3
+    """What one coordinate of the tip's motion in a sample is uncertain by."""
+
+    drift_mm: Positive = 25.0
+    """How far an element of the Jacobian, in mm per whole travel, may wander while the axes move
+    through their whole travel. More follows a changing body faster, less resists noise."""
+
+
+class VolumetricChambers(ConfigModel):
+    """A chamber's length follows its piston in proportion: liquid, or a simple calibration."""
+
+    kind: Literal["volumetric"]
+    elongation_mm_per_ml: Positive = 1.0
+
+
+class GasChambers(ConfigModel):
+    """Enclosed gas against the body's stiffness. As the paper's arm is by design (Ho 2018, 2.1)."""
+
+    kind: Literal["gas"]
+    pre_pressure_mpa: NotNegative = 0.04
+    """Gauge pressure with the cylinder at zero."""
+    supply_volume_ml: Positive = 27.5
+    """Gas in cylinder and tube with the cylinder at zero."""
+    chamber_area_mm2: Positive = 95.0
+    bending_stiffness_n_mm2: Positive = 8.0e3
+    """EI of a segment."""
+    axial_stiffness_n: Positive = 130.0
+    """EA of a segment."""
+
+
+class ConstantCurvature(TipFollowing):
+    """Two segments of three chambers each, both bent to circular arcs. Axes: proximal chambers 1 to
+    3, then distal ones. The base frame's z axis points along the straight arm."""
+
+    kind: Literal["constant_curvature"]
+
+    segment_length_mm: Annotated[tuple[Positive, Positive], Field(strict=False)] = (77.5, 77.5)
+    """Proximal and distal, without pressure."""
+    chamber_radius_mm: Positive = 7.5
+    """Distance of the chambers from the axis."""
+    first_chamber_rad: Annotated[tuple[float, float], Field(strict=False)] = (
+        0.0,
+        1.0471975511965976,
+    )
+    """Direction of chamber 1 of each segment from the x axis; the others follow at 120°."""
+    base_offset_mm: Vector3 = (0.0, 0.0, 0.0)
+    """Where the proximal segment begins, in the base sensor's frame."""
+    chambers: Annotated[VolumetricChambers | GasChambers, Field(discriminator="kind")] = (
+        GasChambers(kind="gas")
+    )
+    """What the pistons do to the chambers."""
+    bending_gain: Positive = 1.0
+    """Correction of the model's bending, from calibration."""
+    elongation_gain: Positive = 1.0
+    """Correction of the model's elongation, from calibration."""
+    tolerance_mm: Positive = 10.0
+    """A trajectory is refused where the model, within the axes' travel, misses it by more."""
+
+
+class Learner(TipFollowing):
+    """What controllers have in common that learn a model of the robot from its motions."""
+
+    model: str | None = None
+    """File that pre-training made, or that such a controller saved. None: the first motions are
+    motor babbling, and everything is learnt from them and from what follows."""
+
+    learning: bool = True
+    """Whether it goes on learning while it controls. Not: the model stays as it is."""
+
+    sample_tip_mm: Positive = 2.0
+    """A motion is a sample when the tip has moved so far ..."""
+
+    sample_travel_share: Share = 0.1
+    """... or the axes together so far, as a share of their travel. Shorter samples are more, and
+    more of them is noise."""
+
+    sample_longest_s: Positive = 4.0
+    """A motion that takes longer is none, but standing still and creeping."""
+
+    lag_s: NotNegative | None = None
+    """How much later than its axes the body moves. None: as pre-training found it."""
+
+    correction_drift_mm: NotNegative = 50.0
+    """The learnt Jacobian is corrected by every sample, as `broyden` does it. How far an element,
+    in mm per whole travel, may wander while the axes move through their whole travel."""
+
+    correction_reach: Positive = 0.5
+    """... and after how much motion, in travels, a correction has faded to a third."""
+
+    sample_noise_mm: Positive = 0.3
+    """What one coordinate of the tip's motion in a sample is uncertain by."""
+
+    babbling: MotorBabbling = MotorBabbling()
+    """The first motions where there is no model."""
+
+
+class ForwardJacobian(Learner):
+    """The learnt forward model, inverted: damped least squares, drawn to a posture."""
+
+    kind: Literal["forward_jacobian"]
+
+    memory_samples: Annotated[float, Field(ge=10.0)] | None = None
+    """How many samples a field of the model remembers while it goes on learning. None: fields stay
+    as pre-training left them, and only the correction adapts."""
+
+
+class RewardWeighted(Learner):
+    """Local inverse controllers, learnt by reward-weighted regression (Ho 2018)."""
+
+    kind: Literal["reward_weighted"]
+
+    window: Annotated[int, Field(ge=1, le=100_000)] = 425
+    """How many samples the controllers are learnt from; the oldest leaves first."""
+
+    engine: Literal["bank", "batch", "oracle"] = "bank"
+    """How they are computed. All say the same: bank is the fastest, oracle the plainest."""
+
+    paper: bool = False
+    """The paper's law alone, its misprints corrected: no feed-forward, no forward model but for
+    the fields, pre-training's samples as what an unvisited field knows, and no fallback."""
+
+    motion_s: Positive = 1.0
+    """The controllers are asked for the motion of this time, and a step is its part. Should be
+    about what a sample takes."""
+
+    unvisited: Literal["forward_model", "samples", "nothing"] = "forward_model"
+    """What the controller of a field is before samples come: the inverse of the forward model, the
+    regression over pre-training's samples, or none."""
+
+    prior_mass: NotNegative = 5.0
+    """... and as how many samples that counts when they come."""
+
+    sigma_rule: Literal["inverse_mean", "ess", "printed"] = "inverse_mean"
+    """How sharp the reward is: see `daemon/learning/inverse/local_controller_settings.py`."""
+
+    kappa: Positive | None = None
+    """Sharpness under the first two rules. None: the number of axes."""
+
+    ridge: Positive = 1e-4
+    """Of the regression, relative to its weights."""
+
+    attractor_steps: Positive | None = 2.0
+    """The posture draws with no more than so many typical steps per motion. None: without limit."""
+
+    fallback: bool = True
+    """Whether the forward model takes over where fields or samples are missing."""
+
+
+ControllerOptions = Annotated[
+    Broyden | ConstantCurvature | ForwardJacobian | RewardWeighted | WaypointExploration,
+    Field(discriminator="kind"),
+]
+
+
+class _Asked(ConfigModel):
+    controller: ControllerOptions
+
+
+def load_controller_options(mapping: dict[str, Any]) -> ControllerOptions:
+    """The options in a message. Raises OptionsError with all problems."""
+    return checked_options(_Asked, "controller", mapping).controller

@@ -1,0 +1,47 @@
+"""What can be set on motions that are made to learn from."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from config.documents.model import ConfigModel, NotNegative, Positive
+
+Share = Annotated[float, Field(gt=0.0, le=1.0)]
+
+
+class RandomMotion(ConfigModel):
+    """Straight lines between random places of the axes, and a dither on top."""
+
+    speed_share: Share = 0.9
+    """Of the axes' highest speed, for the fastest axis of a line. Its dither may add to it, up to
+    what the axis can do."""
+
+    dither_share: Annotated[float, Field(ge=0.0, le=0.25)] = 0.03
+    """Amplitude of each axis' dither, as a share of its travel. Without it all steps of a line go
+    the same way, and a receptive field sees few directions."""
+
+    dither_period_s: Positive = 2.0
+    """Of the first axis; the others' are up to twice as long, and no two are the same."""
+
+
+class WaypointExploration(RandomMotion):
+    """Goes through the whole of the axes' travel, as far as the tip stays in its workspace."""
+
+    kind: Literal["waypoint_exploration"]
+
+    waypoints: Annotated[int, Field(ge=1, le=100_000)] = 80
+
+    travel_share: Share = 1.0
+    """Waypoints are drawn from this share of each axis' travel, in its middle."""
+
+    wall_mm: NotNegative = 5.0
+    """So near to a wall of the workspace the tip turns back."""
+
+
+class MotorBabbling(RandomMotion):
+    """Small random motions, from which a controller that knows nothing learns its first model."""
+
+    reach_share: Annotated[float, Field(gt=0.0, le=0.25)] = 0.05
+    """How far each axis goes from where it was, as a share of its travel."""
+
+    duration_s: Positive = 20.0

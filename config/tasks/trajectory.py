@@ -1,0 +1,126 @@
+"""What the tip can be asked to follow, in the base sensor's frame."""
+
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import Field, model_validator
+
+from config.documents.model import ConfigModel, checked_options
+
+FARTHEST_MM: Final = 10_000.0
+"""From the base sensor's origin: no tracker sees ten metres."""
+LONGEST_S: Final = 2_592_000.0
+"""A month. What lasts longer was meant otherwise."""
+_SHORTEST_MM: Final = 0.01
+"""Less than any tracker resolves."""
+_MOST_TURNS: Final = 1000
+
+Place = Annotated[float, Field(ge=-FARTHEST_MM, le=FARTHEST_MM)]
+Point = Annotated[tuple[Place, Place, Place], Field(strict=False)]
+Length = Annotated[float, Field(ge=_SHORTEST_MM, le=FARTHEST_MM)]
+Amplitude = Annotated[float, Field(ge=0.0, le=FARTHEST_MM)]
+Duration = Annotated[float, Field(ge=0.01, le=LONGEST_S)]
+Turns = Annotated[int, Field(ge=0, le=_MOST_TURNS)]
+Cycles = Annotated[int, Field(ge=1, le=1_000_000)]
+Plane = Literal["xy", "xz", "yz"]
+Frequencies = Annotated[tuple[Turns, Turns, Turns], Field(strict=False)]
+Lengths = Annotated[tuple[Amplitude, Amplitude, Amplitude], Field(strict=False)]
+Phases = Annotated[tuple[float, float, float], Field(strict=False)]
+Row = Annotated[tuple[float, float, float, float], Field(strict=False)]
+
+
+class Periodic(ConfigModel):
+    """What is repeated."""
+
+    cycle_s: Duration
+    """Time of one cycle."""
+    cycles: Cycles = 1
+
+
+class Rectangle(Periodic):
+    """Round a rectangle at constant speed, its corners sharp. Begins at its lowest corner."""
+
+    kind: Literal["rectangle"]
+    center_mm: Point
+    plane: Plane = "xy"
+    """Width goes along the first of these axes and is gone along first, height along the second."""
+    width_mm: Length
+    height_mm: Length
+
+
+class Circle(Periodic):
+    """Round a circle at constant speed, from the first axis of its plane to the second."""
+
+    kind: Literal["circle"]
+    center_mm: Point
+    plane: Plane = "xy"
+    radius_mm: Length
+
+
+class Lissajous(Periodic):
+    """Sines along x, y and z with whole numbers of periods per cycle."""
+
+    kind: Literal["lissajous"]
+    center_mm: Point
+    amplitude_mm: Lengths
+    frequencies: Frequencies = (1, 2, 0)
+    phases_rad: Phases = (0.0, 0.0, 0.0)
+
+    @model_validator(mode="after")
+    def _moves(self) -> "Lissajous":
+        pairs = zip(self.amplitude_mm, self.frequencies, strict=True)
+        if not any(amplitude > 0 and frequency > 0 for amplitude, frequency in pairs):
+            raise ValueError("nothing moves: no axis has both an amplitude and a frequency")
+        return self
+
+
+class Helix(Periodic):
+    """Round a rising circle at constant speed in half a cycle, and back the same way."""
+
+    kind: Literal["helix"]
+    center_mm: Point
+    """Middle of the lowest turn."""
+    plane: Plane = "xy"
+    radius_mm: Length
+    turns: Annotated[float, Field(gt=0.0, le=_MOST_TURNS)] = 2.0
+    rise_mm: Place
+    """Along the plane's normal, from one end to the other."""
+
+
+class Waypoints(ConfigModel):
+    """Straight lines between points, each with its time."""
+
+    kind: Literal["waypoints"]
+    file: Annotated[str, Field(min_length=1)] | None = None
+    """CSV with the header `t, x, y, z` (s and mm), relative to the file that names it."""
+    points: Annotated[tuple[Row, ...], Field(strict=False)] | None = None
+    """The same rows here, instead of a file."""
+    cycles: Cycles = 1
+    """More than one: the last point must be the first."""
+
+    @model_validator(mode="after")
+    def _from_one_place(self) -> "Waypoints":
+        if (self.file is None) == (self.points is None):
+            raise ValueError("say either file or points")
+        return self
+
+
+class Hold(ConfigModel):
+    """Stay at a point."""
+
+    kind: Literal["hold"]
+    position_mm: Point
+    duration_s: Duration
+
+
+TrajectoryOptions = Annotated[
+    Rectangle | Circle | Lissajous | Helix | Waypoints | Hold, Field(discriminator="kind")
+]
+
+
+class _Asked(ConfigModel):
+    trajectory: TrajectoryOptions
+
+
+def load_trajectory_options(mapping: dict[str, Any]) -> TrajectoryOptions:
+    """The options in a message. Raises OptionsError with all problems."""
+    return checked_options(_Asked, "trajectory", mapping).trajectory

@@ -1,0 +1,1 @@
+"""Commands that start something, or look at what this machine has."""

@@ -1,0 +1,151 @@
+"""`tentacled check FILE`: every problem of a file at once, or what it describes.
+
+Robots, experiments, scenarios and studies. What passes here can be emulated, run and carried out:
+it has been built once.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Final
+
+from config.documents.problems import ConfigError, Problem, did_you_mean
+from config.documents.yaml_document import read_yaml
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+from daemon.robot.checked_robot import CheckedRobot, check_robot
+
+_KINDS: Final = ("robot", "experiment", "scenario", "study")
+"""The key that a file of each kind has. An experiment names its robot too."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "file",
+        type=Path,
+        metavar="FILE.yaml",
+        help="a robot, an experiment, a scenario or a study",
+    )
+    parser.add_argument(
+        "--robot",
+        type=Path,
+        metavar="ROBOT.yaml",
+        help="of a scenario: the robot whose devices it is for (the shipped soft arm)",
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    try:
+        lines = check(arguments.file, arguments.robot)
+    except ConfigError as error:
+        print(error, file=sys.stderr)
+        return EXIT_FAILED
+    print("\n".join(lines))
+    return EXIT_OK
+
+
+def check(path: Path, robot: Path | None = None) -> list[str]:
+    """What the file describes. robot: of a scenario. Raises ConfigError with all that is wrong."""
+    match kind_of(path):
+        case "experiment":
+            return check_experiment(path)
+        case "study":
+            return check_study(path)
+        case "scenario":
+            return check_scenario(path, robot)
+        case _:
+            return check_robot_file(path)
+
+
+def kind_of(path: Path) -> str:
+    """Which kind of file it is; a robot file where nothing says otherwise. Raises ConfigError."""
+    document = read_yaml(path)
+    keys = list(document.value) if isinstance(document.value, dict) else []
+    if not keys:
+        raise ConfigError(document.problems or [document.problem((), "there are no keys in it")])
+    for kind in ("study", "scenario", "experiment"):
+        if kind in keys:
+            return kind
+    if "robot" in keys or "axes" in keys or "tracker" in keys:
+        return "robot"
+    hints = [hint for key in keys if (hint := did_you_mean(str(key), _KINDS))]
+    text = f"it must have one of the keys {', '.join(_KINDS)}{hints[0] if hints else ''}"
+    raise ConfigError([document.problem((), text)])
+
+
+def check_robot_file(path: Path) -> list[str]:
+    """What it describes. Raises ConfigError."""
+    from daemon.workbench.experiments.construction import robot_problems
+
+    checked = check_robot(path)
+    _none(robot_problems(checked.file))
+    for warning in checked.warnings:
+        print(f"{warning} (warning)", file=sys.stderr)
+    return _described(path, checked)
+
+
+def check_experiment(path: Path) -> list[str]:
+    """What it describes. Raises ConfigError."""
+    from daemon.workbench.experiments.construction import experiment_problems
+    from daemon.workbench.experiments.experiment_file import load_experiment
+
+    file = load_experiment(path)
+    _none(experiment_problems(file))
+    experiment = file.experiment
+    return [
+        f"{path}: the experiment {experiment.experiment} is sound",
+        f"  robot       {file.robot.robot}",
+        f"  trajectory  {experiment.trajectory.kind}",
+        f"  controller  {experiment.controller.kind}",
+    ]
+
+
+def check_study(path: Path) -> list[str]:
+    """What it describes. Raises ConfigError."""
+    from daemon.workbench.experiments.construction import experiment_problems
+    from daemon.workbench.studies.study_file import load_study
+
+    file = load_study(path)
+    for experiment in file.experiments.values():
+        _none(experiment_problems(experiment))
+    names = ", ".join(file.experiments)
+    return [f"{path}: the study {file.study.study} is sound", f"  experiments {names}"]
+
+
+def check_scenario(path: Path, robot: Path | None = None) -> list[str]:
+    """What it describes. Raises ConfigError."""
+    from daemon.workbench.experiments.construction import lab_of
+    from daemon.workbench.experiments.experiment_file import robot_path
+    from sim_backends.lab.scenario import load_scenario
+
+    file = check_robot(robot or robot_path("builtin:soft_arm", path)).file
+    scenario = load_scenario(path, lab_of(file))
+    return [
+        f"{path}: the scenario {scenario.scenario} is sound for {file.robot.robot}",
+        f"  {len(scenario.events)} events, the last after {scenario.events[-1].at_s:g} s",
+    ]
+
+
+def _none(problems: list[Problem]) -> None:
+    if problems:
+        raise ConfigError(problems)
+
+
+def _described(path: Path, checked: CheckedRobot) -> list[str]:
+    robot = checked.file.robot
+    tracker = robot.tracker
+    lines = [
+        f"{path}: {robot.robot} is sound",
+        f"  tracker   {tracker.kind} on {tracker.port} at {tracker.baud_rate} baud",
+    ]
+    for name, bus in robot.buses.items():
+        nodes = {axis.drive.node for axis in robot.axes if axis.drive.bus == name}
+        lines.append(
+            f"  bus       {name}: {bus.interface} {bus.channel}, {1 / bus.cycle_period_s:g} Hz, "
+            f"{len(nodes)} drives, {checked.budgets[name]}"
+        )
+    for axis in robot.axes:
+        drive = axis.drive
+        lines.append(
+            f"  axis      {axis.name}: {axis.kind}, {drive.bus}/{drive.node} axis {drive.axis}"
+        )
+    return lines

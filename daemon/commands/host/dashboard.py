@@ -1,0 +1,150 @@
+"""`tentacled dashboard`: the operator's page, for the robots whose daemons run on this machine."""
+
+import argparse
+import asyncio
+import secrets
+import socket
+import ssl
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from config.documents.problems import in_words
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
+from daemon.host.stop_signals import StopSignals
+from daemon.remote.access import OPERATOR
+from daemon.remote.discovery import read_daemon, running_daemons
+from daemon.robot.runtime_directory import runtime_root
+
+if TYPE_CHECKING:
+    from daemon.dashboard.server import PageServer
+
+_LOOKS_EACH_S: Final = 1.0
+_PORT: Final = 8420
+_LOOPBACK: Final = ("127.0.0.1", "::1", "localhost")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "robots", nargs="*", metavar="ROBOT", help="names of robots (default: all that run here)"
+    )
+    parser.add_argument(
+        "--runtime-dir", type=Path, metavar="DIR", help="of a daemon that is not found by itself"
+    )
+    parser.add_argument("--port", type=int, default=_PORT, metavar="N", help="0: any that is free")
+    parser.add_argument(
+        "--bind", default="127.0.0.1", metavar="ADDRESS", help="other than this machine: with --tls"
+    )
+    parser.add_argument(
+        "--host", action="append", default=[], metavar="NAME", help="by which browsers may ask"
+    )
+    parser.add_argument(
+        "--tls", nargs=2, type=Path, metavar=("CERTIFICATE", "KEY"), help="serve https"
+    )
+    parser.add_argument(
+        "--no-token", action="store_true", help="a proxy before it lets only operators through"
+    )
+    parser.add_argument(
+        "--experiments",
+        type=Path,
+        metavar="DIR",
+        help="more experiment files than the shipped ones",
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    if arguments.bind not in _LOOPBACK and (arguments.tls is None or arguments.no_token):
+        print("others than this machine are served with --tls and a token only", file=sys.stderr)
+        return EXIT_USAGE
+    try:
+        asyncio.run(_serve(arguments))
+    except OSError as error:
+        print(f"the page cannot be served: {in_words(error)}", file=sys.stderr)
+        return EXIT_FAILED
+    return EXIT_OK
+
+
+async def _serve(arguments: argparse.Namespace) -> None:
+    """Raises OSError."""
+    from aiohttp import web  # slow to come
+
+    from daemon.dashboard.experiments import ExperimentFiles
+    from daemon.dashboard.http_rules import LOOPBACK_HOSTS, VIEWER, Rules
+    from daemon.dashboard.server import PageServer
+
+    context = _context(arguments)  # before there is anything to be closed
+    listening, port = _listening(arguments.bind, arguments.port)
+    tokens = {} if arguments.no_token else {_token(): OPERATOR, _token(): VIEWER}
+    hosts = (*LOOPBACK_HOSTS, *arguments.host)
+    secure = arguments.tls is not None
+    server = PageServer(Rules(port, hosts, tokens, secure), ExperimentFiles(arguments.experiments))
+    runner = web.AppRunner(server.app, access_log=None, shutdown_timeout=1.0)
+    await runner.setup()
+    finding = asyncio.create_task(_find(server, arguments))
+    try:
+        await web.SockSite(runner, listening, ssl_context=context).start()
+        _tell(arguments, port, tokens)
+        await StopSignals().wait(None)
+    finally:
+        finding.cancel()
+        await asyncio.gather(finding, return_exceptions=True)
+        await runner.cleanup()
+
+
+def _tell(arguments: argparse.Namespace, port: int, tokens: dict[str, str]) -> None:
+    scheme = "https" if arguments.tls is not None else "http"
+    host = arguments.host[0] if arguments.host else "localhost"
+    address = f"{scheme}://{host}:{port}/"
+    if arguments.bind not in _LOOPBACK:
+        print(f"warning: port {port} is open to the network, at {arguments.bind}", file=sys.stderr)
+    if not tokens:
+        print(f"{address}  (whoever reaches it commands)", flush=True)
+    for token, role in tokens.items():
+        print(f"{role}: {address}?token={token}", flush=True)
+
+
+def _token() -> str:
+    return secrets.token_urlsafe(24)
+
+
+def _context(arguments: argparse.Namespace) -> ssl.SSLContext | None:
+    if arguments.tls is None:
+        return None
+    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+    try:
+        context.load_cert_chain(*arguments.tls)
+    except OSError as error:  # it does not say which file
+        error.filename = str(arguments.tls[0])
+        raise
+    return context
+
+
+def _listening(address: str, port: int) -> tuple[socket.socket, int]:
+    family = socket.AF_INET6 if ":" in address else socket.AF_INET
+    listening = socket.create_server((address, port), family=family)
+    return listening, int(listening.getsockname()[1])
+
+
+async def _find(server: "PageServer", arguments: argparse.Namespace) -> None:
+    """Daemons that come are picked up; those that go are waited for."""
+    from daemon.dashboard.robot_link import RobotLink
+
+    links: list[asyncio.Task[None]] = []
+    try:
+        while True:
+            folders = running_daemons(runtime_root())
+            if arguments.runtime_dir is not None:
+                folders.append(arguments.runtime_dir)
+            for folder in folders:
+                found = read_daemon(folder)
+                wanted = found is not None and (
+                    not arguments.robots or found.robot in arguments.robots
+                )
+                if found is not None and wanted and found.robot not in server.links:
+                    link = server.links[found.robot] = RobotLink(found.robot, folder)
+                    links.append(asyncio.create_task(link.run()))
+            await asyncio.sleep(_LOOKS_EACH_S)
+    finally:
+        for task in links:
+            task.cancel()
+        await asyncio.gather(*links, return_exceptions=True)

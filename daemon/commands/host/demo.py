@@ -1,0 +1,102 @@
+"""`tentacled demo`: emulated lab, daemon and client, each in its own process, round a rectangle."""
+
+import argparse
+import asyncio
+import sys
+import tempfile
+from importlib.resources import files
+from pathlib import Path
+
+from config.documents.problems import in_words
+from config.loader import load_robot
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+from daemon.commands.terminal.compiled import compile_all, telling_progress
+from daemon.commands.terminal.tour import Tour, TourError
+from daemon.files import check_folder_can_be_made
+from daemon.host.clock import run_in_real_time
+from daemon.host.processes import OwnProcesses, ProcessError
+from daemon.host.stop_signals import StopSignals
+from daemon.learning.forward.pretraining import PretrainingError
+from daemon.recording.result import read_result, table_text
+from daemon.remote.client.client_errors import ClientError
+from daemon.workbench.experiments.trial import TrialError
+from daemon.workbench.pretraining.model_cache import pretrained
+from daemon.workbench.report.report import write_report
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--cycle", type=float, default=60.0, metavar="S", help="time for once round the rectangle"
+    )
+    parser.add_argument(
+        "--runs", type=Path, default=Path("runs"), metavar="DIR", help="where the recording goes"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    robot = Path(str(files("config") / "robots" / "soft_arm.yaml"))
+    try:
+        check_folder_can_be_made(arguments.runs)
+    except OSError as error:
+        print(in_words(error), file=sys.stderr)
+        return EXIT_FAILED
+    try:
+        model = _prepared(robot)
+    except (TrialError, PretrainingError, OSError) as error:
+        print(f"the arm cannot be explored: {in_words(error)}", file=sys.stderr)
+        return EXIT_FAILED
+    with tempfile.TemporaryDirectory(prefix="tentacled-") as directory:
+        return run_in_real_time(_demonstrate(robot, Path(directory), model, arguments))
+
+
+def _prepared(robot: Path) -> Path:
+    """What is known of the arm, learnt where it is not yet; and everything compiled, before
+    processes start that are waited for. Raises TrialError, PretrainingError, OSError."""
+    with telling_progress() as progress:
+        file = load_robot(robot)
+        model = pretrained(file, tell=progress.tell, progress=progress)
+        compile_all(file)
+    return model
+
+
+async def _demonstrate(
+    robot: Path, directory: Path, model: Path, arguments: argparse.Namespace
+) -> int:
+    where = [str(robot), "--runtime-dir", str(directory)]
+    daemon = ["run", *where, "--runs", str(arguments.runs)]
+    stop, processes = StopSignals(), OwnProcesses(["emulate", *where], daemon)
+    tour = asyncio.create_task(_guide(processes, directory, arguments.cycle, model))
+    ending = asyncio.create_task(stop.wait(None))
+    try:
+        await asyncio.wait((tour, ending), return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for task in (tour, ending):
+            task.cancel()
+        outcome = (await asyncio.gather(tour, ending, return_exceptions=True))[0]
+        await processes.end()
+    if isinstance(outcome, asyncio.CancelledError):
+        print("\nended: the drives were stopped and switched off")
+        return EXIT_OK
+    if isinstance(outcome, ProcessError | TourError | ClientError):
+        print(f"\n{outcome}", file=sys.stderr)
+        return EXIT_FAILED
+    if isinstance(outcome, BaseException):
+        raise outcome
+    _tell_result(Path(outcome))
+    return EXIT_OK
+
+
+async def _guide(processes: OwnProcesses, directory: Path, cycle_s: float, model: Path) -> str:
+    """Returns the folder of the recording."""
+    print("starting the emulated lab and the daemon", flush=True)
+    await processes.start()
+    controller = {"kind": "reward_weighted", "model": str(model)}
+    return await Tour(directory, cycle_s, controller).run()
+
+
+def _tell_result(folder: Path) -> None:
+    result = read_result(folder)
+    if result is not None:
+        print(f"\ndistance of the tip from its reference, {result.controller}:")
+        print(table_text(result.cycles))
+    print(f"\nreport: {write_report(folder)}")

@@ -1,0 +1,127 @@
+"""`tentacled doctor`: what on this machine would stop tentacled from working, or hold it back."""
+
+import argparse
+import grp
+import importlib
+import os
+import resource
+import sys
+from collections.abc import Iterator
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+from drivers.can.preflight import can_interfaces
+
+_OURS: Final = ("config", "daemon", "drivers", "safety", "sim_backends")
+_ROOT: Final = Path(__file__).parents[3]
+_SERIAL_PORTS: Final = Path("/dev/serial/by-id")
+_SERIAL_GROUP: Final = "dialout"
+
+
+class Finding(NamedTuple):
+    """One thing that was looked at."""
+
+    good: bool
+    serious: bool
+    """Whether nothing works without it."""
+    text: str
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    del parser
+
+
+def run(arguments: argparse.Namespace) -> int:
+    del arguments
+    findings = list(examine())
+    for finding in findings:
+        mark = "ok  " if finding.good else "FAIL" if finding.serious else "note"
+        print(f"{mark}  {finding.text}")
+    return EXIT_FAILED if any(f.serious and not f.good for f in findings) else EXIT_OK
+
+
+def examine() -> Iterator[Finding]:
+    """Everything, the most serious first."""
+    yield _python()
+    yield from (_not_shadowed(name) for name in _OURS)
+    yield _plugin()
+    yield _compiled_code()
+    yield _serial_ports()
+    yield _interfaces()
+    yield _real_time()
+
+
+def _python() -> Finding:
+    version = sys.version.split()[0]
+    good = sys.version_info >= (3, 11)
+    return Finding(good, True, f"Python {version}" + ("" if good else ": 3.11 or newer is needed"))
+
+
+def _not_shadowed(name: str) -> Finding:
+    """Our packages have plain names; another package of the same name may come first."""
+    file = Path(importlib.import_module(name).__file__ or "")
+    if file.parent.parent == _ROOT:
+        return Finding(True, True, f"package {name} is ours")
+    return Finding(
+        False,
+        True,
+        f"package {name} comes from {file.parent}: install tentacled in a virtual environment of "
+        "its own (make install), and start it from there",
+    )
+
+
+def _plugin() -> Finding:
+    there = "tentacled" in {entry.name for entry in entry_points(group="can.interface")}
+    text = "python-can knows the emulated bus"
+    return Finding(there, True, text if there else f"not so: {text}: make install")
+
+
+def _compiled_code() -> Finding:
+    folder = _ROOT / "sim_backends" / "plants"
+    if os.access(folder, os.W_OK) or os.environ.get("NUMBA_CACHE_DIR"):
+        return Finding(True, False, "compiled physics is kept between starts")
+    return Finding(
+        False,
+        False,
+        f"{folder} cannot be written: every start compiles for a minute; set NUMBA_CACHE_DIR",
+    )
+
+
+def _serial_ports() -> Finding:
+    ports = sorted(path.name for path in _SERIAL_PORTS.glob("*"))
+    allowed = os.getuid() == 0 or _SERIAL_GROUP in _groups()
+    if not allowed:
+        return Finding(
+            False,
+            False,
+            f"you are not in the group {_SERIAL_GROUP}: sudo usermod -aG {_SERIAL_GROUP} $USER, "
+            "then log out and in",
+        )
+    return Finding(True, False, f"serial ports: {', '.join(ports) or 'none plugged in'}")
+
+
+def _groups() -> set[str]:
+    names = set()
+    for number in os.getgroups():
+        try:
+            names.add(grp.getgrgid(number).gr_name)
+        except KeyError:
+            continue
+    return names
+
+
+def _interfaces() -> Finding:
+    return Finding(True, False, f"CAN interfaces: {', '.join(can_interfaces()) or 'none'}")
+
+
+def _real_time() -> Finding:
+    limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
+    if os.getuid() == 0 or limit != 0:
+        return Finding(True, False, "real-time scheduling is allowed")
+    return Finding(
+        False,
+        False,
+        "real-time scheduling is not allowed: LimitRTPRIO= in a service, or rtprio in limits.conf",
+    )

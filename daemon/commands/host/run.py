@@ -1,0 +1,207 @@
+"""`tentacled run ROBOT.yaml`: the daemon. It comes up with the power off, and waits for clients."""
+
+import argparse
+import asyncio
+import resource
+import sys
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Final
+
+from config.documents.problems import in_words
+from config.robot import Robot
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+from daemon.commands.terminal.compiled import telling_progress
+from daemon.controllers.make_controller import warm_up
+from daemon.files import check_folder_can_be_made, models_directory
+from daemon.host.clock import MonotonicClock, run_in_real_time
+from daemon.host.logs import logging_to_stderr
+from daemon.host.real_time import RealTime
+from daemon.host.stop_signals import StopSignals
+from daemon.recording.flight_recorder import FlightRecorder
+from daemon.recording.recovery import recover_unfinished
+from daemon.recording.run_folder import describe_run, new_run
+from daemon.remote.discovery import FolderError, SecondDaemonError
+from daemon.remote.server.server import RemoteOpenError, RemoteServer
+from daemon.remote.surroundings import PreparedSurroundings, cut_surroundings
+from daemon.risk.body_risk_source import BodyRiskSource, RiskFilesError, make_risk_source
+from daemon.risk.mesh_file import binary_stl
+from daemon.robot.checked_robot import CheckedRobot, add_robot_argument, robot_or_explain
+from daemon.robot.connections import RealConnections
+from daemon.robot.lab_connections import (
+    LabListener,
+    LabRefusedError,
+    LabUnreachableError,
+    ask,
+    no_lab,
+)
+from daemon.robot.runtime_directory import default_runtime_directory, uses_lab, with_lab_ports
+from daemon.service.dependencies import Dependencies
+from daemon.service.motion_loader import in_a_thread
+from daemon.service.operation.run_recording import MakeFolder
+from daemon.service.operation.session import Session
+from daemon.service.telemetry.emulated_body import EmulatedBody
+from drivers.can.bus_lock import BusTakenError, check_buses_are_free
+from drivers.canopen.object_dictionary import EdsError
+from drivers.clock import WallClock
+from safety.risk_source import RiskSource
+
+_SWITCH_INTERVAL_S: Final = 0.0005
+"""Python's own is ten times as long: so long the loop would wait for a thread that reads a file."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_robot_argument(parser)
+    parser.add_argument(
+        "--runtime-dir",
+        type=Path,
+        metavar="DIR",
+        help="where clients find the daemon, and where the emulated lab has its ports",
+    )
+    parser.add_argument(
+        "--runs", type=Path, default=Path("runs"), metavar="DIR", help="where recordings go"
+    )
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of controllers")
+    parser.add_argument(
+        "--files",
+        type=Path,
+        metavar="DIR",
+        help="whose files clients may name, models and waypoints (default: where models are kept)",
+    )
+    parser.add_argument(
+        "--no-real-time",
+        action="store_true",
+        help="ask the operating system for no priority and no locked memory",
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    _spread_out()
+    checked = robot_or_explain(arguments.robot)
+    if checked is None:
+        return EXIT_FAILED
+    try:
+        check_folder_can_be_made(arguments.runs)
+    except OSError as error:
+        print(in_words(error), file=sys.stderr)
+        return EXIT_FAILED
+    for recovered in recover_unfinished(arguments.runs):
+        print(recovered)
+    try:
+        with telling_progress():
+            risk = make_risk_source(checked.file, MonotonicClock())
+            warm_up()
+        with logging_to_stderr("daemon"):
+            run_in_real_time(_serve(checked, arguments, risk))
+    except (
+        RiskFilesError,
+        EdsError,
+        SecondDaemonError,
+        BusTakenError,
+        FolderError,
+        RemoteOpenError,
+    ) as error:
+        print(error, file=sys.stderr)
+        return EXIT_FAILED
+    return EXIT_OK
+
+
+def _spread_out() -> None:
+    """All the descriptors that there may be, and short turns for threads beside the loop's."""
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+    sys.setswitchinterval(_SWITCH_INTERVAL_S)
+
+
+async def _serve(checked: CheckedRobot, arguments: argparse.Namespace, risk: RiskSource) -> None:
+    stop, clock = StopSignals(), MonotonicClock()
+    robot = checked.file.robot
+    directory = arguments.runtime_dir or default_runtime_directory(robot.robot)
+    simulated = uses_lab(robot)
+    dependencies = Dependencies(
+        RealConnections(clock),
+        clock,
+        FlightRecorder(),
+        risk,
+        simulated,
+        None if arguments.no_real_time else RealTime(),
+        runs=arguments.runs,
+    )
+    if dependencies.real_time is not None:
+        dependencies.real_time.prepare()
+    session = Session(
+        checked.file,
+        with_lab_ports(robot, directory),
+        dependencies,
+        _folder_maker(checked, arguments.runs, clock, arguments.seed),
+        arguments.seed,
+        inject=_injector(directory) if simulated else None,
+        files=arguments.files or models_directory(),
+        off_the_loop=in_a_thread,
+    )
+    service = session.service
+    server = RemoteServer(
+        robot.robot,
+        robot.remote,
+        directory,
+        session.operator,
+        simulated=simulated,
+        version=service.version,
+        robot_file_dir=checked.file.path.parent,
+        surroundings=_surroundings(robot, risk),
+    )
+    lab = LabListener(
+        directory, lambda what: service.events.tell("note", "happening", what, subject="lab")
+    )
+    truth = EmulatedBody(directory)
+    await server.open()
+    dependencies.subscribers.add(server.publish)
+    try:
+        check_buses_are_free(with_lab_ports(robot, directory).buses.values())
+        if simulated:
+            lab.start()
+            service.body.emulated = truth.newest
+            truth.start()
+            if not_there := no_lab(directory, checked.file.path):
+                print(not_there, file=sys.stderr, flush=True)
+        print(f"{robot.robot} in {directory}: Ctrl-C ends it", flush=True)
+        await session.serve(stop)
+    finally:
+        lab.end()
+        truth.end()
+        await server.close()
+
+
+def _surroundings(robot: Robot, risk: RiskSource) -> PreparedSurroundings:
+    """What the risk is asked with, for whoever wants to see it."""
+    box = robot.workspace
+    workspace = None if box is None else [list(box.x_mm), list(box.y_mm), list(box.z_mm)]
+    mesh = risk.mesh if isinstance(risk, BodyRiskSource) else None
+    stl = b"" if mesh is None else binary_stl(mesh)
+    surface = robot.risk.surface
+    return cut_surroundings(Path(surface.mesh).name if surface and stl else "", stl, workspace)
+
+
+def _folder_maker(checked: CheckedRobot, runs: Path, clock: WallClock, seed: int) -> MakeFolder:
+    """Makes folders in a thread of its own: neither disk nor git may hold the loop."""
+
+    def make() -> Path:
+        robot, wall_ns = checked.file.robot, clock.wall_time_ns()
+        folder = new_run(runs, robot.robot, wall_ns)
+        describe_run(folder, robot, checked.file.path, wall_ns, seed)
+        return folder
+
+    async def make_folder() -> Path:
+        return await asyncio.to_thread(make)
+
+    return make_folder
+
+
+def _injector(directory: Path) -> Callable[[str], Awaitable[None]]:
+    async def inject(fault: str) -> None:
+        try:
+            await asyncio.to_thread(ask, directory, {"do": "inject", "fault": fault})
+        except (LabRefusedError, LabUnreachableError) as error:
+            raise ValueError(str(error)) from None
+
+    return inject

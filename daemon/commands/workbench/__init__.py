@@ -1,0 +1,1 @@
+"""Commands that explore, learn, carry out experiments, and evaluate what was recorded."""

@@ -1,0 +1,96 @@
+"""`tentacled environment KIND --out MESH.stl`: surroundings to try the risks in."""
+
+import argparse
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from config.documents.problems import in_words
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+
+if TYPE_CHECKING:
+    from safety.risk.surroundings.environment import InsertionPort, Mesh
+
+_KINDS = {
+    "chest": "a cavity like that of a chest; the arm comes in at the origin, along z",
+    "room": "the inside of a box",
+    "box": "a solid box",
+    "balls": "solid balls beside an arm that is straight",
+    "slot": "two plates with an arm between them",
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    summary = "; ".join(f"{kind}: {what}" for kind, what in _KINDS.items())
+    parser.add_argument("kind", choices=_KINDS, metavar="KIND", help=summary)
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="MESH.stl", help="or .obj, .ply; in mm"
+    )
+    parser.add_argument(
+        "--triangles", type=int, default=5000, metavar="N", help="about so many (default: 5000)"
+    )
+    parser.add_argument("--seed", type=int, default=0, metavar="S", help="of what is uneven")
+    parser.add_argument(
+        "--size-mm", type=float, nargs=3, default=(200.0, 160.0, 240.0), metavar=("X", "Y", "Z"),
+        help="of box and room (default: 200 160 240)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--centre-mm", type=float, nargs=3, default=(0.0, 0.0, 120.0), metavar=("X", "Y", "Z"),
+        help="of box and room (default: 0 0 120)",
+    )  # fmt: skip
+    parser.add_argument("--balls", type=int, default=6, metavar="N", help="how many (default: 6)")
+    parser.add_argument("--gap-mm", type=float, default=30.0, metavar="MM", help="of the slot")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    # Compiled code and mesh files are slow to come: `--help` does without.
+    from daemon.risk.mesh_file import write_mesh
+    from safety.risk.surroundings.environment import EnvironmentFaultError, environment
+
+    try:
+        mesh, port = _made(arguments)
+        checked = environment(*mesh)
+        write_mesh(arguments.out, mesh)
+    except (EnvironmentFaultError, ValueError) as error:
+        print(f"{arguments.out}: {error}", file=sys.stderr)
+        return EXIT_FAILED
+    except OSError as error:
+        print(in_words(error, arguments.out), file=sys.stderr)
+        return EXIT_FAILED
+    summary = {
+        "mesh": str(arguments.out),
+        "triangles": len(mesh.triangles),
+        "free": "inside" if checked.solid_around else "outside",
+        "insertion_port": None if port is None else asdict(port),
+    }
+    print(json.dumps(summary, indent=2))
+    return EXIT_OK
+
+
+def _made(arguments: argparse.Namespace) -> "tuple[Mesh, InsertionPort | None]":
+    """Mesh and insertion port. Raises ValueError where the wishes cannot be met."""
+    from daemon.workbench.body_model.evaluation import shapes
+
+    count = arguments.triangles
+    if count < 12:
+        raise ValueError("nothing is made of fewer than 12 triangles")
+    cuts = max(1, round((count / 12) ** 0.5))
+    size, centre = arguments.size_mm, arguments.centre_mm
+    if not min(size) > 0.0 or not arguments.gap_mm > 0.0:
+        raise ValueError("sizes and gaps must be positive")
+    match arguments.kind:
+        case "chest":
+            return shapes.chest(count + count % 2, arguments.seed), shapes.CHEST_PORT
+        case "room":
+            return shapes.turned(shapes.box(size, centre, cuts)), None
+        case "box":
+            return shapes.box(size, centre, cuts), None
+        case "balls":
+            if not 1 <= arguments.balls <= 12:
+                raise ValueError("there is room for 1 to 12 balls")
+            return shapes.balls(arguments.balls, count, arguments.seed), None
+        case _:
+            cuts = max(1, round((count / 24) ** 0.5))
+            return shapes.slot(arguments.gap_mm, cuts), None

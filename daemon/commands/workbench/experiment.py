@@ -1,0 +1,107 @@
+"""`tentacled experiment EXPERIMENT.yaml --out DIR`: carry it out, in virtual time or in real."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from config.documents.problems import ConfigError, in_words
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
+from daemon.commands.terminal.compiled import compile_all, telling_progress
+from daemon.commands.terminal.progress_line import Aside, ProgressLine
+from daemon.host.logs import logging_to_stderr
+from daemon.host.real_time import imported_for_good
+from daemon.host.stop_signals import all_like_ctrl_c
+from daemon.recording.result import Result, table_text
+from daemon.recording.run_reader import UnreadableRunError
+from daemon.workbench.experiments.experiment_file import ExperimentFile, load_experiment
+from daemon.workbench.experiments.trial import TrialError
+from daemon.workbench.pretraining.model_cache import with_model
+from daemon.workbench.report.report_process import ReportBeside
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("experiment", type=Path, metavar="EXPERIMENT.yaml")
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="the run's folder, made new"
+    )
+    parser.add_argument("--seed", type=int, metavar="N", help="instead of the file's")
+    parser.add_argument(
+        "--real-time", action="store_true", help="with the devices in a process of their own"
+    )
+    parser.add_argument("--no-report", action="store_true", help="figures and recording only")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    try:
+        file = load_experiment(arguments.experiment)
+    except ConfigError as error:
+        print(error, file=sys.stderr)
+        return EXIT_FAILED
+    seed = file.experiment.seed if arguments.seed is None else arguments.seed
+    try:
+        arguments.out.mkdir(parents=True)
+        with (
+            all_like_ctrl_c(),
+            logging_to_stderr("experiment"),
+            telling_progress() as progress,
+        ):
+            _experiment(file, seed, arguments, progress)
+    except FileExistsError:
+        print(f"{arguments.out} is there already: name a new folder", file=sys.stderr)
+        return EXIT_FAILED
+    except KeyboardInterrupt:
+        print(f"ended early: what was recorded is in {arguments.out}", file=sys.stderr)
+        return EXIT_INTERRUPTED
+    except BrokenPipeError:  # of our output: no matter of the experiment's
+        raise
+    except (TrialError, UnreadableRunError, OSError) as error:
+        print(in_words(error), file=sys.stderr)
+        return EXIT_FAILED
+    return EXIT_OK
+
+
+def _experiment(
+    file: ExperimentFile, seed: int, arguments: argparse.Namespace, progress: ProgressLine
+) -> None:
+    """Raises TrialError, UnreadableRunError, OSError."""
+    report = ReportBeside(arguments.out)
+    try:
+        if not (arguments.no_report or arguments.real_time):  # which has a use for every core
+            report.begin()
+        file = with_model(file, seed, progress.tell, progress)
+        if arguments.real_time:
+            result = _in_real_time(file, seed, arguments.out, progress)
+        else:
+            result = _in_virtual_time(file, seed, arguments.out, report, progress)
+        progress.end()
+        print(table_text(result.cycles))
+        if result.true_cycles:
+            print(f"the same of the true tip:\n{table_text(result.true_cycles)}")
+        if not arguments.no_report:
+            progress.begin("drawing the report", 0.0)
+            written = report.write()
+            progress.tell(str(written))
+    finally:
+        report.end()
+
+
+# Neither kind of time waits for what only the other needs.
+
+
+def _in_real_time(file: ExperimentFile, seed: int, folder: Path, progress: ProgressLine) -> Result:
+    from daemon.workbench.experiments.in_real_time import carry_out_in_real_time
+
+    compile_all(file.file)  # here, where it is told: the lab's process is waited for
+    with Aside(progress) as aside:
+        return carry_out_in_real_time(file, seed, folder, aside.tell, aside)
+
+
+def _in_virtual_time(
+    file: ExperimentFile, seed: int, folder: Path, report: ReportBeside, progress: ProgressLine
+) -> Result:
+    with imported_for_good():
+        from daemon.workbench.experiments.in_virtual_time import carry_out_in_virtual_time
+
+    return carry_out_in_virtual_time(
+        file, seed, folder, progress.tell, report.control_hash, progress
+    )

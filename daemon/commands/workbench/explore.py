@@ -1,0 +1,196 @@
+"""`tentacled explore ROBOT.yaml --out DATA.npz`: random motions of a robot, to learn from.
+
+Emulated devices stand in for the robot, in virtual time or in real. A rig is explored by its
+daemon: load and start an experiment file whose controller is `waypoint_exploration`, then make data
+of the recording with `--from`.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pydantic import ValidationError
+
+from config.documents.problems import in_words
+from config.loader import RobotFile
+from config.tasks.exploration import WaypointExploration
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
+from daemon.host.stop_signals import all_like_ctrl_c
+from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
+
+if TYPE_CHECKING:
+    from daemon.learning.samples.dataset import Dataset
+    from daemon.workbench.pretraining.parts import ExplorationParts
+
+_DEFAULT = WaypointExploration(kind="waypoint_exploration")
+_OPTIONS = {"waypoints": "waypoints", "travel_share": "share", "dither_share": "dither"}
+"""What is called otherwise on the command line."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_robot_argument(parser)
+    parser.add_argument("--out", type=Path, required=True, metavar="DATA.npz")
+    parser.add_argument(
+        "--waypoints",
+        type=int,
+        default=_DEFAULT.waypoints,
+        metavar="N",
+        help="random places of the axes to go to (default: %(default)s)",
+    )
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="default: %(default)s")
+    parser.add_argument(
+        "--share",
+        type=float,
+        default=_DEFAULT.travel_share,
+        metavar="SHARE",
+        help="of each axis' travel, in its middle, that the places are from (default: all of it)",
+    )
+    parser.add_argument(
+        "--dither",
+        type=float,
+        default=_DEFAULT.dither_share,
+        metavar="SHARE",
+        help="of each axis' travel that it swings by on its way (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--tip-load", type=float, default=0.0, metavar="G", help="what hangs on the emulated tip"
+    )
+    parser.add_argument(
+        "--real-time", action="store_true", help="with the devices in a process of their own"
+    )
+    parser.add_argument(
+        "--run", type=Path, metavar="DIR", help="keep the recording, in a new folder"
+    )
+    parser.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on with what was interrupted, whatever ended it",
+    )
+    parser.add_argument(
+        "--from",
+        dest="recorded",
+        type=Path,
+        metavar="RUN",
+        help="explore nothing: take what a recorded run of this robot has seen",
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    # All of the daemon and its emulators: `--help` does without.
+    from daemon.learning.samples.dataset import DatasetError
+    from daemon.workbench.experiments.trial import TrialError
+
+    checked = robot_or_explain(arguments.robot)
+    if checked is None:
+        return EXIT_FAILED
+    try:
+        options = WaypointExploration(
+            kind="waypoint_exploration",
+            waypoints=arguments.waypoints,
+            travel_share=arguments.share,
+            dither_share=arguments.dither,
+        )
+        if not (arguments.tip_load >= 0.0 and arguments.seed >= 0):
+            raise ValueError("neither a load nor a seed is below 0")
+    except ValidationError as error:
+        for problem in error.errors():
+            print(f"--{_OPTIONS[str(problem['loc'][0])]}: {problem['msg']}", file=sys.stderr)
+        return EXIT_USAGE
+    except ValueError as error:
+        print(error, file=sys.stderr)
+        return EXIT_USAGE
+    try:
+        dataset = _seen(checked.file, options, arguments)
+    except (TrialError, DatasetError, OSError) as error:
+        print(in_words(error, arguments.recorded or arguments.out), file=sys.stderr)
+        return EXIT_FAILED
+    frames = dataset.frames
+    print(f"{arguments.out}: {len(frames)} frames, {frames.duration_s:.0f} s of motion")
+    return EXIT_OK
+
+
+def _seen(
+    file: RobotFile, options: WaypointExploration, arguments: argparse.Namespace
+) -> "Dataset":
+    from daemon.files import check_can_be_made
+    from daemon.workbench.experiments.trial import TrialError
+    from daemon.workbench.pretraining.explore import dataset_of_run
+
+    arguments.out.parent.mkdir(parents=True, exist_ok=True)
+    check_can_be_made(arguments.out)
+    if arguments.recorded is not None:
+        dataset = dataset_of_run(arguments.recorded, file, {"run": str(arguments.recorded)})
+        dataset.save(arguments.out)
+        return dataset
+    if file.robot.emulation is None:
+        raise TrialError(
+            f"{file.path} has no 'emulation': let its daemon explore, and take the run with --from"
+        )
+    return _explored(file, options, arguments)
+
+
+def _explored(
+    file: RobotFile, options: WaypointExploration, arguments: argparse.Namespace
+) -> "Dataset":
+    """What is interrupted, or fails on the way, is kept to go on from."""
+    from daemon.learning.samples.dataset import DatasetError
+    from daemon.workbench.pretraining.parts import ExplorationParts
+
+    load_g, real_time = arguments.tip_load, arguments.real_time
+    parts = ExplorationParts(arguments.out, file, options, arguments.seed, load_g, real_time)
+    if arguments.run is not None and arguments.run.exists():
+        raise DatasetError(f"{arguments.run} is there already: name a new folder")
+    if arguments.resume:
+        parts.check()
+        print(f"{parts.lines_done()} of {options.waypoints} lines are there already", flush=True)
+    else:
+        _begin(parts)
+    try:
+        with all_like_ctrl_c():
+            _explore(parts, file if real_time else None)
+        dataset = parts.dataset()
+        dataset.save(arguments.out)
+    except BaseException:
+        _keep(parts, options.waypoints)
+        raise
+    parts.end(arguments.run)
+    return dataset
+
+
+def _explore(parts: "ExplorationParts", file: RobotFile | None) -> None:
+    """file: of the robot, for real time."""
+    from daemon.commands.terminal.compiled import compile_all, telling_progress
+    from daemon.commands.terminal.progress_line import Aside
+
+    with telling_progress() as progress:
+        if file is None:
+            parts.explore(progress.tell, progress)
+            return
+        compile_all(file)  # here, where it is told: the lab's process is waited for
+        with Aside(progress) as aside:
+            parts.explore(aside.tell, aside)
+
+
+def _begin(parts: "ExplorationParts") -> None:
+    from daemon.learning.samples.dataset import DatasetError
+
+    try:
+        parts.begin()
+    except FileExistsError:
+        raise DatasetError(
+            f"an interrupted exploration is kept in {parts.folder}: go on with --resume, or remove "
+            f"it"
+        ) from None
+
+
+def _keep(parts: "ExplorationParts", waypoints: int) -> None:
+    done = parts.lines_done()
+    if not done:
+        parts.end(None)
+        return
+    print(
+        f"ended after {done} of {waypoints} lines; they are kept in {parts.folder}: the same "
+        f"command with --resume goes on",
+        file=sys.stderr,
+    )

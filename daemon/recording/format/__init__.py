@@ -1,0 +1,1 @@
+"""How a run is written: channels, the recorder's stream, MCAP."""

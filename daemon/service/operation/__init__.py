@@ -1,0 +1,1 @@
+"""What an operator may ask of the robot, and one run of it from its start to its end."""

@@ -1,0 +1,410 @@
+"""What clients ask of the robot: who may, whether it is possible now, and what then happens."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final
+
+from config.tasks.controllers import ControllerOptions
+from daemon.control.controller import Controller
+from daemon.control.reachability import Bounds, looks
+from daemon.messages import (
+    Acquire,
+    Answer,
+    Arm,
+    Clear,
+    Command,
+    Disarm,
+    Hold,
+    Home,
+    Inject,
+    Load,
+    Reason,
+    Refusal,
+    Release,
+    Resume,
+    Setpoint,
+    SetpointRefused,
+    Start,
+    Status,
+    Stop,
+    Teleoperate,
+    Verb,
+    verb,
+)
+from daemon.recording.flight_recorder import RecordingError
+from daemon.reference.trajectories import Trajectory
+from daemon.service.following import Loaded
+from daemon.service.motion_loader import CommandRefusedError, MotionLoader, OffTheLoop, at_once
+from daemon.service.operation.homing import RobotHoming
+from daemon.service.operation.run_recording import RunRecording
+from daemon.service.operation.verbs import Prepared, verb_states
+from daemon.service.robot_service import AT_REST_WITHIN_S, RobotService
+from daemon.supervision.explained import explained
+from safety.causes import Cause
+from safety.failsafe import ActiveReason
+from safety.states import Request
+
+BLEND_SPEED_MM_S: Final = 5.0
+_LOOK_EVERY_S: Final = 0.002
+_CONTACT_REMEDY: Final = (
+    "Move the body or what it touches by hand, or correct risk.surface in the robot file; or arm "
+    "with --despite-contact and lead it out"
+)
+_RESET_WITHIN_S: Final = 0.2
+_READY_WITHIN_S: Final = 6.0
+_PASSES: Final = frozenset(
+    {Cause.NODE_NOT_READY, Cause.TRACKER_NOT_READY, Cause.TRACKER_LATE, Cause.TRACKER_QUALITY}
+)
+_COMES_BACK: Final = frozenset({Cause.NODE_LOST, Cause.NODE_RESET})
+"""What a stall leaves behind: drives are set up anew, and the tip is seen again."""
+"""What a fault reset has done shows in the drives' next answers."""
+
+
+class Operator:
+    """Carries commands out. Implements the remote server's CommandHandler."""
+
+    def __init__(
+        self,
+        service: RobotService,
+        recording: RunRecording,
+        seed: int,
+        inject: Callable[[str], Awaitable[None]] | None,
+        files: Path | None = None,
+        off_the_loop: OffTheLoop = at_once,
+    ) -> None:
+        """seed: of controllers. inject: makes an emulated device misbehave; raises ValueError.
+
+        files: the folder whose files commands may name. off_the_loop: how such files are read.
+        """
+        self._service = service
+        self._recording = recording
+        self._loader = MotionLoader(service.robot, seed, files, off_the_loop)
+        self._inject_fault = inject
+        self._homing = RobotHoming(service)
+        self._preparing = False
+        """An `arm` or `home` is under way, and nothing is energised yet."""
+        self._stops = 0
+        self._following = service.following
+        service.verbs = self._verb_states
+        self._verbs: dict[type[Command], Callable[[str, Any], Awaitable[Answer]]] = {
+            Acquire: self._acquire,
+            Release: self._release,
+            Arm: self._arm,
+            Home: self._home,
+            Disarm: self._disarm,
+            Load: self._load,
+            Start: self._start,
+            Teleoperate: self._teleoperate,
+            Hold: self._hold,
+            Resume: self._resume,
+            Stop: self._stop,
+            Clear: self._clear,
+            Inject: self._inject,
+        }
+
+    async def handle(self, user: str, command: Command) -> Answer | Refusal:
+        """Carry `command` out, or say why not."""
+        if not self._is_renewal(user, command):
+            self._service.events.tell("command", verb(command), f"{user} asks for it", subject=user)
+        try:
+            if not isinstance(command, Acquire | Stop):
+                self._check_lease(user, command)
+            return await self._verbs[type(command)](user, command)
+        except CommandRefusedError as refused:
+            now_ns = self._service.clock.now_ns()
+            reasons = [explained(reason, now_ns) for reason in refused.reasons]
+            return self._refusal(command, refused, reasons)
+
+    def stop_now(self) -> None:
+        """Quick stop on the bus at once. A `stop` that is handled then waits for the drives."""
+        self._stops += 1
+        self._service.supervisor.request(Request.STOP, self._service.clock.now_ns())
+
+    def setpoint(self, user: str, setpoint: Setpoint) -> SetpointRefused | None:
+        """Take a set-point, or say why it is dropped."""
+        now_ns = self._service.clock.now_ns()
+        if not self._service.lease.holds(setpoint.token, user, now_ns):
+            why = "its token is not the lease's"
+        else:
+            why = self._following.take(setpoint, now_ns)
+        return SetpointRefused(sequence=setpoint.sequence, reason=why) if why else None
+
+    def status(self) -> Status:
+        return self._service.status()
+
+    async def load(self, trajectory: Trajectory, options: ControllerOptions) -> None:
+        """Make ready what `start` will follow. Raises RefusedError."""
+        controller = self._loader.make_controller(options)
+        await self._load_checked(trajectory, controller, self._loader.bounds(options, controller))
+
+    async def _load_checked(
+        self, trajectory: Trajectory, controller: Controller, bounds: Bounds
+    ) -> None:
+        for why in looks(trajectory, bounds):
+            if why is not None:
+                raise CommandRefusedError("unreachable", why)
+            await asyncio.sleep(0)  # the bus cycle goes on in between
+        if self._service.supervisor.running:
+            raise CommandRefusedError("wrong_state", "the robot was started meanwhile")
+        self._following.loaded = Loaded(trajectory, controller)
+
+    # The verbs.
+
+    async def _acquire(self, user: str, command: Acquire) -> Answer:
+        service, now_ns = self._service, self._service.clock.now_ns()
+        token = service.lease.acquire(user, command.token, now_ns)
+        if token is None:
+            holder = service.lease.holder(now_ns)
+            raise CommandRefusedError(
+                "lease_taken", f"{holder} has the lease; it ends when not renewed"
+            )
+        return self._answer(command, token=token, expires_in_s=service.lease.expires_in_s(now_ns))
+
+    async def _release(self, user: str, command: Release) -> Answer:
+        if self._service.supervisor.energised:
+            raise CommandRefusedError("wrong_state", "the drives are energised: disarm first")
+        self._service.lease.release(command.token, user, self._service.clock.now_ns())
+        return self._answer(command)
+
+    async def _arm(self, user: str, command: Arm) -> Answer:
+        service, supervisor = self._service, self._service.supervisor
+        await self._prepare(user, command, Request.ARM)
+        if not command.despite_contact:
+            self._check_contact()
+        service.hurry()
+        supervisor.arm(service.clock.now_ns())
+        while supervisor.arming:
+            await asyncio.sleep(_LOOK_EVERY_S)
+        if not supervisor.state.energised:
+            raise CommandRefusedError(
+                "not_armed", "the drives were not enabled", supervisor.blocking
+            )
+        return self._answer(command)
+
+    async def _home(self, user: str, command: Home) -> Answer:
+        groups = self._homing.groups(command.axes)
+        await self._prepare(user, command, Request.HOME)
+        self._service.hurry()
+        await self._homing.home(groups)
+        names = ", ".join(channel.axis.name for group in groups for channel in group)
+        return self._answer(command, text=f"homed: {names}")
+
+    async def _prepare(self, user: str, command: Command, request: Request) -> None:
+        """What comes before drives are energised, and takes a while. Raises RefusedError."""
+        self._check_can_begin(request)
+        self._preparing, stops_before = True, self._stops
+        try:
+            await self._check_settings(request)
+            await self._recording.begin()
+        except RecordingError as error:
+            raise CommandRefusedError("not_recording", str(error)) from None
+        finally:
+            self._preparing = False
+        # Starting a recording takes a while, in which anything may have happened.
+        if self._stops != stops_before:
+            raise CommandRefusedError("stopped", "it was stopped meanwhile")
+        self._check_lease(user, command)
+        self._check_can_begin(request)
+
+    async def _check_settings(self, request: Request) -> None:
+        """What the drives would do by themselves must still be what they were told."""
+        wrong = await self._service.check_settings()
+        if wrong:
+            reasons = self._service.supervisor.blocking
+            raise CommandRefusedError("settings_differ", "; ".join(wrong), reasons)
+        self._check_possible(request)
+
+    def _check_contact(self) -> None:
+        """A body that touches something is not energised unawares."""
+        why = self._service.loop.refuses_rest()
+        if why:
+            raise CommandRefusedError("contact", f"{why}. {_CONTACT_REMEDY}")
+
+    def _check_can_begin(self, request: Request) -> None:
+        if self._preparing:
+            raise CommandRefusedError("wrong_state", "the robot is being armed or homed already")
+        self._check_possible(request)
+
+    async def _disarm(self, user: str, command: Disarm) -> Answer:
+        del user
+        return await self._bring_to_rest(Request.DISARM, command)
+
+    async def _stop(self, user: str, command: Stop) -> Answer:
+        del user
+        return await self._bring_to_rest(Request.STOP, command)
+
+    async def _load(self, user: str, command: Load) -> Answer:
+        del user
+        if self._service.supervisor.running:
+            raise CommandRefusedError("wrong_state", "the robot is moving: hold or stop it first")
+        trajectory, controller, bounds = await self._loader.to_follow(command)
+        await self._load_checked(trajectory, controller, bounds)
+        return self._answer(command, text=f"{trajectory.kind}, {trajectory.duration_s:g} s")
+
+    async def _start(self, user: str, command: Start) -> Answer:
+        del user
+        if self._following.loaded is None:
+            raise CommandRefusedError("nothing_loaded", "load a trajectory first")
+        self.start()
+        return self._answer(command)
+
+    def start(self, blend_speed_mm_s: float = BLEND_SPEED_MM_S) -> None:
+        """Follow what was loaded. Raises RefusedError."""
+        self._check_possible(Request.START)
+        self._following.follow_loaded(blend_speed_mm_s)
+        self._service.supervisor.request(Request.START, self._service.clock.now_ns())
+
+    async def _teleoperate(self, user: str, command: Teleoperate) -> Answer:
+        self._check_possible(Request.START)
+        stops_before = self._stops
+        controller = await self._loader.controller(command.controller)
+        # Reading a model takes a while, in which anything may have happened.
+        if self._stops != stops_before:
+            raise CommandRefusedError("stopped", "it was stopped meanwhile")
+        self._check_lease(user, command)
+        self._check_possible(Request.START)
+        now_ns = self._service.clock.now_ns()
+        self._following.follow_setpoints(controller, now_ns)
+        self._service.supervisor.request(Request.START, now_ns)
+        return self._answer(command)
+
+    async def _hold(self, user: str, command: Hold) -> Answer:
+        del user
+        self._check_possible(Request.HOLD)
+        self._service.supervisor.request(Request.HOLD, self._service.clock.now_ns())
+        return self._answer(command)
+
+    async def _resume(self, user: str, command: Resume) -> Answer:
+        del user
+        supervisor = self._service.supervisor
+        self._check_possible(Request.RESUME)
+        if not self._following.can_go_on:
+            raise CommandRefusedError("nothing_to_resume", "nothing was held: load and start")
+        self.try_to_resume()
+        if not supervisor.running:
+            raise CommandRefusedError(
+                "held", "what stopped the motion still holds", supervisor.blocking
+            )
+        return self._answer(command)
+
+    def try_to_resume(self) -> None:
+        """Go on, if what stopped the motion is over."""
+        self._service.supervisor.request(Request.RESUME, self._service.clock.now_ns())
+
+    async def _clear(self, user: str, command: Clear) -> Answer:
+        """The answer waits for what passes by itself, so that `arm` may follow at once."""
+        supervisor = self._service.supervisor
+        await self._pass(lambda: supervisor.comes_to_rest, AT_REST_WITHIN_S)
+        self._check_lease(user, command)
+        self._check_possible(Request.CLEAR)
+        if left := await self._cleared():
+            raise CommandRefusedError("still_wrong", "the cause has to go first", left)
+        await self._pass(lambda: self._only_for_a_moment or self._still_on, _READY_WITHIN_S)
+        names = dict.fromkeys(reason.cause.value for reason in supervisor.blocking)
+        return self._answer(command, text=f"not ready yet: {', '.join(names)}" if names else "")
+
+    async def _cleared(self) -> tuple[ActiveReason, ...]:
+        """What still holds when drives had time for a reset, and lost ones to be set up anew."""
+        supervisor, clock = self._service.supervisor, self._service.clock
+        began_ns = clock.now_ns()
+        while left := supervisor.clear(clock.now_ns()):
+            returns = all(reason.cause in _COMES_BACK for reason in left)
+            within_s = _READY_WITHIN_S if returns else _RESET_WITHIN_S
+            if clock.now_ns() - began_ns >= within_s * 1e9:
+                break
+            await asyncio.sleep(_RESET_WITHIN_S)
+        return left
+
+    @property
+    def _only_for_a_moment(self) -> bool:
+        """Whether nothing keeps the robot from being armed but what goes by itself soon."""
+        causes = {reason.cause for reason in self._service.supervisor.blocking if not reason.over}
+        return bool(causes) and causes <= _PASSES
+
+    @property
+    def _still_on(self) -> bool:
+        """Whether drives have torque that nobody wants: one that was lost is switched off when it
+        is heard again."""
+        buses = self._service.hardware.buses
+        return self._service.supervisor.comes_to_rest or any(bus.energised for bus in buses)
+
+    async def _pass(self, goes_on: Callable[[], bool], within_s: float) -> None:
+        """Wait for something to be over, but no longer than that."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(within_s):
+                while goes_on():
+                    await asyncio.sleep(_LOOK_EVERY_S)
+
+    async def _inject(self, user: str, command: Inject) -> Answer:
+        del user
+        if self._inject_fault is None:
+            raise CommandRefusedError("real_hardware", "faults are for emulated devices only")
+        try:
+            await self._inject_fault(command.fault)
+        except ValueError as error:
+            raise CommandRefusedError("bad_fault", str(error)) from None
+        return self._answer(command)
+
+    # What the verbs share.
+
+    async def _bring_to_rest(self, request: Request, command: Command) -> Answer:
+        """Quick stop at once; the answer waits for the drives to say that they did it."""
+        self._stops += 1
+        confirmed = await self._service.rest(request)
+        text = "the drives have stopped" if confirmed else "NOT confirmed by the drives"
+        return self._answer(command, text=text, confirmed=confirmed)
+
+    def _is_renewal(self, user: str, command: Command) -> bool:
+        now_ns = self._service.clock.now_ns()
+        return isinstance(command, Acquire) and self._service.lease.holds(
+            command.token, user, now_ns
+        )
+
+    def _check_lease(self, user: str, command: Command) -> None:
+        lease, now_ns = self._service.lease, self._service.clock.now_ns()
+        if lease.holds(command.token, user, now_ns):
+            return
+        holder = lease.holder(now_ns)
+        text = (
+            "nobody has the lease: acquire it first"
+            if holder is None
+            else f"the lease is {holder}'s, and this is not its token"
+        )
+        raise CommandRefusedError("no_lease", text)
+
+    def _check_possible(self, request: Request) -> None:
+        """Whether the state permits it, as far as that can be told before."""
+        supervisor = self._service.supervisor
+        why = supervisor.refusal(request)
+        if why:
+            name = "not_ready" if supervisor.blocking else "wrong_state"
+            raise CommandRefusedError(name, why, supervisor.blocking)
+
+    def _verb_states(self) -> list[Verb]:
+        return verb_states(
+            self._service.supervisor,
+            Prepared(
+                loaded=self._following.loaded is not None,
+                resumable=self._following.can_go_on,
+                preparing=self._preparing,
+                emulated=self._inject_fault is not None,
+            ),
+        )
+
+    def _answer(self, command: Command, **more: Any) -> Answer:
+        state = self._service.supervisor.state.value
+        return Answer(request=command.request, state=state, **more)
+
+    def _refusal(
+        self, command: Command, refused: CommandRefusedError, reasons: list[Reason]
+    ) -> Refusal:
+        state = self._service.supervisor.state.value
+        return Refusal(
+            request=command.request,
+            state=state,
+            name=refused.name,
+            text=refused.text,
+            reasons=reasons,
+        )

@@ -1,0 +1,1 @@
+"""What is said of the robot as it runs: status, events, its body."""

@@ -1,0 +1,64 @@
+"""The truth of an emulated lab, which a rig never has: asked for beside the loop."""
+
+from collections.abc import Mapping
+from math import isfinite
+from pathlib import Path
+from threading import Event, Thread
+from typing import Any, Final
+
+from daemon.messages import Body
+from daemon.robot.lab_connections import LabRefusedError, LabUnreachableError, ask
+from daemon.service.telemetry.body_teller import spread
+
+_ASKS_EACH_S: Final = 0.1
+
+
+class EmulatedBody:
+    """Asks a lab's control socket ten times a second, in a thread that nobody waits for."""
+
+    def __init__(self, directory: Path) -> None:
+        """directory: where the lab has its ports."""
+        self._directory = directory
+        self._ended = Event()
+        self._newest: Body | None = None
+
+    def start(self) -> None:
+        Thread(target=self._listen, name="emulated body", daemon=True).start()
+
+    def end(self) -> None:
+        self._ended.set()
+
+    def newest(self) -> Body | None:
+        """What the lab has told last; None: it tells nothing at the moment."""
+        return self._newest
+
+    def _listen(self) -> None:
+        while not self._ended.wait(_ASKS_EACH_S):
+            try:
+                self._newest = told_body(ask(self._directory, {"do": "state"}))
+            except (LabUnreachableError, LabRefusedError, ValueError):
+                self._newest = None
+
+
+def told_body(told: Mapping[str, Any]) -> Body | None:
+    """The body in what a lab tells of its state; None where there is none, or no numbers."""
+    points, radius = told.get("centreline_mm"), told.get("body_radius_mm")
+    if not isinstance(points, list) or len(points) < 2 or not isinstance(radius, int | float):
+        return None
+    kept = [points[place] for place in spread(len(points))]
+    if not isfinite(radius) or not all(_is_place(point) for point in kept):
+        return None
+    return Body(
+        t_ns=int(told.get("t_ns", 0)),
+        source="emulated truth",
+        centreline_mm=kept,
+        radius_mm=[float(radius)] * len(kept),
+    )
+
+
+def _is_place(point: object) -> bool:
+    return (
+        isinstance(point, list)
+        and len(point) == 3
+        and all(isinstance(part, int | float) and isfinite(part) for part in point)
+    )

@@ -1,0 +1,1 @@
+"""Where the body may be: the mixture, the network that gives it, and the shapes drawn from it."""

@@ -1,0 +1,145 @@
+"""All that was learned of one body, as one file holds it: two networks, a basis, what they know.
+
+The arrays of a file have these names:
+
+    points/…          the network over places of the body: see `mixture_network`
+    shapes/…          the network over coefficients of its shape
+    basis/base_mm, basis/modes, basis/radius_mm, basis/left_out_mm, basis/arc_mm: see `shape_basis`
+    training/inputs   (n, m) actuation vectors that it was trained at
+    training/reach    () how far from the nearest of them it may be asked; see `distance`
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import sqrt
+from typing import Any, Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from safety.risk.model.mixture import FloatArray
+from safety.risk.model.mixture_network import MixtureNetwork, NetworkError
+from safety.risk.model.shape_basis import ShapeBasis, ShapeBasisError
+
+# The nearest of many vectors, compiled.
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def nearest_distance(known, place):  # type: ignore[no-untyped-def]
+    """From (m,) place to the nearest of (n, m) known vectors; not finite where the place is not."""
+    nearest = np.inf
+    for i in range(known.shape[0]):
+        square = 0.0
+        for j in range(known.shape[1]):
+            way = known[i, j] - place[j]
+            square += way * way
+        if not square >= nearest:
+            nearest = square
+    return sqrt(nearest)
+
+
+_POINTS, _SHAPES, _BASIS, _TRAINING = "points/", "shapes/", "basis/", "training/"
+_BASIS_ARRAYS: Final = ("base_mm", "modes", "radius_mm", "left_out_mm", "arc_mm")
+
+
+class RiskModelError(ValueError):
+    """Arrays that make no model. Names the array and what is wrong with it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RiskModel:
+    """Made by `risk_model`."""
+
+    points: MixtureNetwork
+    """Where a random point of the body is: for body_point_risk."""
+    shapes: MixtureNetwork
+    """Which coefficients the body's shape has: for contact_risk."""
+    basis: ShapeBasis
+    known: FloatArray
+    """(n, m) the actuation vectors of the training, over the networks' input scale."""
+    scale: FloatArray
+    """(m,) one over the input scale."""
+    reach: float
+
+    @property
+    def inputs(self) -> int:
+        """m, the actuation vector's length."""
+        return self.points.inputs
+
+    def distance(self, u: Sequence[float] | FloatArray) -> float:
+        """From (m,) u to the nearest vector of the training, in the networks' own inputs."""
+        return float(nearest_distance(self.known, np.asarray(u, np.float64) * self.scale))
+
+    def knows(self, u: Sequence[float] | FloatArray) -> bool:
+        """Whether it may be asked there; never where u is not finite."""
+        return self.distance(u) <= self.reach
+
+
+def risk_model(
+    arrays: Mapping[str, NDArray[Any]], points_activation: str, shapes_activation: str
+) -> RiskModel:
+    """A model of named arrays. Raises RiskModelError."""
+    parts = {
+        prefix: {
+            name.removeprefix(prefix): array
+            for name, array in arrays.items()
+            if name.startswith(prefix)
+        }
+        for prefix in (_POINTS, _SHAPES, _BASIS, _TRAINING)
+    }
+    if strange := sorted(set(arrays) - {p + name for p, part in parts.items() for name in part}):
+        raise RiskModelError(f"{strange[0]}: belongs to nothing")
+    points = _network(_POINTS, parts[_POINTS], points_activation)
+    shapes = _network(_SHAPES, parts[_SHAPES], shapes_activation)
+    basis = _basis(parts[_BASIS])
+    if points.dimensions != 3:
+        raise RiskModelError(f"points/: places have 3 coordinates, not {points.dimensions}")
+    if shapes.dimensions != basis.coefficients:
+        raise RiskModelError(
+            f"shapes/: over {shapes.dimensions} coefficients, and basis/modes has "
+            f"{basis.coefficients}"
+        )
+    if shapes.inputs != points.inputs:
+        raise RiskModelError(f"shapes/: takes {shapes.inputs} inputs, points/ {points.inputs}")
+    inputs, reach = _training(parts[_TRAINING], points.inputs)
+    scale = 1.0 / arrays["points/input_scale"].astype(np.float64)
+    return RiskModel(points, shapes, basis, np.ascontiguousarray(inputs * scale), scale, reach)
+
+
+def _network(prefix: str, arrays: Mapping[str, NDArray[Any]], activation: str) -> MixtureNetwork:
+    try:
+        return MixtureNetwork(arrays, activation)
+    except NetworkError as error:
+        raise RiskModelError(f"{prefix}{error}") from None
+
+
+def _basis(arrays: Mapping[str, NDArray[Any]]) -> ShapeBasis:
+    _check_names(_BASIS, arrays, _BASIS_ARRAYS)
+    try:
+        return ShapeBasis.checked(*(arrays[name] for name in _BASIS_ARRAYS))
+    except ShapeBasisError as error:
+        raise RiskModelError(f"{_BASIS}{error}") from None
+
+
+def _training(arrays: Mapping[str, NDArray[Any]], inputs: int) -> tuple[FloatArray, float]:
+    _check_names(_TRAINING, arrays, ("inputs", "reach"))
+    known, reach = arrays["inputs"].astype(np.float64), arrays["reach"].astype(np.float64)
+    if (
+        known.ndim != 2
+        or not len(known)
+        or known.shape[1] != inputs
+        or not np.isfinite(known).all()
+    ):
+        raise RiskModelError(f"{_TRAINING}inputs: must be finite numbers (n, {inputs})")
+    if reach.size != 1 or not 0.0 < float(reach) < np.inf:
+        raise RiskModelError(f"{_TRAINING}reach: must be one positive number")
+    return known, float(reach)
+
+
+def _check_names(prefix: str, arrays: Mapping[str, object], names: Sequence[str]) -> None:
+    for name in names:
+        if name not in arrays:
+            raise RiskModelError(f"{prefix}{name}: is missing")
+    if strange := sorted(set(arrays) - set(names)):
+        raise RiskModelError(f"{prefix}{strange[0]}: belongs to nothing")

@@ -1,0 +1,1 @@
+"""An arm of rods, disks and tendons."""
