@@ -113,6 +113,9 @@ _PER_TIME: Final[dict[Quantity, str]] = {
     "homing_speed": "_s",
 }
 _TURN_RAD: Final = 2 * pi
+_RANGE_RAD: Final = 1.0
+"""What a rotation does to the tip turns with it: by more than a right angle it is the opposite, and
+through a whole turn it is nothing. Over a radian more than half of it keeps its direction."""
 
 
 class AxisBase(ConfigModel, ABC):
@@ -178,6 +181,13 @@ class AxisBase(ConfigModel, ABC):
         them modulo a turn.
         """
         return False
+
+    @property
+    def linear_range(self) -> float:
+        """In shares of which controllers count: so far, what the axis does to the tip is about the
+        same. Its travel, but for what turns."""
+        lowest, highest = self.travel
+        return highest - lowest
 
     @property
     def piston_area_mm2(self) -> float | None:
@@ -280,6 +290,10 @@ class RotaryAxis(AxisBase):
     @property
     def units_per_turn(self) -> float:
         return _TURN_RAD
+
+    @property
+    def linear_range(self) -> float:
+        return min(super().linear_range, _RANGE_RAD)
 
     @property
     def multi_turn(self) -> bool:

@@ -22,7 +22,8 @@ class TipFollowing(ConfigModel):
 
     damping_mm: Positive = 8.0
     """Damped least squares. Where the tip moves less than this in some direction while an axis goes
-    through its whole travel, that direction is given up gently instead of with huge steps."""
+    through its range (its travel; a radian of what turns), that direction is given up gently
+    instead of with huge steps."""
 
     posture: Literal["mid_travel", "start"] | PerAxis = "mid_travel"
     """Where the axes are drawn without moving the tip: the middle of their travel, where they were
@@ -32,7 +33,7 @@ class TipFollowing(ConfigModel):
     """Share of the way to the posture per second. 0: redundant axes are left alone."""
 
     axis_weights: Annotated[tuple[Positive, ...], Field(min_length=1, strict=False)] | None = None
-    """How dear the motion of each axis is, counted in shares of its travel: the diagonal of N of
+    """How dear the motion of each axis is, counted in shares of its range: the diagonal of N of
     Ho 2018, eq. 7. None: all alike."""
 
     feed_forward: bool = True
@@ -50,7 +51,8 @@ class Broyden(TipFollowing):
     kind: Literal["broyden"]
 
     explore_share: Annotated[float, Field(gt=0.0, le=0.25)] = 0.06
-    """Amplitude of the first motions, axis by axis, as a share of the axis' travel."""
+    """Amplitude of the first motions, axis by axis, as a share of the axis' range (its travel; a
+    radian of what turns)."""
 
     explore_speed_share: Share = 0.5
     """Their speed as a share of the axis' highest."""
@@ -66,14 +68,14 @@ class Broyden(TipFollowing):
     """A sample for the Jacobian ends when the tip has moved so far ..."""
 
     sample_travel_share: Share = 0.005
-    """... and the axes so far, as a share of their travel."""
+    """... and the axes so far, as a share of their range."""
 
     sample_noise_mm: Positive = 0.3
     """What one coordinate of the tip's motion in a sample is uncertain by."""
 
     drift_mm: Positive = 25.0
-    """How far an element of the Jacobian, in mm per whole travel, may wander while the axes move
-    through their whole travel. More follows a changing body faster, less resists noise."""
+    """How far an element of the Jacobian, in mm per whole range, may wander while the axes move
+    through their whole range. More follows a changing body faster, less resists noise."""
 
 
 class VolumetricChambers(ConfigModel):

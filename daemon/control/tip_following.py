@@ -2,7 +2,7 @@
 
 The wanted step of the tip is the reference's own motion plus a share of the error (Ho 2018,
 eq. 14). The step of the axes is the one nearest to a posture that makes it, by damped least squares
-over axes measured in shares of their travel, the dearer ones weighing more. Axes that meet a limit
+over axes measured in shares of their range, the dearer ones weighing more. Axes that meet a limit
 are held there and the others take over.
 """
 
@@ -39,7 +39,7 @@ class TipFollower:
         self.axes = AxisRanges.of(robot)
         self._options = options
         self._posture = self._fixed_posture()
-        self.unit = self.axes.travel / np.sqrt(self._weights())
+        self.unit = self.axes.scale / np.sqrt(self._weights())
         """(m,) how far each axis goes for the price of 1."""
         self.lag = BodyLag()
         self._underway = Underway()

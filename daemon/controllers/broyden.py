@@ -57,7 +57,7 @@ class Exploration:
     def __init__(self, options: Broyden, axes: AxisRanges) -> None:
         self._options = options
         self._axes = axes
-        self._amplitude = options.explore_share * axes.travel
+        self._amplitude = options.explore_share * axes.scale
         self._speed = options.explore_speed_share * axes.max_velocity
         self._plan = list(np.eye(axes.count))
         if options.explore_together and axes.count > 1:
@@ -79,8 +79,8 @@ class Exploration:
 
     @property
     def jacobian(self) -> Vector:
-        """(3, m) mm per whole travel of each axis, once `done`."""
-        moved = np.array(self._made) / self._axes.travel
+        """(3, m) mm per whole range of each axis, once `done`."""
+        moved = np.array(self._made) / self._axes.scale
         solution, *_ = np.linalg.lstsq(moved, np.array(self._effects), rcond=None)
         return np.asarray(solution.T)
 
@@ -195,7 +195,7 @@ class BroydenController:
         self._options = options
         self._metadata = model_metadata(self.name, robot)
         self._follower = TipFollower(options, robot)
-        self._travel = self._follower.axes.travel
+        self._scale = self._follower.axes.scale
         self._exploration = Exploration(options, self._follower.axes)
         self._estimate: JacobianEstimate | None = None
         self._anchor: tuple[Vector, Vector] | None = None
@@ -203,7 +203,7 @@ class BroydenController:
         self._seen: deque[Frame] = deque()
         """Frames of the first motions that have not told yet how late the body is."""
         self._first_lag = BodyLag()
-        self._first = np.zeros((3, len(self._travel)))
+        self._first = np.zeros((3, len(self._scale)))
         self._last_seen_s = 0.0
 
     @property
@@ -213,7 +213,7 @@ class BroydenController:
     @property
     def jacobian(self) -> Vector | None:
         """(3, m) mm per mm or rad; None before it is measured."""
-        return None if self._estimate is None else self._estimate.jacobian / self._travel
+        return None if self._estimate is None else self._estimate.jacobian / self._scale
 
     def reset(self, observation: Observation) -> None:
         self._follower.reset(observation)
@@ -228,14 +228,14 @@ class BroydenController:
         if self._estimate is None:
             self._exploration.observe(observation)
             if self._exploration.done:
-                self._begin(self._exploration.jacobian, np.eye(len(self._travel)) * FIRST_STD_MM**2)
+                self._begin(self._exploration.jacobian, np.eye(len(self._scale)) * FIRST_STD_MM**2)
                 if self._options.lead:
                     self._seen = deque(self._exploration.all_frames)
             return
         u = observation.u
         if self._options.lead:
             u = self._axes.after(observation.t_ns * 1e-9, u, self._follower.lag.lag_s)
-        here = (u / self._travel, observation.tip_mm)
+        here = (u / self._scale, observation.tip_mm)
         if self._anchor is None:
             self._anchor = here
             return
@@ -252,8 +252,8 @@ class BroydenController:
             return Proposal(self._exploration.propose(observation), self._exploration.note, 0)
         if self._seen:
             note = "works out how late the body follows"
-            return Proposal(np.zeros(len(self._travel)), note, 0)
-        jacobian = self._estimate.jacobian / self._travel
+            return Proposal(np.zeros(len(self._scale)), note, 0)
+        jacobian = self._estimate.jacobian / self._scale
         tip_step = self._follower.tip_step(observation)
         return Proposal(self._follower.axis_step(jacobian, tip_step, observation))
 
@@ -261,14 +261,14 @@ class BroydenController:
         """What the first motions tell of the body's lag, a little at a time."""
         for _ in range(min(_LAG_FRAMES_AT_ONCE, len(self._seen))):
             t_s, u, tip_mm = self._seen.popleft()
-            told_mm = self._first @ (u / self._travel)
+            told_mm = self._first @ (u / self._scale)
             self._first_lag.add(t_s, t_s - self._last_seen_s, told_mm, tip_mm)
             self._last_seen_s = t_s
             if not self._seen:
                 self._follower.lag.lag_s = self._first_lag.lag_s
                 self._begin(
                     self._first_lag.gains[:, None] * self._first,
-                    np.eye(len(self._travel)) * FIRST_STD_MM**2,
+                    np.eye(len(self._scale)) * FIRST_STD_MM**2,
                 )
 
     def save(self, path: Path) -> None:
@@ -279,7 +279,7 @@ class BroydenController:
         save_model(path, self._metadata, arrays)
 
     def load(self, path: Path) -> None:
-        count = len(self._travel)
+        count = len(self._scale)
         shapes = {"jacobian": (3, count), "covariance": (count, count)}
         arrays = load_model(path, self._metadata, shapes)
         self._begin(arrays["jacobian"], arrays["covariance"])

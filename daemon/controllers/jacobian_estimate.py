@@ -20,7 +20,7 @@ _LARGEST_STD_MM = 300.0
 
 
 class JacobianEstimate:
-    """Axes count in shares of their travel: elements of J are mm per whole travel."""
+    """Axes count in shares of their range: elements of J are mm per whole range."""
 
     def __init__(
         self, jacobian: Vector, covariance: Vector, noise_mm: float, drift_mm: float
@@ -28,7 +28,7 @@ class JacobianEstimate:
         """jacobian: (3, m). covariance: (m, m) mm², of each row.
 
         noise_mm: of one coordinate of a motion. drift_mm: how far an element may wander while the
-        axes go through their whole travel; standard deviations.
+        axes go through their whole range; standard deviations.
         """
         self.jacobian = in_rows(jacobian)
         self.covariance = in_rows(covariance)

@@ -16,13 +16,16 @@ class AxisRanges:
     lowest: Vector
     highest: Vector
     max_velocity: Vector
+    scale: Vector
+    """How far what an axis does to the tip is about the same: its range, in shares of which axes of
+    different kinds are compared."""
 
     @classmethod
     def of(cls, robot: Robot) -> "AxisRanges":
-        limits = [(*axis.travel, axis.max_velocity) for axis in robot.axes]
+        limits = [(*axis.travel, axis.max_velocity, axis.linear_range) for axis in robot.axes]
         columns = zip(*limits, strict=True)
-        lowest, highest, max_velocity = (np.array(column, np.float64) for column in columns)
-        return cls(tuple(axis.name for axis in robot.axes), lowest, highest, max_velocity)
+        names = tuple(axis.name for axis in robot.axes)
+        return cls(names, *(np.array(column, np.float64) for column in columns))
 
     @property
     def count(self) -> int:
