@@ -12,7 +12,8 @@ from drivers.aurora.bring_up import CONTROL_UNIT
 from drivers.aurora.codec.versions import ApiRevision
 from drivers.aurora.tracker import TrackerState
 from drivers.byte_stream import ByteReceiver, ByteStream, StreamError
-from sim_backends.devices.aurora import commands, identity
+from sim_backends.devices.aurora import device as emulated_device
+from sim_backends.devices.aurora import identity
 from sim_backends.devices.aurora.command_interface import Mode, Refusal
 from sim_backends.virtual_time import run_in_virtual_time
 from tests.drivers.aurora.golden import COMMANDS
@@ -235,19 +236,19 @@ def refuse(code: int) -> Callable[..., str]:
 def change_rules(
     monkeypatch: pytest.MonkeyPatch, changes: dict[str, Callable[..., str] | None]
 ) -> None:
-    rules = dict(commands.RULES)
+    rules = dict(emulated_device.RULES)
     for word, handler in changes.items():
         if handler is None:
             del rules[word]
         else:
             rules[word] = rules[word]._replace(handler=handler)
-    monkeypatch.setattr(commands, "RULES", rules)
+    monkeypatch.setattr(emulated_device, "RULES", rules)
 
 
 def test_an_older_device_that_lacks_commands_is_used_all_the_same(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    original = commands.RULES["PHINF"].handler
+    original = emulated_device.RULES["PHINF"].handler
 
     def only_older_options(device: Any, arguments: str) -> Any:
         if int(arguments[2:], 16) & 0x80:
@@ -323,7 +324,7 @@ def test_a_command_that_must_work_but_is_refused_is_named(
 
 
 def test_a_remark_of_the_device_is_noted_and_does_no_harm(monkeypatch: pytest.MonkeyPatch) -> None:
-    original = commands.RULES["PENA"].handler
+    original = emulated_device.RULES["PENA"].handler
 
     def with_a_remark(device: Any, arguments: str) -> str:
         original(device, arguments)
@@ -345,7 +346,7 @@ def test_a_remark_of_the_device_is_noted_and_does_no_harm(monkeypatch: pytest.Mo
 def test_one_tool_that_is_refused_does_not_stop_the_other(
     word: str, code: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    original = commands.RULES[word].handler
+    original = emulated_device.RULES[word].handler
 
     def refuse_the_first(device: Any, arguments: str) -> Any:
         if arguments.startswith("0A"):

@@ -5,7 +5,7 @@ import pytest
 from drivers.aurora.codec.commands import encode_command
 from drivers.aurora.codec.tracking_data import decode_tx
 from sim_backends.devices.aurora.command_interface import Mode
-from sim_backends.devices.aurora.commands import RULES
+from sim_backends.devices.aurora.device import RULES
 from tests.drivers.aurora.golden import VOLUME
 from tests.sim_backends.aurora.bench import BASE, TIP, Bench
 

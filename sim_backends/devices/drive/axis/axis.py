@@ -14,7 +14,6 @@ from sim_backends.devices.drive.axis.cyclic import (
     CyclicVelocity,
     InterpolationPeriod,
 )
-from sim_backends.devices.drive.axis.following_error import FollowingErrorWatch
 from sim_backends.devices.drive.axis.homing import METHODS, Homing
 from sim_backends.devices.drive.axis.limits import Limits
 from sim_backends.devices.drive.axis.mechanics import AxisMechanics, Units
@@ -23,7 +22,7 @@ from sim_backends.devices.drive.axis.mode import TARGET_REACHED, AxisParts, Mode
 from sim_backends.devices.drive.axis.power import State
 from sim_backends.devices.drive.axis.power_control import PowerControl
 from sim_backends.devices.drive.axis.profile import ProfilePosition, ProfileVelocity
-from sim_backends.devices.drive.axis.readings import Readings
+from sim_backends.devices.drive.axis.readings import FollowingErrorWatch, Readings
 from sim_backends.devices.drive.axis.shaft import Shaft
 from sim_backends.devices.drive.node.object_dictionary import ObjectDictionary, SdoAbortError
 from sim_backends.devices.drive.node.timers import Timers

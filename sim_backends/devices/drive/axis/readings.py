@@ -1,7 +1,8 @@
-"""The objects of an axis that a master reads to see what it does."""
+"""What is measured of an axis: the objects in which a master reads it, and the following error."""
 
 from collections.abc import Callable
-from typing import Protocol
+from math import inf
+from typing import Final, Protocol
 
 from drivers.canopen.codec.data_types import DataType
 from sim_backends.devices.drive.axis.mechanics import to_int32
@@ -10,6 +11,7 @@ from sim_backends.devices.drive.axis.mode import AxisParts
 _LOW_SWITCH = 1 << 0
 _HIGH_SWITCH = 1 << 1
 _TORQUE_OFF = 1 << 31
+_WINDOW_OFF: Final = 0xFFFFFFFF
 
 
 class Advancing(Protocol):
@@ -108,3 +110,38 @@ class Readings:
 
     def _measured(self) -> float:
         return self._shaft.demand if self._no_encoder else self._shaft.position
+
+
+class FollowingErrorWatch:
+    """How far the shaft may stay behind its demand (0x6065), and how long (0x6066)."""
+
+    def __init__(self, parts: AxisParts, *, no_encoder: bool) -> None:
+        self._parts = parts
+        self._shaft = parts.shaft
+        self._no_encoder = no_encoder
+        self.entry = parts.own(0x6065, 0, DataType.UNSIGNED32, 2000)
+        self._time_ms = parts.own(0x6066, 0, DataType.UNSIGNED16, 10)
+        self.window = inf
+        """How large the error may be, in increments."""
+        self.since_ns: int | None = None
+        """Since when the error has been too large."""
+
+    def configure(self) -> None:
+        """Take over the window as it is now."""
+        self.window = inf
+        if self.entry.number != _WINDOW_OFF and not self._no_encoder:
+            self.window = self._parts.units.length(self.entry.number)
+
+    def forget(self) -> None:
+        """As if nothing had been."""
+        self.since_ns = None
+
+    def too_long(self, t_ns: int) -> bool:
+        """Whether the error has been too large for too long."""
+        shaft = self._shaft
+        if -self.window <= shaft.demand - shaft.position <= self.window:
+            self.since_ns = None
+            return False
+        if self.since_ns is None:
+            self.since_ns = t_ns
+        return t_ns - self.since_ns >= self._parts.timers.host_ns(self._time_ms.number * 1e-3)
