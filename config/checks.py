@@ -1,6 +1,6 @@
 """What the parts of a robot must be to each other. Each check works on the parts that are sound."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from itertools import combinations
@@ -11,6 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 from config.axis import Axis, Drive, Quantity
 from config.bus import Bus
 from config.control import Supervision
+from config.coupling.coordinates import Coordinate, coordinate_findings
 from config.documents.problems import did_you_mean
 from config.documents.schema_errors import location_in_file
 from config.documents.yaml_document import Location
@@ -22,6 +23,7 @@ T = TypeVar("T")
 Finding = tuple[Location, str]
 
 _AXIS: TypeAdapter[Axis] = TypeAdapter(Axis)
+_COORDINATE: TypeAdapter[Coordinate] = TypeAdapter(Coordinate)
 _POSITION_COUNTS = 2**31 - 1
 _UNSIGNED_COUNTS = 2**32 - 1
 _NODE_WIDE = (
@@ -50,6 +52,7 @@ class Parts:
     emulation: Emulation | None
     homing_order: object = None
     """As the file has it."""
+    coordinates: Sequence[Coordinate | None] = ()
 
     @classmethod
     def of(cls, value: object) -> "Parts":
@@ -65,6 +68,7 @@ class Parts:
             _sound(Supervision, data.get("supervision", {})),
             _sound(Emulation, data.get("emulation")),
             data.get("homing_order"),
+            [_sound(_COORDINATE, one) for one in _items(data.get("coordinates"))],
         )
 
 
@@ -122,6 +126,7 @@ def findings(parts: Parts) -> Iterator[Finding]:
     yield from _tendon_findings(parts)
     yield from _tube_findings(parts)
     yield from _name_findings(parts)
+    yield from coordinate_findings(parts.coordinates, parts.axes)
     yield from _homing_findings(parts)
     yield from _node_findings(parts)
 

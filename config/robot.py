@@ -7,6 +7,7 @@ from pydantic import Field
 from config.axis import Axis
 from config.bus import Bus
 from config.control import PoseFilterSettings, RiskSettings, Supervision, Workspace
+from config.coupling.coordinates import Coordinate
 from config.documents.model import ConfigModel, Name
 from config.emulation import Emulation
 from config.remote import Remote
@@ -23,6 +24,9 @@ class Robot(ConfigModel):
     buses: Annotated[dict[Name, Bus], Field(min_length=1)]
     axes: Annotated[list[Axis], Field(min_length=1)]
     """In the order of the actuation vector u."""
+    coordinates: list[Coordinate] = Field(default_factory=list)
+    """What controllers and models may see instead of the axes, as many of them: sums of axes such
+    as an angle between two tubes. None: the axes themselves."""
     homing_order: list[Annotated[list[Name], Field(min_length=1)]] | None = None
     """Which axes look for their zeros together, and which groups of them after which:
     `[[rotation_1, rotation_2], [carriage_1]]`. None: one after the other, in the order of u."""

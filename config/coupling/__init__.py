@@ -1,0 +1,1 @@
+"""What belongs to several axes at once: coordinates that are made of them."""
