@@ -126,7 +126,7 @@ def findings(parts: Parts) -> Iterator[Finding]:
     yield from _tendon_findings(parts)
     yield from _tube_findings(parts)
     yield from _name_findings(parts)
-    yield from coordinate_findings(parts.coordinates, parts.axes)
+    yield from coordinate_findings(parts.coordinates, _units(parts))
     yield from _homing_findings(parts)
     yield from _node_findings(parts)
 
@@ -298,6 +298,13 @@ def _name_findings(parts: Parts) -> Iterator[Finding]:
     for (_, one), (second, other) in combinations(sound, 2):
         if one.name == other.name:
             yield ("axes", second, "name"), f"there is already an axis '{one.name}'"
+
+
+def _units(parts: Parts) -> dict[str, str] | None:
+    """Of all axes by their names; None while one is not sound."""
+    sound = [axis for axis in parts.axes if axis is not None]
+    whole = len(sound) == len(parts.axes)
+    return {axis.name: axis.unit for axis in sound} if whole else None
 
 
 def _homing_findings(parts: Parts) -> Iterator[Finding]:

@@ -14,7 +14,6 @@ from typing import Annotated, ClassVar, Final, Literal
 
 from pydantic import Field
 
-from config.axis import Axis
 from config.documents.model import ConfigModel, Name
 from config.documents.problems import did_you_mean
 from config.documents.yaml_document import Location
@@ -83,16 +82,15 @@ Coordinate = Annotated[AngleCoordinate | LengthCoordinate, Field(discriminator="
 
 
 def coordinate_findings(
-    coordinates: Sequence[CoordinateBase | None], axes: Sequence[Axis | None]
+    coordinates: Sequence[CoordinateBase | None], units: Mapping[str, str] | None
 ) -> Iterator[tuple[Location, str]]:
     """What cannot be between coordinates and axes: where in the file, and a sentence about it.
 
-    None stands for a part that is unsound by itself.
+    None stands for a coordinate that is unsound by itself. units: of the axes by their names, in
+    the order of u; None while not all of them are sound.
     """
-    units = {axis.name: axis.unit for axis in axes if axis is not None}
-    whole = all(axis is not None for axis in axes)
     seen: set[str] = set()
-    sound = whole
+    sound = True
     for index, coordinate in enumerate(coordinates):
         if coordinate is None:
             sound = False
@@ -100,13 +98,13 @@ def coordinate_findings(
         at = ("coordinates", index)
         if coordinate.name in seen:
             yield (*at, "name"), f"there is already a coordinate '{coordinate.name}'"
-        if coordinate.name in units:
+        if units is not None and coordinate.name in units:
             yield (*at, "name"), f"there is already an axis '{coordinate.name}'"
         seen.add(coordinate.name)
-        found = list(_moves_findings(at, coordinate, units)) if whole else []
+        found = [] if units is None else list(_moves_findings(at, coordinate, units))
         sound = sound and not found
         yield from found
-    if sound and coordinates:
+    if sound and coordinates and units is not None:
         yield from _map_findings([one for one in coordinates if one is not None], list(units))
 
 
