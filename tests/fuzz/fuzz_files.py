@@ -8,7 +8,7 @@ from drivers.can.capture import CaptureError, capture_header, capture_record, re
 from drivers.can.frame import CanFrame, pack_frame, unpack_frame
 from drivers.canopen.sdo_client import SdoClient
 from sim_backends.faults import FaultError, understand
-from sim_backends.lab.control_server import ControlServer
+from sim_backends.lab.lab_ports import ControlServer
 
 _CAPTURES_END_NS = 10**9 << 32
 """In 2106 the seconds of a capture overflow."""

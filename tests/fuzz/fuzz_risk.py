@@ -10,7 +10,7 @@ from config.loader import load_robot
 from daemon.risk.mesh_file import read_environment, write_mesh
 from daemon.risk.model_file import read_model, write_model
 from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset, CloudDatasetError
-from daemon.workbench.body_model.clouds.cloud_file import CloudFileError, read_cloud
+from daemon.workbench.body_model.clouds.cloud_import import CloudFileError, read_cloud
 from daemon.workbench.body_model.evaluation.mixture_file import read_mixture
 from daemon.workbench.body_model.evaluation.shapes import box
 from safety.risk.model.mixture import MixtureError

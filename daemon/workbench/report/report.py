@@ -17,7 +17,6 @@ from daemon.recording.run_folder import REPORT_FILE, VIRTUAL_TIME, utc_text
 from daemon.remote.reason_groups import detail_of
 from daemon.workbench.report.report_body import body_figure
 from daemon.workbench.report.report_data import RunData, Series, read_run
-from daemon.workbench.report.report_looks import PAGE_STYLE
 from daemon.workbench.report.report_paths import close_up_figure, path_figure
 from daemon.workbench.report.report_series import (
     actuator_figure,
@@ -26,7 +25,7 @@ from daemon.workbench.report.report_series import (
     risk_figure,
     timing_figure,
 )
-from daemon.workbench.report.report_style import as_data_uri, styled
+from daemon.workbench.report.report_style import PAGE_STYLE, as_data_uri, styled
 from daemon.workbench.report.report_table import Array
 from daemon.workbench.report.two_processes import one_after_the_other
 

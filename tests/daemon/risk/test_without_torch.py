@@ -10,7 +10,6 @@ import pytest
 ROOT = Path(__file__).parents[3]
 LEARN = {
     "daemon.workbench.body_model.training.network",
-    "daemon.workbench.body_model.training.component_split",
     "daemon.workbench.body_model.training.training",
 }
 """They import torch; so what imports them is for training only."""

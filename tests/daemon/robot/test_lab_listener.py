@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from daemon.robot.lab_connections import LabListener, no_lab
-from sim_backends.lab.control_server import ControlServer, Request
 from sim_backends.lab.lab import Diary
+from sim_backends.lab.lab_ports import ControlServer, Request
 
 WITHIN_S = 20.0
 

@@ -1,7 +1,7 @@
 """Who hears of which messages, and in which order."""
 
 from daemon.messages import Axes, Event, Message, Tip
-from daemon.service.subscribers import Subscribers
+from daemon.service.dependencies import Subscribers
 from tests.daemon.recording.synthetic_run import messages
 
 TELEMETRY = list(messages(1, 2.0))

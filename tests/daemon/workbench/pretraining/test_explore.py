@@ -19,9 +19,13 @@ from daemon.files import models_directory
 from daemon.learning.forward.pretrained_model import PretrainedModel
 from daemon.learning.samples.dataset import Dataset, DatasetError
 from daemon.learning.samples.motion_samples import SamplingSettings
-from daemon.workbench.pretraining.explore import config_sha256, dataset_of_run, explore
+from daemon.workbench.pretraining.explore import (
+    config_sha256,
+    dataset_of_run,
+    explore,
+    frames_of_run,
+)
 from daemon.workbench.pretraining.model_cache import pretrained
-from daemon.workbench.pretraining.recorded_frames import frames_of_run
 
 PATH = Path(__file__).parents[4] / "config" / "robots" / "soft_arm.yaml"
 FILE: RobotFile = load_robot(PATH)

@@ -12,10 +12,11 @@ from daemon.risk.model_file import ModelFile
 from daemon.workbench.body_model.clouds.collection import CollectionError
 from daemon.workbench.body_model.clouds.emulated_body import EmulatedBody
 from daemon.workbench.body_model.evaluation.contact_calibration import (
+    Block,
     ContactCalibration,
     contact_calibration,
+    grazed_block,
 )
-from daemon.workbench.body_model.evaluation.grazed_obstacles import Block, grazed_block
 from daemon.workbench.body_model.evaluation.rollouts import Rollouts, roll_out
 from safety.risk.model.risk_model import risk_model
 from tests import SOFT_ARM
