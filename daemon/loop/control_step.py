@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -12,8 +12,18 @@ from daemon.control.controller import Controller, ControllerError, Observation
 from daemon.estimation.pose_filter import PoseFilter, TipEstimate
 from daemon.loop.actuation_history import ActuationHistory
 from daemon.loop.frame_statistics import FrameStatistics
+from daemon.loop.step_messages import (
+    RequestedStep,
+    RiskAsked,
+    Sensed,
+    axes_message,
+    distance_mm,
+    place_mm,
+    risk_message,
+    tip_message,
+)
 from daemon.loop.timekeeping import Timekeeping
-from daemon.messages import Axes, Message, Risk, Tip
+from daemon.messages import Message
 from daemon.reference.reference import Aim, Reference
 from daemon.robot.axes import AxisRanges
 from daemon.supervision.checks import NOTHING_REFUSED, GateReport, in_order
@@ -22,12 +32,11 @@ from daemon.supervision.tracking_error import TrackingError
 from drivers.aurora.frame import TrackerFrame
 from drivers.cia402.drive_bus import DriveBus
 from drivers.clock import Clock
-from drivers.pose import Pose, Vector
+from drivers.pose import Vector
 from safety.gate import RISK, RISK_UNAVAILABLE, Decision, Gate, Measured
 from safety.permit import PermittedStep
 from safety.risk_source import (
     Clearance,
-    Nearest,
     RiskSource,
     TipComparing,
     TipComparison,
@@ -45,7 +54,6 @@ _REQUESTED_ABOVE: Final = 1e-3
 than any tracker shows."""
 _LATELY_NS: Final = (0, 100_000_000, 200_000_000, 300_000_000)
 """Before a frame: a body follows its axes late, one of gas by 0.05 to 0.2 s."""
-SLIDING: Final = "sliding"
 _STUCK_BELOW: Final = 0.02
 """Share of a proposal under which the gate lets practically nothing through. Chosen: of a tip's 15
 to 25 mm/s it is 0.3 to 0.5 mm in the second that its cause waits, as little as a frame's noise."""
@@ -54,26 +62,6 @@ _LITTLE_BELOW: Final = 0.5
 """... and under which a tip cannot be expected to get anywhere in time. Chosen: at half the speed
 the way to a reference takes twice as long."""
 _FROM_OUTSIDE: Final = (RISK, "tension")
-
-
-class Sensed(NamedTuple):
-    """What the devices say at one step."""
-
-    frame: TrackerFrame
-    dt_s: float
-    u: Vector
-    """(m,) at the time of the frame."""
-    targets: Vector
-    """(m,) where the axes are told to be now."""
-    measured: Measured
-
-
-class RequestedStep(NamedTuple):
-    """The step that the controller asks for; the gate makes a `PermittedStep` of it."""
-
-    delta_u: Vector
-    avoids: bool = False
-    """It was turned aside, to go along something that is near."""
 
 
 class ControlLoop:
@@ -107,7 +95,6 @@ class ControlLoop:
         """Which motion of an exploration this is; None while it follows."""
         self.decision: Decision | None = None
         self.channels = in_order(buses)
-        self._scales = [channel.scale for channel in self.channels]
         self._buses = buses
         self._gate = gate
         self._supervisor = supervisor
@@ -188,7 +175,7 @@ class ControlLoop:
     @property
     def error_mm(self) -> float | None:
         """Distance of the tip from its reference, at the last step."""
-        return _distance_mm(_place_mm(self.tip), _place_mm(self.aim))
+        return distance_mm(place_mm(self.tip), place_mm(self.aim))
 
     # The parts of a step, in their order.
 
@@ -391,62 +378,14 @@ class ControlLoop:
         requested: RequestedStep | None,
         decision: Decision | None,
     ) -> None:
-        frame, tip, aim = sensed.frame, self.tip, self.aim
-        tip_mm, reference_mm = _place_mm(tip), _place_mm(aim)
-        self._publish_message(
-            Tip(
-                sequence=self.steps,
-                t_ns=frame.t_ns,
-                state=self._supervisor.state.value,
-                measured_mm=_place_mm(frame.tip),
-                tip_mm=tip_mm,
-                velocity_mm_s=None if tip is None else tip.velocity_mm_s.tolist(),
-                quaternion=None if tip is None else tip.quaternion.tolist(),
-                reference_mm=reference_mm,
-                error_mm=_distance_mm(tip_mm, reference_mm),
-                cycle=-1 if aim is None else aim.cycle,
-                age_s=None if tip is None else tip.age_s,
-                believed=believed,
-            )
-        )
-        permitted = None
-        if decision is not None and decision.step is not None:
-            step = decision.step
-            permitted = [
-                scale.position(end - start)
-                for scale, start, end in zip(
-                    self._scales, step.from_counts, step.to_counts, strict=True
-                )
-            ]
-        self._publish_message(
-            Axes(
-                sequence=self.steps,
-                t_ns=frame.t_ns,
-                actual=sensed.u.tolist(),
-                target=sensed.targets.tolist(),
-                proposed=None if requested is None else requested.delta_u.tolist(),
-                permitted=permitted,
-                force=[
-                    scale.force(channel.torque_permille)
-                    for scale, channel in zip(self._scales, self.channels, strict=True)
-                ],
-            )
-        )
+        """Told at once, and in this order: what was measured, what was done, and what it risked."""
+        tell, sequence = self._publish_message, self.steps
+        state = self._supervisor.state
+        tell(tip_message(sequence, state, sensed.frame, self.tip, self.aim, believed))
+        tell(axes_message(sequence, sensed, self.channels, requested, decision))
         if decision is not None and requested is not None:
-            self._publish_message(
-                Risk(
-                    sequence=self.steps,
-                    t_ns=frame.t_ns,
-                    source=self._risk_name,
-                    contact_risk=decision.risk,
-                    body_point_risk=decision.body_point_risk,
-                    threshold=self._threshold,
-                    scale=decision.scale,
-                    reasons=[*decision.limits, *([SLIDING] if requested.avoids else [])],
-                    detail=decision.risk_detail,
-                    **_risk_details(decision.nearest, self._compared),
-                )
-            )
+            about = RiskAsked(self._risk_name, self._threshold, self._compared)
+            tell(risk_message(sequence, sensed.frame.t_ns, requested, decision, about))
 
 
 def _hinders(decision: Decision) -> bool:
@@ -454,29 +393,3 @@ def _hinders(decision: Decision) -> bool:
     acceleration leave is still the controller's."""
     outside = any(limit.startswith(_FROM_OUTSIDE) for limit in decision.limits)
     return bool(decision.refused) or (outside and decision.scale < _LITTLE_BELOW)
-
-
-def _place_mm(known: Pose | TipEstimate | Aim | None) -> list[float] | None:
-    """Where that is, as a message has it."""
-    return None if known is None else known.position_mm.tolist()
-
-
-def _distance_mm(one: list[float] | None, other: list[float] | None) -> float | None:
-    """None where one of the places is not known."""
-    return None if one is None or other is None else math.dist(one, other)
-
-
-def _risk_details(nearest: Nearest | None, tip: TipComparison | None) -> dict[str, Any]:
-    """As a message has it."""
-    compared_tip: dict[str, Any] = {}
-    if tip is not None:
-        compared_tip = {"tip_statistic": tip.statistic, "tip_off_mm": tip.off_mm}
-    if nearest is None:
-        return compared_tip
-    return compared_tip | {
-        "clearance_mm": nearest.clearance_mm,
-        "arc_mm": nearest.arc_mm,
-        "place_mm": list(nearest.place_mm),
-        "obstacle_mm": list(nearest.obstacle_mm),
-        "means_mm": [list(mean) for mean in nearest.means_mm] or None,
-    }

@@ -18,7 +18,7 @@ from config.control import RiskSettings
 from config.emulation import TendonArmPlant
 from config.loader import load_robot
 from config.robot import Robot
-from daemon.loop.control_step import SLIDING
+from daemon.loop.step_messages import SLIDING
 from daemon.messages import Load, Risk, Start
 from daemon.risk.body_risk_source import make_risk_source
 from daemon.risk.mesh_file import write_mesh
