@@ -2,7 +2,6 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -37,13 +36,12 @@ from daemon.recording.flight_recorder import RecordingError
 from daemon.reference.trajectories import Trajectory
 from daemon.service.following import Loaded
 from daemon.service.motion_loader import CommandRefusedError, MotionLoader, OffTheLoop, at_once
+from daemon.service.operation.clearing import Clearing
 from daemon.service.operation.homing import RobotHoming
 from daemon.service.operation.run_recording import RunRecording
 from daemon.service.operation.verbs import Prepared, verb_states
-from daemon.service.robot_service import AT_REST_WITHIN_S, RobotService
+from daemon.service.robot_service import RobotService
 from daemon.supervision.explained import explained
-from safety.causes import Cause
-from safety.failsafe import ActiveReason
 from safety.states import Request
 
 BLEND_SPEED_MM_S: Final = 5.0
@@ -52,14 +50,6 @@ _CONTACT_REMEDY: Final = (
     "Move the body or what it touches by hand, or correct risk.surface in the robot file; or arm "
     "with --despite-contact and lead it out"
 )
-_RESET_WITHIN_S: Final = 0.2
-_READY_WITHIN_S: Final = 6.0
-_PASSES: Final = frozenset(
-    {Cause.NODE_NOT_READY, Cause.TRACKER_NOT_READY, Cause.TRACKER_LATE, Cause.TRACKER_QUALITY}
-)
-_COMES_BACK: Final = frozenset({Cause.NODE_LOST, Cause.NODE_RESET})
-"""What a stall leaves behind: drives are set up anew, and the tip is seen again."""
-"""What a fault reset has done shows in the drives' next answers."""
 
 
 class Operator:
@@ -83,6 +73,7 @@ class Operator:
         self._loader = MotionLoader(service.robot, seed, files, off_the_loop)
         self._inject_fault = inject
         self._homing = RobotHoming(service)
+        self._clearing = Clearing(service)
         self._preparing = False
         """An `arm` or `home` is under way, and nothing is energised yet."""
         self._stops = 0
@@ -295,47 +286,13 @@ class Operator:
 
     async def _clear(self, user: str, command: Clear) -> Answer:
         """The answer waits for what passes by itself, so that `arm` may follow at once."""
-        supervisor = self._service.supervisor
-        await self._pass(lambda: supervisor.comes_to_rest, AT_REST_WITHIN_S)
+        await self._clearing.at_rest()
         self._check_lease(user, command)
         self._check_possible(Request.CLEAR)
-        if left := await self._cleared():
+        if left := await self._clearing.clear():
             raise CommandRefusedError("still_wrong", "the cause has to go first", left)
-        await self._pass(lambda: self._only_for_a_moment or self._still_on, _READY_WITHIN_S)
-        names = dict.fromkeys(reason.cause.value for reason in supervisor.blocking)
+        names = await self._clearing.not_yet_over()
         return self._answer(command, text=f"not ready yet: {', '.join(names)}" if names else "")
-
-    async def _cleared(self) -> tuple[ActiveReason, ...]:
-        """What still holds when drives had time for a reset, and lost ones to be set up anew."""
-        supervisor, clock = self._service.supervisor, self._service.clock
-        began_ns = clock.now_ns()
-        while left := supervisor.clear(clock.now_ns()):
-            returns = all(reason.cause in _COMES_BACK for reason in left)
-            within_s = _READY_WITHIN_S if returns else _RESET_WITHIN_S
-            if clock.now_ns() - began_ns >= within_s * 1e9:
-                break
-            await asyncio.sleep(_RESET_WITHIN_S)
-        return left
-
-    @property
-    def _only_for_a_moment(self) -> bool:
-        """Whether nothing keeps the robot from being armed but what goes by itself soon."""
-        causes = {reason.cause for reason in self._service.supervisor.blocking if not reason.over}
-        return bool(causes) and causes <= _PASSES
-
-    @property
-    def _still_on(self) -> bool:
-        """Whether drives have torque that nobody wants: one that was lost is switched off when it
-        is heard again."""
-        buses = self._service.hardware.buses
-        return self._service.supervisor.comes_to_rest or any(bus.energised for bus in buses)
-
-    async def _pass(self, goes_on: Callable[[], bool], within_s: float) -> None:
-        """Wait for something to be over, but no longer than that."""
-        with suppress(TimeoutError):
-            async with asyncio.timeout(within_s):
-                while goes_on():
-                    await asyncio.sleep(_LOOK_EVERY_S)
 
     async def _inject(self, user: str, command: Inject) -> Answer:
         del user
