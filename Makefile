@@ -43,9 +43,13 @@ quick: $(DEVELOPMENT)
 # Three on two cores: tests of processes in real time wait more than they compute.
 WORKERS ?= 3
 
-# What numba compiles is kept: tests with a clock of their own must not wait for it.
-test: lint
-	@$(BIN)/python -m daemon.commands.terminal.compiled
+# What numba compiles is kept: tests with a clock of their own must not wait for it. Types are
+# checked meanwhile, on the other core.
+test: $(DEVELOPMENT)
+	@$(BIN)/ruff format --check .
+	@$(BIN)/ruff check .
+	@$(BIN)/mypy & types=$$!; $(BIN)/python -m daemon.commands.terminal.compiled; compiled=$$?; \
+		wait $$types && exit $$compiled
 	@$(BIN)/pytest -n $(WORKERS) --dist loadgroup -m "not long and not page"
 
 hil: $(DEVELOPMENT)

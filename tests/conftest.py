@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from tests.compile_once import compile_once
+
 RERUNS = 2
 _REMOTE = Path(__file__).parent / "daemon" / "remote"
 """Real sessions over real sockets, with the threads of a library that is not ours."""
@@ -33,3 +35,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.get_closest_marker("hil") is not None or _REMOTE in item.path.parents:
             item.add_marker(pytest.mark.flaky(reruns=RERUNS))
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """A worker shares what it compiles with those beside it."""
+    if hasattr(config, "workerinput"):
+        compile_once()

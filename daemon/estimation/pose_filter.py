@@ -202,10 +202,14 @@ def from_rotation_vector(vector: Sequence[float]) -> Quaternion:
 
 
 FRAMES_FOR_QUALITY = 40
+"""A second of them."""
 _NS_PER_S = 1e9
 _UNIT_WITHIN = 0.05
+"""Of a quaternion's length; beyond, it is no rotation. A driver lets less through."""
 _FARTHEST_MM = 1e5
+"""Beyond, squares of what a filter works with mean nothing. No tracker sees so far."""
 _TURN_RAD_S = 1.0
+"""How fast a tip may turn before anything is known of it: bent round by 180 degrees in 3 s."""
 
 
 class TipEstimate(NamedTuple):

@@ -12,6 +12,7 @@ from daemon.supervision.supervisor import Supervisor
 from drivers.aurora.tracker import AuroraTracker
 
 _FEW_MISSED_PER_S = 2
+"""Bus cycles, of 100 to 500: a busy machine misses one now and then. Chosen."""
 
 
 class RecordingTrouble(NamedTuple):

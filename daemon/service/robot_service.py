@@ -44,6 +44,7 @@ _log = logging.getLogger(__name__)
 _STATUS_EVERY_NS: Final = 100_000_000
 _LOOP_EVERY_NS: Final = 1_000_000_000
 AT_REST_WITHIN_S: Final = 3.5
+"""More than `power.py` gives the drives to stop and to switch off, one after the other: 2.5 s."""
 _LOOK_EVERY_S: Final = 0.002
 _CHECKS_WITHIN_S: Final = 3.0
 """Some fifteen objects of each drive, all drives at once; the slowest take 0.1 s for each."""

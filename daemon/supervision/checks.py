@@ -27,6 +27,8 @@ from safety.failsafe import Failsafe
 
 
 _SHARE_OF_WINDOW: Final = 0.8
+"""Of the drive's window, to which the gate lets a target run ahead: below it, or it would never be
+reached; and far above what a free axis stays behind. Chosen."""
 
 
 class _FollowingError:
@@ -55,6 +57,7 @@ class _FollowingError:
 
 
 _LOW_TO_FULL: Final = 0.1
+"""Of the room under which it is warned: a tenth of that is as good as none. Chosen."""
 
 
 @dataclass(slots=True)

@@ -8,7 +8,9 @@ from drivers.cia402.drive_bus import DriveBus
 from drivers.cia402.power_state import PowerGoal
 
 _STOPS_WITHIN_NS: Final = 1_500_000_000
+"""A quick stop from full speed takes the shipped robots 0.05 s; then torque is taken anyway."""
 _OFF_WITHIN_NS: Final = 1_000_000_000
+"""A brake takes 0.05 s, a large one ten times that; drives that take longer have not confirmed."""
 
 
 class Phase(Enum):

@@ -28,6 +28,7 @@ creep add to it, the tip is where its reference was 0.95 s ago."""
 _OVER_NS: Final = 500_000_000
 """The tip's way is measured over this: of its noise of 0.2 mm, 0.5 mm/s are left."""
 _GOES_AWAY: Final = 2.0
+"""So much faster the clock runs at most: a tip that goes away halves what is waited. Chosen."""
 _LED_AWAY_NS: Final = 800_000_000
 """So long in one go: a tip that is 0.95 s late goes on for half of that after a reference that has
 turned round."""
@@ -41,6 +42,7 @@ _AWAY_MM_S: Final = 2.0
 _SWING_SHARE: Final = 0.6
 """An error that falls to this share of its peak has ended a swing."""
 _NOT_SMALLER: Final = 0.95
+"""Of the swing before: of peaks of 8 mm, 0.4 mm, which is twice the noise."""
 _SWINGS: Final = 4
 """So many in a row of which none is smaller than the one before: the first may be a load's."""
 _SWING_WITHIN_NS: Final = 2_500_000_000

@@ -15,9 +15,11 @@ from drivers.aurora.codec.tracking_data import FRAME_MODULUS
 
 _BUCKET_NS = 500_000_000
 _BUCKETS = 64
+"""Half a minute: clocks drift apart by 3 ms in it at most, which a line tells."""
 _SHORTEST_SPAN_NS = 5_000_000_000
 """Over less time than this the jitter of the delay would be taken for drift."""
 _LARGEST_DRIFT = 500e-6
+"""Quartz is within 100 ppm on either side; the rest is what a line through delays may be off."""
 _EARLY_NS = 50_000_000
 """A frame that is here so long before its time shows that the counter has jumped."""
 _LATE_NS = 100_000_000

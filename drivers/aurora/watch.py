@@ -160,7 +160,10 @@ class StatusWatch:
 _CLEAN_NS = 1_000_000_000
 """Without a damaged reply for so long, the line counts as good again."""
 _WINDOW_FRAMES = 200
+"""Five seconds of them."""
 _TOLERATED_SHARE = 0.05
+"""Ten frames in five seconds: a step without a frame is bridged, but a line that is too slow for
+its tools misses every other one. Chosen."""
 
 
 class Watch:

@@ -13,11 +13,14 @@ from drivers.can.frame import worst_case_bits
 
 WARN_LOAD: Final = 0.60
 REFUSE_LOAD: Final = 0.80
+"""Of the bit rate. What is left is for repeated frames and for what nobody has planned."""
 WARN_CYCLE: Final = 0.80
 REFUSE_CYCLE: Final = 1.00
+"""Of a cycle: fuller than full, late frames pile up."""
 
 _SDO_PER_S: Final = 20.0
 _EMERGENCIES_PER_S: Final = 1.0
+"""Settings and diagnosis while it runs: so many transfers, and one emergency. Chosen."""
 
 
 @dataclass(frozen=True)

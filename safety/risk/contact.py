@@ -34,7 +34,9 @@ from safety.risk.surroundings.environment import InsertionPort
 from safety.risk_source import Leaving
 
 CONFIDENCE: Final = 0.95
+"""Of the upper limit: the usual one of one-sided limits."""
 _WORST_SHARE: Final = 0.05
+"""Of the shapes, that say where the body is nearest: fifty of a thousand, enough for a middle."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -26,7 +26,9 @@ from safety.risk.tip_kernels import tail
 
 REFERENCE: Final = log(300.0)
 LIMIT_S: Final = 2.0
+"""With REFERENCE, chosen for less than one false alarm in an hour: `false_alarms_per_hour`."""
 RENEWED_S: Final = 10.0
+"""The longest for which emulated arms keep what they are off by, on random ways."""
 _STEEPEST: Final = 12.0
 """One frame says no more: the alarm takes seven in a row, and no outlier of the tracker lasts so
 long without being taken for what it is, or for the tip itself."""

@@ -17,6 +17,7 @@ from drivers.pose import Vector
 
 _NS_PER_S = 1e9
 _FROZEN_FRAMES = 3
+"""In a row, in which the axes move and the tip does not: by chance that happens once. Chosen."""
 _AVERAGED_AT_MOST = 8
 _MOST_AVERAGED_SHARE = 0.5
 _MAY_BE_ZERO = ("lag_s", "averaged_share", "confirm_s")

@@ -32,6 +32,8 @@ Unit = Literal["mm", "cm", "m", "in"]
 
 MM_PER: Final[dict[Unit, float]] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
 _SMALLEST_MM, _LARGEST_MM = 5.0, 5000.0
+"""Of a mesh: an organ that is written in metres is less than 1 mm large, and what is larger than a
+room is in micrometres. Chosen."""
 _NO_VOLUME: Final = 1e-9
 """Of the cube around the mesh: what encloses less is flat."""
 _BESIDE_MM: Final = 0.01
