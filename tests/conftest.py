@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from daemon.host.compilation import forgive_caches
 from tests.compile_once import compile_once
 
 RERUNS = 2
@@ -38,6 +39,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """A worker shares what it compiles with those beside it."""
+    """What was compiled of another version is forgiven; workers share what they compile."""
+    forgive_caches()
     if hasattr(config, "workerinput"):
         compile_once()

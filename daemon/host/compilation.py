@@ -1,4 +1,4 @@
-"""Hears of the kernels that numba compiles, so that somebody can say how far that is.
+"""Hears of the kernels that numba compiles, and does not fall over what was compiled before.
 
 Kernels are compiled when they are first called, and then kept on disk: minutes once per machine, or
 after a change of the file that they stand in. How many there will be is known only about: those of
@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from numba.core import event as numba_events
+from numba.core.caching import IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
 
 from daemon.host.progress import Progress
@@ -23,9 +24,41 @@ _WHAT: Final = "compiling kernels (once per machine): {done} of about {total}"
 _EVENT: Final = "numba:compile"
 
 
+def forgive_caches() -> None:
+    """What is on disk and cannot be read is compiled anew, from now on in this process.
+
+    numba reads a kernel's index before it asks whether that is older than the source. In it stand
+    the types of arguments: where one of them has another name or module since, or where the power
+    went while the file was written, reading raises, and with it the first call of the kernel.
+    """
+    for name, forgiving in _FORGIVING.items():
+        setattr(IndexDataCacheFile, name, forgiving)
+
+
+_read_index, _read_data = (vars(IndexDataCacheFile)[name] for name in ("_load_index", "_load_data"))
+
+
+def _index(file: Any) -> Any:
+    try:
+        return _read_index(file)
+    except Exception:  # pickle raises whatever the classes that it meets raise
+        return {}
+
+
+def _data(file: Any, name: str) -> Any:
+    try:
+        return _read_data(file, name)
+    except Exception as error:
+        raise OSError(f"{name}: {error}") from None  # which numba takes for a file that is gone
+
+
+_FORGIVING: Final = {"_load_index": _index, "_load_data": _data}
+
+
 @contextmanager
 def compilation_told(progress: Progress) -> Iterator[None]:
     """Tells of every kernel that is compiled while the context lasts. Nothing where none is."""
+    forgive_caches()
     listener = _Listener(progress)
     numba_events.register(_EVENT, listener)  # type: ignore[no-untyped-call]
     try:

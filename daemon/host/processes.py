@@ -110,3 +110,7 @@ def _begin() -> None:
     """In each process: Ctrl-C is for the one that started us."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with_parent()
+    # numba, which who asks for help alone does not wait for.
+    from daemon.host.compilation import forgive_caches
+
+    forgive_caches()
