@@ -21,7 +21,8 @@ _LOCKS: Final = Path(tempfile.gettempdir()) / f"tentacled-kernels-{os.getuid()}"
 
 def compile_once() -> None:
     """From now on, in this process, kernels are compiled by nobody else at the same time."""
-    compiling = Dispatcher.compile
+    dispatcher: Any = Dispatcher  # whose methods are not to be replaced, for a checker of types
+    compiling = dispatcher.compile
 
     def compile_alone(kernel: Any, signature: Any) -> Any:
         # Threads first, in numba's own order; a kernel that calls others holds its own lock
@@ -29,7 +30,7 @@ def compile_once() -> None:
         with global_compiler_lock, alone(kernel.py_func):
             return compiling(kernel, signature)
 
-    Dispatcher.compile = compile_alone
+    dispatcher.compile = compile_alone
 
 
 @contextmanager

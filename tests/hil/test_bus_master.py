@@ -247,8 +247,11 @@ def test_probe_without_its_serial_port_ends_when_it_is_told(
                 assert process.returncode == 1
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-@pytest.mark.parametrize("real_time", [False, True], ids=["virtual time", "real time"])
+@pytest.mark.parametrize(
+    ("real_time", "number"),
+    [(False, signal.SIGTERM), (False, signal.SIGHUP), (True, signal.SIGTERM)],
+    ids=["virtual time, SIGTERM", "virtual time, SIGHUP", "real time, SIGTERM"],
+)
 def test_an_experiment_that_is_told_to_end_keeps_what_it_has(
     tmp_path: Path, number: signal.Signals, real_time: bool
 ) -> None:
