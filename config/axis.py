@@ -44,7 +44,12 @@ class Drive(ConfigModel):
     """... or when it has not sent its state (TPDO) for this long, and for at least five cycles."""
 
     mode: Literal["csp", "csv", "pp", "pv"] = "csp"
-    """Cyclic position unless the drive is too old for it."""
+    """Cyclic position unless the drive is too old for it. `csv` and `pv` send velocities: every
+    limit is kept as well, and a drive that gets no more of them stops by itself."""
+
+    setpoint_timeout_s: Annotated[float, Field(gt=0.0, le=65.0)] = 0.2
+    """In `csv` and `pv`: a drive that has not got a velocity for so long stops by itself (0x1400:5,
+    then 0x6007). The gate leaves it the way that it makes until then."""
 
     counts_per_turn: Annotated[int, Field(gt=0)]
     """Position counts (0x6064) per turn of the motor."""
@@ -61,6 +66,12 @@ class Drive(ConfigModel):
 
     max_torque_permille: Permille = 1000
     """0x6072."""
+
+    @property
+    def goes_on_s(self) -> float:
+        """How long the axis goes on with its last velocity when nothing is sent any more; one that
+        is told positions goes no further than the last."""
+        return self.setpoint_timeout_s if self.mode in ("csv", "pv") else 0.0
 
 
 class SafeReaction(ConfigModel):

@@ -26,6 +26,7 @@ _AXIS: TypeAdapter[Axis] = TypeAdapter(Axis)
 _COORDINATE: TypeAdapter[Coordinate] = TypeAdapter(Coordinate)
 _POSITION_COUNTS = 2**31 - 1
 _UNSIGNED_COUNTS = 2**32 - 1
+_CYCLES_PER_TIMEOUT = 3
 _NODE_WIDE = (
     "eds",
     "vendor_id",
@@ -182,6 +183,24 @@ def _drive_findings(at: Location, drive: Drive, parts: Parts) -> Iterator[Findin
             (*at, "heartbeat_timeout_s"),
             f"must be at least twice heartbeat_period_s: {least:g} s or more",
         )
+    if bus is not None and drive.goes_on_s:
+        yield from _setpoint_findings((*at, "setpoint_timeout_s"), drive, bus, parts)
+
+
+def _setpoint_findings(at: Location, drive: Drive, bus: Bus, parts: Parts) -> Iterator[Finding]:
+    """A frame or two may be late; and the daemon itself says first that it stood still."""
+    least = _CYCLES_PER_TIMEOUT * bus.cycle_period_s
+    if drive.setpoint_timeout_s < least:
+        yield at, f"must be at least {_CYCLES_PER_TIMEOUT} bus cycles: {least:g} s or more"
+    supervision = parts.supervision
+    if supervision is None or (bus.emulated and parts.emulation and parts.emulation.patience_s):
+        return
+    if not supervision.loop_fault_after_s < drive.setpoint_timeout_s:
+        yield (
+            at,
+            "must be longer than supervision.loop_fault_after_s "
+            f"({supervision.loop_fault_after_s:g} s), so that the daemon can say why",
+        )
 
 
 def _axis_findings(at: Location, axis: Axis) -> Iterator[Finding]:
@@ -201,8 +220,9 @@ def _count_findings(at: Location, axis: Axis) -> Iterator[Finding]:
             "which has 32 bits for them: check counts_per_turn, gear_ratio and the unit",
         )
     in_drive_units = counts_per_unit / axis.drive.velocity_unit_counts_s
+    velocity = axis.max_velocity * in_drive_units
     sent: dict[Quantity, float] = {
-        "max_velocity": axis.max_velocity * in_drive_units,
+        "max_velocity": 2.0 * velocity if axis.drive.goes_on_s else velocity,  # with a sign
         "max_acceleration": axis.max_acceleration * in_drive_units,
         "quick_stop_deceleration": axis.quick_stop_deceleration * in_drive_units,
         "following_error": axis.following_error * counts_per_unit,

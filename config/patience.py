@@ -35,7 +35,10 @@ def patient(robot: Robot) -> Robot:
             axis.model_copy(
                 update={
                     "drive": _at_least(
-                        axis.drive, heartbeat_timeout_s=stall_s, state_timeout_s=stall_s
+                        axis.drive,
+                        heartbeat_timeout_s=stall_s,
+                        state_timeout_s=stall_s,
+                        setpoint_timeout_s=drives_s,
                     )
                 }
             )

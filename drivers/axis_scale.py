@@ -74,4 +74,5 @@ def count_limits(axis: Axis) -> CountLimits:
         scale.magnitude(axis.max_velocity),
         scale.magnitude(axis.max_acceleration),
         scale.magnitude(axis.following_error),
+        axis.drive.goes_on_s,
     )

@@ -1,6 +1,7 @@
 """What an axis may be asked to do, in the drive's own integer counts."""
 
 from dataclasses import dataclass
+from math import inf
 from typing import Final
 
 LOWEST_COUNT: Final = -(1 << 31)
@@ -18,6 +19,9 @@ class CountLimits:
     max_acceleration: int
     max_lag: int
     """How far a target may be from where the axis was measured to be."""
+    goes_on_s: float = 0.0
+    """How long the axis goes on with its last velocity, before it brakes, when nobody tells it
+    anything any more: of its travel so much is kept free."""
 
     def __post_init__(self) -> None:
         """Raises ValueError where these are no limits."""
@@ -26,6 +30,8 @@ class CountLimits:
         for name in ("max_velocity", "max_acceleration", "max_lag"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be above 0, not {getattr(self, name)}")
+        if not 0.0 <= self.goes_on_s < inf:
+            raise ValueError(f"an axis does not go on for {self.goes_on_s} s")
 
 
 @dataclass(frozen=True)

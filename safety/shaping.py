@@ -56,9 +56,10 @@ def within_travel(change: int, motion: AxisMotion, limits: CountLimits) -> int:
     An axis outside its travel may only come back.
     """
     slower = braking(limits, motion.duration_ns)
+    goes_on = limits.goes_on_s * 1e9 / motion.duration_ns
     if change > 0:
-        return min(change, _stoppable(max(0, limits.highest - motion.start), slower))
-    return max(change, -_stoppable(max(0, motion.start - limits.lowest), slower))
+        return min(change, _stoppable(max(0, limits.highest - motion.start), slower, goes_on))
+    return max(change, -_stoppable(max(0, motion.start - limits.lowest), slower, goes_on))
 
 
 def within_lag(change: int, motion: AxisMotion, measured: int, limits: CountLimits) -> int:
@@ -88,11 +89,38 @@ def stops_at(change: int, motion: AxisMotion, limits: CountLimits) -> float:
     return motion.start + change + way
 
 
-def _stoppable(distance: int, slower: float) -> int:
-    """The largest change that leaves, of `room`, what is needed to stop.
+def velocity_within(
+    wanted: float, before: float, position: int, limits: CountLimits, cycle_s: float
+) -> float:
+    """The velocity nearest to `wanted`, counts/s, for an axis that is told velocities.
 
-    With v for the velocity after the step: v·T + v²/2a ≤ room. This braking distance is that of
-    infinitely short steps, so it is enough for the next steps however long they are. One count is
-    always allowed: it stops within the rounding that the permit leaves.
+    before: what it was told a cycle of `cycle_s` ago. Neither faster than the axis may be, nor
+    another by more than it may accelerate; and slow enough to stop inside its travel even where
+    this is the last that it hears. An axis outside its travel may only come back.
     """
-    return max(int(sqrt(slower * (slower + 2 * distance)) - slower), min(1, distance))
+    most = limits.max_acceleration * cycle_s
+    velocity = max(before - most, min(before + most, wanted))
+    velocity = max(-limits.max_velocity, min(limits.max_velocity, velocity))
+    upwards = _stopping_velocity(max(0, limits.highest - position), limits, cycle_s)
+    downwards = _stopping_velocity(max(0, position - limits.lowest), limits, cycle_s)
+    return max(-downwards, min(upwards, velocity))
+
+
+def _stopping_velocity(distance: int, limits: CountLimits, cycle_s: float) -> float:
+    """The v with v·(2T + g) + v²/2a = distance: what was measured is a cycle T old when this counts
+    for another one, and then the axis may go on for g."""
+    gained = limits.max_acceleration * (2 * cycle_s + limits.goes_on_s)
+    return sqrt(gained * gained + 2 * limits.max_acceleration * distance) - gained
+
+
+def _stoppable(distance: int, slower: float, goes_on: float) -> int:
+    """The largest change that leaves, of `distance`, what is needed to stop.
+
+    With v for the velocity after the step, and g for the time that the axis goes on with it where
+    nothing follows, `goes_on` durations T of the step: v·(T + g) + v²/2a ≤ distance. This braking
+    distance is that of infinitely short steps, so it is enough for the next steps however long they
+    are. One count is always allowed: it stops within the rounding that the permit leaves.
+    """
+    longer = 1.0 + goes_on
+    root = sqrt(slower * (slower * (longer * longer) + 2 * distance))
+    return max(int(root - slower * longer), min(1, distance))

@@ -12,15 +12,20 @@ from drivers.cia402.power_state import (
     PowerGoal,
     PowerState,
     StatuswordBit,
+    controlword_to_stay,
     controlword_towards,
     power_state,
     reached,
 )
+from safety.limits import CountLimits
 from safety.permit import PermittedStep
+from safety.shaping import velocity_within
 
 # What a drive in each mode is sent for one permitted step: mode bits and a target.
 
 
+_LONGEST_S: Final = 0.02
+"""After a longer gap a velocity may change by as much as in this time: the longest bus cycle."""
 _INT32_LOW: Final = -(1 << 31)
 _INT32_HIGH: Final = (1 << 31) - 1
 
@@ -59,18 +64,27 @@ class CyclicPosition:
 
 
 class Velocity:
-    """CSV and PV: the step's velocity, and what brings the axis back onto its line."""
+    """CSV and PV: the step's velocity, and what brings the axis back onto its line.
+
+    What is sent keeps to the axis' own limits by itself: it also has to where the axis is far from
+    its line, and a velocity that is the last to arrive goes on for a while.
+    """
 
     _CATCH_UP_PER_S: Final = 5.0
 
-    def __init__(self, index: int, max_velocity: int, unit_counts_s: float) -> None:
+    def __init__(self, index: int, limits: CountLimits, unit_counts_s: float) -> None:
         self._index = index
-        self._max_velocity = max_velocity
+        self._limits = limits
         self._unit_counts_s = unit_counts_s
         self._held = 0
+        self._sent = 0.0
+        self._sent_for_ns: int | None = None
+        self._before = self._cycle_s = 0.0
+        """What was sent for the cycle before, and how long ago that was."""
 
     def hold(self, position: int) -> None:
         self._held = position
+        self._sent, self._sent_for_ns = 0.0, None
 
     def output(
         self, t_ns: int, step: PermittedStep | None, position: int, statusword: int
@@ -81,9 +95,18 @@ class Velocity:
             self._held = step.target(self._index, t_ns)
             velocity = step.velocity(self._index, t_ns)
         velocity += self._CATCH_UP_PER_S * (self._held - position)
-        velocity = max(-self._max_velocity, min(self._max_velocity, velocity))
-        value = round(velocity / self._unit_counts_s)
+        self._sent = self._within_limits(velocity, t_ns, position)
+        value = round(self._sent / self._unit_counts_s)
         return 0, max(_INT32_LOW, min(_INT32_HIGH, value))
+
+    def _within_limits(self, velocity: float, t_ns: int, position: int) -> float:
+        """Frames for one SYNC may be sent twice: only the time between two of them counts."""
+        if self._sent_for_ns != t_ns:
+            since_ns = self._sent_for_ns
+            self._before = self._sent
+            self._cycle_s = 0.0 if since_ns is None else min((t_ns - since_ns) * 1e-9, _LONGEST_S)
+            self._sent_for_ns = t_ns
+        return velocity_within(velocity, self._before, position, self._limits, self._cycle_s)
 
 
 class ProfilePosition:
@@ -117,10 +140,10 @@ class ProfilePosition:
         return bits, self._offered
 
 
-def target_of(mode: str, index: int, max_velocity: int, unit_counts_s: float) -> Target:
+def target_of(mode: str, index: int, limits: CountLimits, unit_counts_s: float) -> Target:
     """The target of an axis in `mode`, at place `index` of the actuation vector."""
     if MODES[mode].is_velocity:
-        return Velocity(index, max_velocity, unit_counts_s)
+        return Velocity(index, limits, unit_counts_s)
     return ProfilePosition(index) if mode == "pp" else CyclicPosition(index)
 
 
@@ -168,9 +191,10 @@ class AxisChannel:
         self._cyclic = axis.drive.mode in CYCLIC_MODES
         self._enabled_since_ns: int | None = None
         self._fault_reset = FaultReset()
-        self._target = target_of(
-            axis.drive.mode, index, limits.max_velocity, axis.drive.velocity_unit_counts_s
-        )
+        self._target = target_of(axis.drive.mode, index, limits, axis.drive.velocity_unit_counts_s)
+        self._stays_in_touch = self.pdos.rpdo.deadline_ms > 0
+        """Once spoken to, it must not be left without a word: it would take that for an error."""
+        self._spoken_to = False
 
     def receive(self, data: bytes, t_ns: int) -> bool:
         """The axis' state came. False: it is not in the form it was told to have."""
@@ -193,7 +217,8 @@ class AxisChannel:
         """The next RPDO; None while the drive's power is to be left alone, or is not known."""
         goal, position = self.goal, self.position_counts
         if goal is None or self.received_ns is None:
-            return None
+            return self._stay() if self._spoken_to else None
+        self._spoken_to = self._stays_in_touch
         following = self.following
         if self._fault_reset.running:
             controlword = self._fault_reset.controlword()
@@ -214,6 +239,11 @@ class AxisChannel:
                 controlword |= Control.START_HOMING
         self.target_counts = target
         return RPDO_LAYOUT.pack(controlword, target)
+
+    def _stay(self) -> bytes | None:
+        """What changes nothing, with a velocity of 0."""
+        controlword = controlword_to_stay(self.state)
+        return None if controlword is None else RPDO_LAYOUT.pack(controlword, 0)
 
     @property
     def referenced(self) -> bool:
@@ -246,6 +276,7 @@ class AxisChannel:
         """The drive is gone or was reset: nothing it said before counts."""
         self.received_ns = self.target_counts = self._enabled_since_ns = self.goal = None
         self.following = self.had_voltage = self.zero_found = self.zero_lost = False
+        self._spoken_to = False
         self.homing = self.start_homing = False
         self.statusword, self.state = 0, PowerState.UNKNOWN
 

@@ -37,6 +37,8 @@ from drivers.conditions import Condition
 _PDO_PARAMETERS: Final = RPDO_MAPPING - RPDO_COMMUNICATION
 _PDO_OBJECTS: Final = range(RPDO_COMMUNICATION, TPDO_COMMUNICATION + 2 * _PDO_PARAMETERS)
 _WHOLE_CONFIGURATION: Final = (objects.STORE_PARAMETERS, objects.RESTORE_DEFAULTS)
+_EVENT_TIMER: Final = 5
+_DEADLINE: Final = "time-out of the set-points"
 _NO_OBJECT: Final = (AbortCode.NO_OBJECT, AbortCode.NO_SUBINDEX)
 
 Remark = Callable[[Condition, str], None]
@@ -197,6 +199,9 @@ class NodeSetUp:
         off, on = PdoCobId(plan.can_id, valid=False), PdoCobId(plan.can_id)
         await self._write(plan.communication, 1, off.encode())
         await self._write(plan.communication, 2, TransmissionType.EVERY_SYNC)
+        if plan.deadline_ms:
+            values = (plan.deadline_ms,)
+            await self._apply(Setting(plan.communication, _EVENT_TIMER, values, _DEADLINE))
         fixed_entries = await self._clear_mapping(plan)
         entries = [entry.encode() for entry in plan.entries]
         padded = entries + [0] * (fixed_entries - len(entries))

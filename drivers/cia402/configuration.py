@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from math import ceil
 from typing import Final, Protocol
 
 from config.axis import Axis
@@ -108,11 +109,11 @@ def _axis_settings(bus: Bus, axis: Axis) -> Iterator[Setting]:
     )
     yield setting(objects.QUICK_STOP_OPTION, _ON_QUICK_STOP[safe.quick_stop], "end of a quick stop")
     yield setting(objects.FAULT_REACTION_OPTION, _ON_FAULT[safe.fault], "fault", Need.SAFETY)
-    yield from _limits(axis, setting)
+    yield from _limits(bus, axis, setting)
     yield setting(objects.MODE, MODES[axis.drive.mode].number, "mode of operation")
 
 
-def _limits(axis: Axis, setting: _MakeSetting) -> Iterator[Setting]:
+def _limits(bus: Bus, axis: Axis, setting: _MakeSetting) -> Iterator[Setting]:
     scale, limits = axis_scale(axis), count_limits(axis)
     yield setting(objects.FOLLOWING_ERROR_WINDOW, limits.max_lag, "following error", Need.SAFETY)
     yield setting(
@@ -129,7 +130,9 @@ def _limits(axis: Axis, setting: _MakeSetting) -> Iterator[Setting]:
     yield setting(objects.QUICK_STOP_DECELERATION, deceleration, "quick stop ramp")
     velocity = _in_drive_units(axis, limits.max_velocity)
     acceleration = _in_drive_units(axis, limits.max_acceleration)
-    yield setting(objects.MAX_PROFILE_VELOCITY, velocity, "highest velocity", Need.OPTIONAL)
+    # At its highest velocity an axis is told whole counts in each cycle, one more or one less.
+    rounded = _in_drive_units(axis, limits.max_velocity + ceil(1.0 / bus.cycle_period_s))
+    yield setting(objects.MAX_PROFILE_VELOCITY, rounded, "highest velocity", Need.OPTIONAL)
     profiled = Need.REQUIRED if axis.drive.mode in ("pp", "pv") else Need.OPTIONAL
     yield setting(objects.PROFILE_VELOCITY, velocity, "profile velocity", profiled)
     yield setting(objects.PROFILE_ACCELERATION, acceleration, "profile acceleration", profiled)

@@ -29,6 +29,7 @@ RPDO_LAYOUT: Final = Struct("<Hi")
 TPDO_LAYOUT: Final = Struct("<Hih")
 """Statusword, actual position, actual torque."""
 
+_MS: Final = 1000
 _SLOW_CYCLE_S: Final = 0.004
 _SHORTEST_STEP_S: Final = 0.015
 """Between two frames of the fastest tracker."""
@@ -44,6 +45,8 @@ class PdoPlan:
     """Index of its mapping parameters."""
     can_id: int
     entries: tuple[MappingEntry, ...]
+    deadline_ms: int = 0
+    """Of an RPDO: where none comes for so long, the drive stops by itself; 0: it does not look."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +70,7 @@ def axis_pdos(drive: Drive) -> AxisPdos:
             RPDO_MAPPING + at,
             cob_ids.rpdo(drive.node, number),
             (entry(objects.CONTROLWORD, 16), entry(MODES[drive.mode].target, 32)),
+            round(drive.goes_on_s * _MS),
         ),
         PdoPlan(
             TPDO_COMMUNICATION + at,

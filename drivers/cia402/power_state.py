@@ -131,6 +131,12 @@ _TOWARDS: Final = {
     },
 }
 
+_STAYS: Final = {
+    PowerState.READY_TO_SWITCH_ON: Control.SHUTDOWN,
+    PowerState.SWITCHED_ON: Control.SWITCH_ON,
+    PowerState.QUICK_STOP_ACTIVE: Control.QUICK_STOP,
+}
+
 _REACHED: Final = {
     PowerGoal.OFF: {
         PowerState.SWITCH_ON_DISABLED,
@@ -156,6 +162,13 @@ def controlword_towards(goal: PowerGoal, state: PowerState) -> int:
     Never resets a fault: that is deliberate, see `FaultReset`.
     """
     return _TOWARDS[goal].get(state, Control.DISABLE_VOLTAGE)
+
+
+def controlword_to_stay(state: PowerState) -> int | None:
+    """The controlword that changes nothing in `state`; None where there is none that is safe."""
+    if state is PowerState.OPERATION_ENABLED:
+        return None
+    return _STAYS.get(state, Control.DISABLE_VOLTAGE)
 
 
 def reached(goal: PowerGoal, state: PowerState) -> bool:

@@ -55,6 +55,10 @@ def test_the_soft_arm_has_six_chambers_on_six_nodes() -> None:
         (swap("    lead_mm", "    leed_mm"), "axes[0].leed_mm: unknown key (did you mean 'lead_mm"),
         (swap("bus: can0", "bus: cam0"), "axes[0].drive.bus: there is no bus 'cam0' (did you mean"),
         (swap("node: 3", "node: 2"), "axes[2].drive.node: axis 0 of node 2 on can0 is already"),
+        (
+            swap("node: 3", "node: 3, mode: csv, setpoint_timeout_s: 0.02"),
+            "axes[2].drive.setpoint_timeout_s: must be at least 3 bus cycles: 0.03 s or more",
+        ),
         (swap("node: 3", "node: 127"), "axes[2].drive.node: 127 is the master's own node ID"),
         (swap("node: 3", "node: 128"), "axes[2].drive.node: should be less than or equal to 127"),
         (swap("name: distal_1", "name: proximal_1"), "axes[3].name: there is already an axis"),

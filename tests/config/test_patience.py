@@ -41,6 +41,7 @@ def test_in_emulation_nobody_loses_patience_while_a_computer_is_busy(path: Path)
     for axis in robot.axes:
         assert axis.drive.heartbeat_timeout_s > STALL_S
         assert axis.drive.state_timeout_s > STALL_S
+        assert axis.drive.setpoint_timeout_s > fault_s
     assert patient(robot) == robot
 
 
@@ -116,6 +117,16 @@ def test_drives_that_would_stop_before_the_daemon_says_why_are_refused(
     (problem,) = raised.value.problems
     assert problem.key_path == "buses.can0.master_heartbeat_timeout_s"
     assert expected in problem.message
+
+
+def test_a_drive_that_is_told_velocities_waits_longer_than_the_daemon_needs_to_say_why(
+    tmp_path: Path,
+) -> None:
+    told_velocities = ("node: 6}", "node: 6, mode: pv, setpoint_timeout_s: 0.1}")
+    with pytest.raises(ConfigError, match=r"longer than supervision.loop_fault_after_s \(0.15 s\)"):
+        changed(tmp_path, told_velocities, ("channel: lab:can0.sock", "channel: can0"))
+    robot = changed(tmp_path, told_velocities)
+    assert patient(robot).axes[5].drive.setpoint_timeout_s > 0.4
 
 
 def test_on_a_rig_nothing_is_said_of_emulated_drives(tmp_path: Path) -> None:

@@ -124,14 +124,21 @@ def test_travel_need_not_begin_at_zero() -> None:
 
 
 @examples(100)
-@given(distance=st.integers(0, 200_000), slower=st.floats(0.01, 1e5))
-def test_what_is_stoppable_leaves_the_way_to_stop(distance: int, slower: float) -> None:
-    change = shaping._stoppable(distance, slower)
+@given(
+    distance=st.integers(0, 200_000),
+    slower=st.floats(0.01, 1e5),
+    goes_on=st.one_of(st.just(0.0), st.floats(0.0, 40.0)),
+)
+def test_what_is_stoppable_leaves_the_way_to_stop(
+    distance: int, slower: float, goes_on: float
+) -> None:
+    change = shaping._stoppable(distance, slower, goes_on)
     assert 0 <= change <= distance
     if change > 1:
-        assert change + change * change / (2 * slower) <= distance * (1 + 1e-9)
+        way = change * (1 + goes_on) + change * change / (2 * slower)
+        assert way <= distance * (1 + 1e-9)
         more = change + 1
-        assert more + more * more / (2 * slower) > distance * (1 - 1e-9)
+        assert more * (1 + goes_on) + more * more / (2 * slower) > distance * (1 - 1e-9)
 
 
 @pytest.mark.parametrize(
@@ -189,3 +196,84 @@ def test_a_tendon_is_neither_torn_nor_dropped(
 )
 def test_where_an_axis_stops_if_it_brakes_after_the_step(change: int, rests_at: float) -> None:
     assert shaping.stops_at(change, motion(), LIMITS) == rests_at
+
+
+GOES_ON = replace(LIMITS, goes_on_s=0.1)
+"""Four steps, and so five with the step itself: v·0.125 s + v²/2a of the travel."""
+
+
+@pytest.mark.parametrize(
+    ("wanted", "start", "allowed"),
+    [
+        (500, 50_000, 500),
+        (500, 100_000 - 3500, 500),
+        (500, 100_000 - 3499, 499),
+        (-500, 3500, -500),
+        (-500, 3499, -499),
+        (500, 100_000, 0),
+        (500, 99_999, 1),
+        (500, 100_500, 0),
+        (-500, 100_500, -500),
+    ],
+)
+def test_an_axis_that_goes_on_without_a_word_is_left_the_way_for_it(
+    wanted: int, start: int, allowed: int
+) -> None:
+    assert shaping.within_travel(wanted, motion(start=start), GOES_ON) == allowed
+
+
+CYCLE_S = 0.01
+
+
+@pytest.mark.parametrize(
+    ("wanted", "before", "velocity"),
+    [
+        (1000.0, 0.0, 1000.0),
+        (5000.0, 0.0, 2000.0),
+        (-5000.0, 0.0, -2000.0),
+        (5000.0, 4000.0, 5000.0),
+        (0.0, 4000.0, 2000.0),
+        (90_000.0, 19_000.0, 20_000.0),
+        (-90_000.0, -19_000.0, -20_000.0),
+    ],
+)
+def test_a_velocity_is_neither_too_high_nor_too_soon(
+    wanted: float, before: float, velocity: float
+) -> None:
+    assert shaping.velocity_within(wanted, before, 50_000, LIMITS, CYCLE_S) == velocity
+
+
+@pytest.mark.parametrize(
+    ("limits", "room", "velocity"),
+    [
+        (LIMITS, 0, 0.0),
+        (LIMITS, 1400, 20_000.0),  # 20000 · 0.02 s + 20000² / 400000
+        (LIMITS, 50, 2000.0),
+        (GOES_ON, 3400, 20_000.0),
+        (GOES_ON, 250, 2000.0),
+    ],
+)
+@pytest.mark.parametrize("upwards", [True, False])
+def test_a_velocity_is_one_from_which_the_axis_stops_inside(
+    limits: CountLimits, room: int, velocity: float, upwards: bool
+) -> None:
+    direction = 1 if upwards else -1
+    position = limits.highest - room if upwards else limits.lowest + room
+    found = shaping.velocity_within(
+        direction * 90_000.0, direction * 20_000.0, position, limits, CYCLE_S
+    )
+    assert direction * found == pytest.approx(velocity, rel=1e-3)
+    assert abs(found) * (0.02 + limits.goes_on_s) + found**2 / 400_000 <= room + 1e-6
+
+
+@pytest.mark.parametrize("outside", [-10, 100_010])
+def test_a_velocity_outside_the_travel_leads_back(outside: int) -> None:
+    away = 20_000.0 if outside > 0 else -20_000.0
+    assert shaping.velocity_within(away, away, outside, LIMITS, CYCLE_S) == 0.0
+    assert shaping.velocity_within(-away, 0.0, outside, LIMITS, CYCLE_S) == -away / 10.0
+
+
+def test_an_axis_goes_on_for_a_time_that_is_one() -> None:
+    for none in (-0.1, inf, nan):
+        with pytest.raises(ValueError, match="does not go on"):
+            replace(LIMITS, goes_on_s=none)

@@ -213,26 +213,87 @@ def test_after_it_is_forgotten_it_has_to_speak_first() -> None:
     assert one.output(0, None) is None
 
 
-@pytest.mark.parametrize("mode", ["csv", "pv"])
-def test_a_velocity_drive_gets_the_steps_velocity_and_is_led_back_to_its_line(mode: str) -> None:
-    one = channel(mode)
+VELOCITY_MODES = pytest.mark.parametrize("mode", ["csv", "pv"])
+
+
+def velocities(one: AxisChannel, following: PermittedStep, *at_ms: int) -> list[int]:
+    return [sent(one, t_ms * MS, following)[1] for t_ms in at_ms]
+
+
+def enabled_at(mode: str, position: int, **drive: Any) -> AxisChannel:
+    one = channel(mode, **drive)
     one.set_goal(PowerGoal.ENABLED, 0)
-    says(one, FOLLOWING, 0)
-    one_step = step(0, 1000)
-    assert sent(one, 0, one_step)[1] == 10_000
-    says(one, FOLLOWING, 490)
-    assert sent(one, 50 * MS, one_step)[1] == 10_000 + 50
-    says(one, FOLLOWING, 1010)
-    assert sent(one, 200 * MS, one_step)[1] == -50
+    says(one, FOLLOWING, position)
+    return one
+
+
+@VELOCITY_MODES
+def test_a_velocity_drive_is_brought_to_the_steps_velocity_and_led_back_to_its_line(
+    mode: str,
+) -> None:
+    one = enabled_at(mode, 50_000)
+    one_step = step(50_000, 51_000)
+    # 2000 more in each cycle of 10 ms is what the axis may accelerate.
+    assert velocities(one, one_step, 0, 10, 20, 30, 40) == [0, 2000, 4000, 6000, 8000]
+    says(one, FOLLOWING, 50_490)
+    assert velocities(one, one_step, 50, 60) == [10_000, 10_000 + 5 * 110]
+    says(one, FOLLOWING, 51_010)  # 10 further than the step leads
+    assert velocities(one, one_step, 200, 210, 220, 230, 240) == [6550, 4550, 2550, 550, -5 * 10]
+
+
+@VELOCITY_MODES
+def test_frames_that_are_sent_twice_for_one_sync_accelerate_once(mode: str) -> None:
+    one = enabled_at(mode, 50_000)
+    one_step = step(50_000, 51_000)
+    assert velocities(one, one_step, 0, 10, 10, 10, 20) == [0, 2000, 2000, 2000, 4000]
+
+
+def test_after_a_gap_a_velocity_changes_by_no_more_than_in_the_longest_cycle() -> None:
+    one = enabled_at("csv", 50_000)
+    one_step = step(50_000, 51_000)
+    assert velocities(one, one_step, 0, 90) == [0, 4000]
 
 
 def test_a_velocity_is_bounded_and_in_the_drives_own_unit() -> None:
-    one = channel("csv", velocity_unit_counts_s=10.0)
+    one = enabled_at("csv", 10_000, velocity_unit_counts_s=10.0)
+    far = step(90_000, 91_000)
+    assert velocities(one, far, *range(0, 200, 10))[-1] == 2000  # 20000 counts/s
+
+
+@VELOCITY_MODES
+def test_a_velocity_leaves_the_way_to_stop_if_it_is_the_last_that_is_heard(mode: str) -> None:
+    one = enabled_at(mode, 99_000, setpoint_timeout_s=0.1)
+    far = step(200_000, 200_000, 0, 10_000 * MS)
+    heard = velocities(one, far, *range(0, 300, 10))[-1]
+    goes_on, brakes = heard * 0.1, heard * heard / (2 * 200_000)
+    assert goes_on + brakes + heard * 0.02 == pytest.approx(1000.0, abs=0.2)
+    says(one, FOLLOWING, 100_001)
+    assert velocities(one, far, 310)[0] <= 0
+
+
+@VELOCITY_MODES
+def test_a_drive_that_waits_for_set_points_is_not_left_without_a_word(mode: str) -> None:
+    one = channel(mode)
+    says(one, DISABLED)
+    assert one.output(0, None) is None  # nobody has wanted anything of it
     one.set_goal(PowerGoal.ENABLED, 0)
-    says(one, FOLLOWING, 0)
-    assert sent(one, 0, step(0, 1000))[1] == 1000
-    says(one, FOLLOWING, -(10**8))
-    assert sent(one, 0, step(0, 1000))[1] == 2000
+    says(one, FOLLOWING)
+    sent(one)
+    says(one, FAULT)
+    assert one.goal is None
+    assert sent(one) == (0x00, 0)
+    quick_stop_active = 0x617
+    says(one, quick_stop_active)
+    assert sent(one) == (0x02, 0)
+    says(one, READY)
+    assert sent(one) == (0x06, 0)
+    says(one, SWITCHED_ON)
+    assert sent(one) == (0x07, 0)
+    says(one, ENABLED)
+    assert one.output(0, None) is None, "what enables a drive again is somebody's decision"
+    one.forget()
+    says(one, DISABLED)
+    assert one.output(0, None) is None
 
 
 def test_profile_positions_are_handed_over_one_by_one_and_the_newest_wins() -> None:

@@ -6,7 +6,12 @@ from typing import Final, NamedTuple, Protocol
 from drivers.canopen.codec import cob_ids
 from drivers.canopen.codec.cob_ids import ALL_NODES
 from drivers.canopen.codec.data_types import DataType
-from drivers.canopen.codec.emcy import BUS_OFF_RECOVERED, CAN_PASSIVE, HEARTBEAT_LOST
+from drivers.canopen.codec.emcy import (
+    BUS_OFF_RECOVERED,
+    CAN_PASSIVE,
+    HEARTBEAT_LOST,
+    RPDO_TIMEOUT,
+)
 from drivers.canopen.codec.error import CodecError
 from drivers.canopen.codec.nmt import NmtCommand, NmtState, decode_nmt_command, encode_heartbeat
 from sim_backends.devices.can.port import ControllerState, FrameHandler, Port
@@ -89,7 +94,8 @@ class CommunicationEvents(Protocol):
         ...
 
     def connection_ended(self, code: int, t_ns: int) -> None:
-        """The node has left operational; `code` says why, as in EMCY."""
+        """Nobody leads the axes any more: the node has left operational, or set-points do not
+        come. `code` says why, as in EMCY."""
         ...
 
     def sync_lost(self, t_ns: int) -> None:
@@ -148,7 +154,14 @@ class Communication:
             exclusive=quirks.guarding_excludes_heartbeat,
         )
         self.pdos = Pdos(
-            objects, quirks.mapping_rules, timers, port, self.emergency, sync_delay_ns, self._listen
+            objects,
+            quirks.mapping_rules,
+            timers,
+            port,
+            self.emergency,
+            sync_delay_ns,
+            self._listen,
+            lambda t_ns: events.connection_ended(RPDO_TIMEOUT, t_ns),
         )
         self.sync = SyncConsumer(
             objects,

@@ -31,8 +31,11 @@ class Rpdo:
         timers: Timers,
         emergency: EmergencyProducer,
         on_change: Callable[[int], None],
+        on_timeout: Callable[[int], None],
     ) -> None:
+        """on_timeout(t_ns): none came for as long as its event timer says."""
         self.parameters = PdoParameters(objects, offset, True, rules, on_change)
+        self._on_timeout = on_timeout
         self._timers = timers
         self._timer = timers.timer(self._timed_out)
         self._emergency = emergency
@@ -124,6 +127,7 @@ class Rpdo:
 
     def _timed_out(self, t_ns: int) -> None:
         self._emergency.raise_error(RPDO_TIMEOUT, t_ns)
+        self._on_timeout(t_ns)
 
 
 def _is_plain(entry: Entry) -> bool:
@@ -273,7 +277,10 @@ _TPDO_INTERVAL_NS = 12_000
 
 
 class Pdos:
-    """on_change(t_ns): which identifiers the drive listens to may have changed."""
+    """on_change(t_ns): which identifiers the drive listens to may have changed.
+
+    on_timeout(t_ns): an RPDO that has a deadline did not come.
+    """
 
     def __init__(
         self,
@@ -284,12 +291,13 @@ class Pdos:
         emergency: EmergencyProducer,
         delay_ns: int,
         on_change: Callable[[int], None],
+        on_timeout: Callable[[int], None],
     ) -> None:
         self._on_change = on_change
         self._operational = False
         numbers = range(_PDO_NUMBERS)
         self._rpdos = [
-            Rpdo(objects, offset, rules, timers, emergency, self._reconfigured)
+            Rpdo(objects, offset, rules, timers, emergency, self._reconfigured, on_timeout)
             for offset in numbers
             if (pdo.RPDO_COMMUNICATION + offset, 1) in objects
         ]
