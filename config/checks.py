@@ -27,6 +27,10 @@ _COORDINATE: TypeAdapter[Coordinate] = TypeAdapter(Coordinate)
 _POSITION_COUNTS = 2**31 - 1
 _UNSIGNED_COUNTS = 2**32 - 1
 _CYCLES_PER_TIMEOUT = 3
+_FRAME_S = 0.025
+"""A step leads as far ahead as to the tracker's next frame, ..."""
+_CYCLES_AHEAD = 3
+"""... its targets count from the next SYNC, and where the axis is was measured at the last one."""
 _NODE_WIDE = (
     "eds",
     "vendor_id",
@@ -122,7 +126,7 @@ def findings(parts: Parts) -> Iterator[Finding]:
             yield from _drive_findings(("axes", index, "drive"), drive, parts)
     for index, axis in enumerate(parts.axes):
         if axis is not None:
-            yield from _axis_findings(("axes", index), axis)
+            yield from _axis_findings(("axes", index), axis, parts)
     yield from _cylinder_findings(parts)
     yield from _tendon_findings(parts)
     yield from _tube_findings(parts)
@@ -203,10 +207,19 @@ def _setpoint_findings(at: Location, drive: Drive, bus: Bus, parts: Parts) -> It
         )
 
 
-def _axis_findings(at: Location, axis: Axis) -> Iterator[Finding]:
+def _axis_findings(at: Location, axis: Axis, parts: Parts) -> Iterator[Finding]:
     for key, text in axis.problems():
         yield (*at, key), text
     yield from _count_findings(at, axis)
+    bus = parts.buses.get(axis.drive.bus)
+    if bus is not None:
+        least = axis.max_velocity * (_FRAME_S + _CYCLES_AHEAD * bus.cycle_period_s)
+        if not axis.following_error >= least * (1.0 - 1e-9):
+            yield (
+                (*at, axis.key("following_error")),
+                f"a target is up to {least:.3g} {axis.unit} ahead of where the axis was measured, "
+                "at its highest velocity: so much or more, or go slower",
+            )
 
 
 def _count_findings(at: Location, axis: Axis) -> Iterator[Finding]:

@@ -89,30 +89,6 @@ def stops_at(change: int, motion: AxisMotion, limits: CountLimits) -> float:
     return motion.start + change + way
 
 
-def velocity_within(
-    wanted: float, before: float, position: int, limits: CountLimits, cycle_s: float
-) -> float:
-    """The velocity nearest to `wanted`, counts/s, for an axis that is told velocities.
-
-    before: what it was told a cycle of `cycle_s` ago. Neither faster than the axis may be, nor
-    another by more than it may accelerate; and slow enough to stop inside its travel even where
-    this is the last that it hears. An axis outside its travel may only come back.
-    """
-    most = limits.max_acceleration * cycle_s
-    velocity = max(before - most, min(before + most, wanted))
-    velocity = max(-limits.max_velocity, min(limits.max_velocity, velocity))
-    upwards = _stopping_velocity(max(0, limits.highest - position), limits, cycle_s)
-    downwards = _stopping_velocity(max(0, position - limits.lowest), limits, cycle_s)
-    return max(-downwards, min(upwards, velocity))
-
-
-def _stopping_velocity(distance: int, limits: CountLimits, cycle_s: float) -> float:
-    """The v with v·(2T + g) + v²/2a = distance: what was measured is a cycle T old when this counts
-    for another one, and then the axis may go on for g."""
-    gained = limits.max_acceleration * (2 * cycle_s + limits.goes_on_s)
-    return sqrt(gained * gained + 2 * limits.max_acceleration * distance) - gained
-
-
 def _stoppable(distance: int, slower: float, goes_on: float) -> int:
     """The largest change that leaves, of `distance`, what is needed to stop.
 

@@ -17,9 +17,8 @@ from drivers.cia402.power_state import (
     power_state,
     reached,
 )
-from safety.limits import CountLimits
+from safety.limits import CountLimits, velocity_within
 from safety.permit import PermittedStep
-from safety.shaping import velocity_within
 
 # What a drive in each mode is sent for one permitted step: mode bits and a target.
 

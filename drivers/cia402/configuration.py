@@ -44,6 +44,7 @@ _ON_CONNECTION_LOST: Final = {"quick_stop": 3, "disable_voltage": 2, "fault": 1}
 _ON_QUICK_STOP: Final = {"ramp_then_off": 2, "ramp_then_hold": 6}
 _ON_FAULT: Final = {"off": 0, "ramp_then_off": 2}
 
+_LEEWAY: Final = 1.05
 _TO_PRE_OPERATIONAL: Final = 0
 _TO_STOPPED: Final = 2
 
@@ -130,9 +131,10 @@ def _limits(bus: Bus, axis: Axis, setting: _MakeSetting) -> Iterator[Setting]:
     yield setting(objects.QUICK_STOP_DECELERATION, deceleration, "quick stop ramp")
     velocity = _in_drive_units(axis, limits.max_velocity)
     acceleration = _in_drive_units(axis, limits.max_acceleration)
-    # At its highest velocity an axis is told whole counts in each cycle, one more or one less.
-    rounded = _in_drive_units(axis, limits.max_velocity + ceil(1.0 / bus.cycle_period_s))
-    yield setting(objects.MAX_PROFILE_VELOCITY, rounded, "highest velocity", Need.OPTIONAL)
+    # At its highest velocity an axis is told whole counts, of which one more may be in a step and
+    # in a cycle, and a cycle may be a little longer than the last: that is none of its limits.
+    most = _in_drive_units(axis, ceil(_LEEWAY * limits.max_velocity + 2.0 / bus.cycle_period_s))
+    yield setting(objects.MAX_PROFILE_VELOCITY, most, "highest velocity", Need.OPTIONAL)
     profiled = Need.REQUIRED if axis.drive.mode in ("pp", "pv") else Need.OPTIONAL
     yield setting(objects.PROFILE_VELOCITY, velocity, "profile velocity", profiled)
     yield setting(objects.PROFILE_ACCELERATION, acceleration, "profile acceleration", profiled)

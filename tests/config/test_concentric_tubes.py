@@ -41,6 +41,11 @@ def problems_of(tmp_path: Path, old: str, new: str) -> list[str]:
             "axes[4].kind: must be a tube_translation: the tubes' axes come first",
         ),
         (
+            "following_error_rad: 0.08",
+            "following_error_rad: 0.05",
+            "axes[0].following_error_rad: a target is up to 0.055 rad ahead of where the axis was",
+        ),
+        (
             "collar_mm: -17.0",
             "collar_mm: 0.0",
             "tubes[1].collar_mm: must be behind the collar of the tube round it",
