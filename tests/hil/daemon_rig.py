@@ -214,6 +214,7 @@ class Rig:
         self.robot = robot
         self._program = program
         self._seen = 0
+        self._faults_end_s = 0.0
         self.lab = Lab(folder, robot=robot)
         try:
             self.lab.next_line()
@@ -334,6 +335,14 @@ class Rig:
     def inject(self, fault: str) -> None:
         """At the lab itself, so that the daemon knows nothing of it."""
         ask(self.folder, {"do": "inject", "fault": fault})
+        lasts = re.search(r"=([0-9.]+)s", fault)
+        end_s = time.monotonic() + (float(lasts[1]) if lasts else 0.0)
+        self._faults_end_s = max(self._faults_end_s, end_s)
+
+    def without_faults(self) -> "Rig":
+        """This one, once everything that was injected for a time is over."""
+        time.sleep(max(0.0, self._faults_end_s - time.monotonic()))
+        return self
 
     def ready(self) -> None:
         """Bring it to READY from whatever state, as an operator would."""

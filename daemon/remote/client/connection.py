@@ -48,6 +48,8 @@ class Connection:
         self.session = session
         self.keys = Keys(address.robot)
         self._closed = False
+        self._is_known = False
+        """The daemon has answered this user before."""
 
     @classmethod
     async def connect(cls, address: Address, wait_s: float = 0.0) -> "Connection":
@@ -82,6 +84,7 @@ class Connection:
         replies = await self._get(key, message, within_s)
         if not replies:
             raise await self._why_silent(key)
+        self._is_known = True
         reply = replies[0]
         if reply.err is not None:
             raise _error(reply.err, key, within_s)
@@ -150,6 +153,8 @@ class Connection:
             )
         if not self.is_connected():
             return self._gone()
+        if self._is_known:
+            return self._no_answer(key)
         return AccessDeniedError(
             f"the daemon of {self.address} does not know the user '{self.address.user}': list it "
             "under `remote: {users: ...}` in the robot file, and use the certificate of that name"
@@ -164,6 +169,9 @@ class Connection:
             return AccessDeniedError(
                 f"'{self.address.user}' is a {me.role} and may not command: that takes an operator"
             )
+        return self._no_answer(key)
+
+    def _no_answer(self, key: str) -> DisconnectedError:
         return DisconnectedError(f"the daemon has given no answer to {key}")
 
     async def _robots(self) -> list[str]:

@@ -26,6 +26,7 @@ from daemon.remote.client.client_errors import (
     TimedOutError,
     VersionMismatchError,
 )
+from daemon.remote.client.connection import Connection
 from daemon.remote.client.lease_keeper import LeaseKeeper
 from sim_backends.virtual_time import run_in_virtual_time
 from tests.daemon.remote.over_tls import STRANGER, free_port, make_certificates, serving_all
@@ -311,6 +312,25 @@ def test_a_folder_without_socket_says_where_else_to_go(tmp_path: Path, certifica
     )
     with pytest.raises(DaemonNotRunningError, match="reach it over tls, at h:7448"):
         LocalAddress.in_folder(tmp_path)
+
+
+def test_a_daemon_that_falls_silent_has_not_forgotten_the_user(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def silent(*_: object) -> list[object]:
+        return []
+
+    async def test() -> None:
+        async with serving(tmp_path):
+            connection = await Connection.connect(local(tmp_path))
+            await connection.whoami()
+            with monkeypatch.context() as patch:
+                patch.setattr(Connection, "_get", silent)
+                with pytest.raises(DisconnectedError, match="no answer to tentacled"):
+                    await connection.whoami()
+            await connection.close()
+
+    run_in_real_time(test())
 
 
 def test_the_reason_of_each_failure_over_tls(tmp_path: Path, certificates: Path) -> None:
