@@ -22,7 +22,7 @@ from daemon.recording.format.channels import (
     telemetry_payload,
     tracker_payload,
 )
-from daemon.recording.format.record_stream import Begin, Progress, RecordWriter
+from daemon.recording.format.record_stream import Begin, RecorderProgress, RecordWriter
 from daemon.recording.run_folder import RUN_FILE
 from drivers.can.link import TrafficTap
 
@@ -237,7 +237,7 @@ class FlightRecorder:
         self._timer: asyncio.TimerHandle | None = None
         self._folder: Path | None = None
         self._dropped = 0
-        self._progress = Progress()
+        self._progress = RecorderProgress()
         self._answered = False
         self._ended = ""
         self._silent_ticks = 0
@@ -346,7 +346,7 @@ class FlightRecorder:
         self._answered, self._silent_ticks = True, 0
         if line:
             with suppress(msgspec.MsgspecError):
-                self._progress = msgspec.json.decode(line, type=Progress)
+                self._progress = msgspec.json.decode(line, type=RecorderProgress)
         elif self._link is not None:
             self._ended = self._progress.failed or "the recorder process has ended by itself"
 
@@ -362,7 +362,7 @@ class FlightRecorder:
         self._records = RecordWriter()
         self._folder = folder
         self._dropped = 0
-        self._progress = Progress()
+        self._progress = RecorderProgress()
         self._answered = False
         self._ended = ""
         self._silent_ticks = 0

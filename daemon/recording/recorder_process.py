@@ -24,8 +24,8 @@ from daemon.recording.format.record_stream import (
     END,
     SYNC,
     Begin,
-    Progress,
     Record,
+    RecorderProgress,
     RecordReader,
     declared_channel,
     dropped_count,
@@ -107,9 +107,9 @@ class RecorderProcess:
         return 0 if complete else 1
 
     def _tell(self, failed: str = "") -> None:
-        progress = Progress(failed=failed)
+        progress = RecorderProgress(failed=failed)
         if self._writer is not None:
-            progress = Progress(
+            progress = RecorderProgress(
                 bytes_written=self._writer.bytes_written,
                 free_mb=free_mb(self._writer.path.parent),
                 dropped=self._writer.dropped,

@@ -13,7 +13,13 @@ from mcap.records import Channel, McapRecord, Message, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC
 
 from daemon.recording.format.channels import CONTROL_TOPICS
-from daemon.recording.format.mcap_framing import RECORD_HEAD, Frame, filled, frame_at, next_frame
+from daemon.recording.format.mcap_framing import (
+    RECORD_HEAD,
+    FramedRecord,
+    filled,
+    frame_at,
+    next_frame,
+)
 
 _MESSAGE_HEAD: Final = struct.Struct("<HIQQ")
 """Channel, sequence, log time, publish time."""
@@ -104,7 +110,7 @@ class RunReader:
             raise UnreadableRunError(f"{self.path} is not a recording: no MCAP file")
         return True
 
-    def _next(self, file: IO[bytes], size: int) -> Frame | None:
+    def _next(self, file: IO[bytes], size: int) -> FramedRecord | None:
         """The next record of the data section; None: there is no more, or not yet."""
         start = self.read_bytes
         if not self.in_data or start >= size:
@@ -131,7 +137,7 @@ class RunReader:
                 return
             self.read_bytes = file.tell()
 
-    def _content(self, frame: Frame) -> list[McapRecord]:
+    def _content(self, frame: FramedRecord) -> list[McapRecord]:
         try:
             if frame.opcode == Opcode.CHUNK:
                 inner = _broken_up(frame.body)

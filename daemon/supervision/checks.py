@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 
 from config.control import Supervision
 from daemon.supervision.condition_causes import CAUSE_OF_CONDITION, ONCE
-from daemon.supervision.power import Phase, Power
+from daemon.supervision.power import Power, PowerPhase
 from drivers.axis_scale import count_limits
 from drivers.cia402.axis_channel import AxisChannel
 from drivers.cia402.drive_bus import DriveBus
@@ -183,7 +183,7 @@ class Checks:
         self._set(Cause.TRACKER_QUALITY, expected and poor, t_ns, "tip")
 
     def _check_drives(self, t_ns: int) -> None:
-        enabled = self._power.phase is Phase.ENABLED
+        enabled = self._power.phase is PowerPhase.ENABLED
         for bus in self._buses:
             self._set(Cause.BUS_NOT_OPEN, not bus.connected, t_ns, bus.name)
         watching = self._failsafe.watching
@@ -199,7 +199,7 @@ class Checks:
                 lost = not (not_ready or channel.referenced)
                 if lost or watching:
                     self._set(Cause.NOT_REFERENCED, lost, t_ns, channel.axis.name)
-        arming = self._power.phase is Phase.ENABLING
+        arming = self._power.phase is PowerPhase.ENABLING
         late = arming and self._power.since_s(t_ns) > self._settings.arm_within_s
         self._set(Cause.ARMING_FAILED, late, t_ns, "drives", self._not_enabled() if late else "")
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 from config.control import Supervision
 from daemon.supervision.checks import Checks
-from daemon.supervision.power import Phase, Power
+from daemon.supervision.power import Power, PowerPhase
 from drivers.cia402.drive_bus import DriveBus
 from safety.causes import Cause, Severity
 from safety.consequences import Consequences, with_leads
@@ -72,7 +72,7 @@ class Supervisor:
         homing = self.state is OperatingState.HOMING
         self.checks.cycle(t_ns, self.energised, self.running, homing)
         self.power.cycle(t_ns)
-        if self.arming and self.power.phase is Phase.ENABLED:
+        if self.arming and self.power.phase is PowerPhase.ENABLED:
             self.arming = False
             self._go(t_ns, Request.ARMED)
         self._go(t_ns, None)

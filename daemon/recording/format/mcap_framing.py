@@ -51,7 +51,7 @@ _FILLED: Final[dict[int, Callable[[ReadDataStream], McapRecord]]] = {
 """Records whose strings fill them to the last byte."""
 
 
-class Frame(NamedTuple):
+class FramedRecord(NamedTuple):
     """One record and its place in the file. body: of a chunk, its content."""
 
     opcode: int
@@ -60,7 +60,7 @@ class Frame(NamedTuple):
     end: int
 
 
-def frame_at(file: IO[bytes], start: int, size: int) -> Frame | None:
+def frame_at(file: IO[bytes], start: int, size: int) -> FramedRecord | None:
     """The record of the data section that begins at `start`. None: there is none to believe.
 
     size: of the file, or as much of it as counts. Raises OSError.
@@ -75,14 +75,14 @@ def frame_at(file: IO[bytes], start: int, size: int) -> Frame | None:
         return None
     if opcode == Opcode.CHUNK:
         content = _chunk_content(file.read(length))
-        return None if content is None else Frame(opcode, content, start, end)
+        return None if content is None else FramedRecord(opcode, content, start, end)
     if opcode == Opcode.DATA_END and length != _DATA_END_BYTES:
         return None
     body = file.read(length)
-    return Frame(opcode, body, start, end) if _believable(opcode, body) else None
+    return FramedRecord(opcode, body, start, end) if _believable(opcode, body) else None
 
 
-def next_frame(file: IO[bytes], start: int, size: int) -> Frame | None:
+def next_frame(file: IO[bytes], start: int, size: int) -> FramedRecord | None:
     """The first chunk or metadata record at or behind `start`. None: there is no more."""
     for place, mark in _marks(file, start, size):
         if mark == _ZSTD_FRAME:
@@ -148,7 +148,7 @@ def _foreign_content(body: bytes) -> bytes | None:
         return None
 
 
-def _chunk_around(file: IO[bytes], start: int, size: int) -> Frame | None:
+def _chunk_around(file: IO[bytes], start: int, size: int) -> FramedRecord | None:
     """The chunk whose compressed content stands where a record that begins at `start` has it.
 
     Its checksum and its content are enough: the rest of its head may be damaged.
@@ -160,7 +160,7 @@ def _chunk_around(file: IO[bytes], start: int, size: int) -> Frame | None:
     if found is None or zlib.crc32(found[0]) != checksum:
         return None
     end = start + _CONTENT_AT + found[1]
-    return Frame(Opcode.CHUNK, found[0], start, end) if end <= size else None
+    return FramedRecord(Opcode.CHUNK, found[0], start, end) if end <= size else None
 
 
 def _decompressed(pieces: Iterator[bytes]) -> tuple[bytes, int] | None:
@@ -184,7 +184,7 @@ def _decompressed(pieces: Iterator[bytes]) -> tuple[bytes, int] | None:
     return None
 
 
-def _metadata_at(file: IO[bytes], start: int, size: int) -> Frame | None:
+def _metadata_at(file: IO[bytes], start: int, size: int) -> FramedRecord | None:
     file.seek(start)
     head = file.read(RECORD_HEAD.size)
     _, length = RECORD_HEAD.unpack(head)
@@ -192,7 +192,11 @@ def _metadata_at(file: IO[bytes], start: int, size: int) -> Frame | None:
     if end > size or length > _METADATA_AT_MOST:
         return None
     body = file.read(length)
-    return Frame(Opcode.METADATA, body, start, end) if _is_filled(Opcode.METADATA, body) else None
+    return (
+        FramedRecord(Opcode.METADATA, body, start, end)
+        if _is_filled(Opcode.METADATA, body)
+        else None
+    )
 
 
 def _marks(file: IO[bytes], start: int, size: int) -> Iterator[tuple[int, bytes]]:

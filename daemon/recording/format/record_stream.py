@@ -35,7 +35,7 @@ class Begin(msgspec.Struct, frozen=True, kw_only=True):
     wall_offset_ns: int
 
 
-class Progress(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+class RecorderProgress(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What the recorder process answers: one line of JSON, about twice a second."""
 
     bytes_written: int = 0
@@ -55,7 +55,7 @@ class Record(NamedTuple):
     content: bytes
 
 
-class StreamError(ValueError):
+class RecordStreamError(ValueError):
     """Bytes that are no record stream."""
 
 
@@ -95,13 +95,13 @@ class RecordReader:
         self._buffer = bytearray()
 
     def feed(self, data: bytes) -> Iterator[Record]:
-        """The records that `data` completes. Raises StreamError."""
+        """The records that `data` completes. Raises RecordStreamError."""
         self._buffer += data
         offset = 0
         while len(self._buffer) - offset >= HEAD.size:
             length, number, t_ns = HEAD.unpack_from(self._buffer, offset)
             if length > _CONTENT_AT_MOST:
-                raise StreamError(f"a record of {length} bytes")
+                raise RecordStreamError(f"a record of {length} bytes")
             end = offset + HEAD.size + length
             if end > len(self._buffer):
                 break

@@ -13,7 +13,7 @@ from daemon.workbench.studies.worker import carry_out_run, make_model
 T = TypeVar("T")
 
 
-class Progress(Protocol):
+class GridProgress(Protocol):
     """Hears how far it is."""
 
     def begin(self, done: int, models: int, runs: int) -> None:
@@ -46,7 +46,7 @@ class Grid:
         """All that are not done."""
         return [run for run in self._runs if read_outcome(run, self._root) is None]
 
-    def carry_out(self, jobs: int, keep_recordings: bool, progress: Progress) -> None:
+    def carry_out(self, jobs: int, keep_recordings: bool, progress: GridProgress) -> None:
         """Do what is left. A run that cannot be done is told, and the others go on.
 
         jobs: processes at the same time. keep_recordings: 16 MB for an experiment of 400 s.

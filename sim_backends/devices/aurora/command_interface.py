@@ -13,7 +13,7 @@ Reply = str | bytes
 """Text, or the body of a binary reply; empty text is no reply."""
 
 
-class Mode(Enum):
+class TrackerMode(Enum):
     """Operating modes."""
 
     RESETTING = auto()
@@ -32,7 +32,7 @@ OUT_OF_RANGE, BECAME_UNOCCUPIED, INVALID_LINE_STATE = 0x23, 0x2C, 0x31
 NOT_PRESENT, NEEDS_8_BITS = 0x42, 0xC5
 
 
-class Refusal(Exception):  # noqa: N818 - it is an answer, not a failure
+class CommandError(Exception):
     """The command is answered with this error code."""
 
     def __init__(self, code: int) -> None:
@@ -44,7 +44,7 @@ class CommandedTracker(Protocol):
     """What commands read of the tracker, and what they make it do."""
 
     config: EmulatedTracker
-    mode: Mode
+    mode: TrackerMode
     rack: Rack
     parameters: Parameters
 

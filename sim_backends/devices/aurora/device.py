@@ -35,9 +35,9 @@ from sim_backends.devices.aurora.command_interface import (
     TOO_LONG,
     WRONG_MODE,
     CommandedTracker,
-    Mode,
-    Refusal,
+    CommandError,
     Reply,
+    TrackerMode,
 )
 from sim_backends.devices.aurora.faults import FAULTS, Pending
 from sim_backends.devices.aurora.parameters import COMPONENTS, ParameterError, Parameters
@@ -52,16 +52,16 @@ _RESET_DELAY_NS = 100_000_000
 
 Handler = Callable[[CommandedTracker, str], Reply]
 
-_ALWAYS = (Mode.POWERED, Mode.SETUP, Mode.TRACKING)
-_SETUP = (Mode.POWERED, Mode.SETUP)
-_INITIALISED = (Mode.SETUP,)
-_TRACKING = (Mode.TRACKING,)
+_ALWAYS = (TrackerMode.POWERED, TrackerMode.SETUP, TrackerMode.TRACKING)
+_SETUP = (TrackerMode.POWERED, TrackerMode.SETUP)
+_INITIALISED = (TrackerMode.SETUP,)
+_TRACKING = (TrackerMode.TRACKING,)
 
 
 class Rule(NamedTuple):
     """When a command is allowed, and what it does."""
 
-    modes: tuple[Mode, ...]
+    modes: tuple[TrackerMode, ...]
     handler: Handler
 
 
@@ -124,7 +124,7 @@ class EmulatedAurora:
         self._reply_delay_ns = round(config.reply_delay_s * 1e9)
         self._grid = FrameGrid(DeviceClock(config.clock_error_ppm, powered_up_ns))
         self._system_status = SystemStatus(0)
-        self.mode = Mode.POWERED
+        self.mode = TrackerMode.POWERED
         self.rack = Rack(config.tools)
         self.on_hang_up: Callable[[float], None] = _nobody_to_unplug
         self.on_injected: Callable[[], None] = _nobody_to_tell
@@ -158,7 +158,7 @@ class EmulatedAurora:
     def line_break(self, t_ns: int) -> None:
         """The host holds the line low."""
         self.advance(t_ns)
-        if self.mode is not Mode.RESETTING:
+        if self.mode is not TrackerMode.RESETTING:
             self._restart(self.config.reset_time_s, RESET)
 
     def advance(self, t_ns: int) -> int | None:
@@ -229,7 +229,7 @@ class EmulatedAurora:
 
     def start_tracking(self, fast: bool, from_zero: bool) -> None:
         """TSTART."""
-        self.mode = Mode.TRACKING
+        self.mode = TrackerMode.TRACKING
         self._grid.start(self._agenda.now_ns, fast, from_zero)
         frames_per_s = 1e9 / self._grid.period_ns
         self.parameters.set_rates({TRACK_FREQUENCY: frames_per_s, FRAME_FREQUENCY: TICKS_PER_S})
@@ -237,7 +237,7 @@ class EmulatedAurora:
 
     def stop_tracking(self) -> None:
         """TSTOP."""
-        self.mode = Mode.SETUP
+        self.mode = TrackerMode.SETUP
         self.parameters.set_rates({TRACK_FREQUENCY: 0.0, FRAME_FREQUENCY: 0.0})
         self.tracking.stop()
 
@@ -260,7 +260,7 @@ class EmulatedAurora:
     def _answer(self, line: bytes) -> bytes | int:
         try:
             command = decode_command(line)
-            if command.word in ("BX", "TX") and self.mode is Mode.TRACKING:
+            if command.word in ("BX", "TX") and self.mode is TrackerMode.TRACKING:
                 later_ns = self.tracking.next_news_ns(self.config.hold_until_new_frame)
                 if later_ns is not None:
                     return later_ns
@@ -269,7 +269,7 @@ class EmulatedAurora:
             if len(line) > MAX_COMMAND_BYTES:
                 return encode_error(TOO_LONG)
             return encode_error(BAD_CRC if error.bad_crc else INVALID_COMMAND)
-        except Refusal as refusal:
+        except CommandError as refusal:
             return encode_error(refusal.code)
         if isinstance(reply, bytes):
             return encode_binary_reply(reply)
@@ -283,14 +283,14 @@ class EmulatedAurora:
         self.tracking.stop()
         self.port.restart()
         self.port.is_deaf = True
-        self.mode = Mode.RESETTING
+        self.mode = TrackerMode.RESETTING
 
     def _restart(self, duration_s: float, word: str) -> None:
         self._silence()
         self._agenda.after(round(duration_s * 1e9), lambda: self._up_again(word))
 
     def _up_again(self, word: str) -> None:
-        self.mode = Mode.POWERED
+        self.mode = TrackerMode.POWERED
         self.port.is_deaf = False
         self.rack.clear()
         self.forget_parameters()
@@ -361,19 +361,19 @@ class EmulatedAurora:
 
 
 def carry_out(device: CommandedTracker, command: AuroraCommand) -> Reply:
-    """Do what the command says. Raises Refusal."""
+    """Do what the command says. Raises CommandError."""
     rule = RULES.get(command.word)
     if rule is None:
-        raise Refusal(INVALID_COMMAND)
+        raise CommandError(INVALID_COMMAND)
     if device.mode not in rule.modes:
-        needs_init = device.mode is Mode.POWERED and rule.modes is _INITIALISED
-        raise Refusal(SYSTEM_NOT_INITIALISED if needs_init else WRONG_MODE)
+        needs_init = device.mode is TrackerMode.POWERED and rule.modes is _INITIALISED
+        raise CommandError(SYSTEM_NOT_INITIALISED if needs_init else WRONG_MODE)
     try:
         return rule.handler(device, command.arguments)
     except CodecError:
-        raise Refusal(OUT_OF_RANGE) from None
+        raise CommandError(OUT_OF_RANGE) from None
     except ParameterError as error:
-        raise Refusal(error.code) from None
+        raise CommandError(error.code) from None
 
 
 def _nobody_to_unplug(duration_s: float) -> None:

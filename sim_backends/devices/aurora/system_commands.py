@@ -21,7 +21,7 @@ from sim_backends.devices.aurora.command_interface import (
     PARAMETER_COUNT,
     TOO_SHORT,
     CommandedTracker,
-    Refusal,
+    CommandError,
     Reply,
 )
 
@@ -34,7 +34,7 @@ def api_revision(device: CommandedTracker, arguments: str) -> Reply:
 def beep(device: CommandedTracker, arguments: str) -> Reply:
     """BEEP."""
     if not 1 <= hex_number(arguments, "BEEP") <= 9:
-        raise Refusal(OUT_OF_RANGE)
+        raise CommandError(OUT_OF_RANGE)
     return "1"
 
 
@@ -43,7 +43,7 @@ def comm(device: CommandedTracker, arguments: str) -> Reply:
     try:
         settings = decode_line_settings(arguments)
     except CodecError:
-        raise Refusal(BAD_LINE_SETTINGS) from None
+        raise CommandError(BAD_LINE_SETTINGS) from None
     device.change_line(settings)
     return OKAY
 
@@ -57,7 +57,7 @@ def forget_parameters(device: CommandedTracker, arguments: str) -> Reply:
 def echo(device: CommandedTracker, arguments: str) -> Reply:
     """ECHO."""
     if len(arguments) < 4:
-        raise Refusal(TOO_SHORT)
+        raise CommandError(TOO_SHORT)
     return arguments
 
 
@@ -75,7 +75,7 @@ def set_parameter(device: CommandedTracker, arguments: str) -> Reply:
     """SET."""
     name, separator, value = arguments.partition("=")
     if not separator:
-        raise Refusal(PARAMETER_COUNT)
+        raise CommandError(PARAMETER_COUNT)
     device.parameters.set(name, value)
     return OKAY
 
@@ -95,7 +95,7 @@ def initialise(device: CommandedTracker, arguments: str) -> Reply:
 def reset(device: CommandedTracker, arguments: str) -> Reply:
     """RESET."""
     if arguments not in ("", "0", "1"):
-        raise Refusal(OUT_OF_RANGE)
+        raise CommandError(OUT_OF_RANGE)
     device.reset_soon(soft=arguments == "0")
     return ""
 
@@ -111,9 +111,9 @@ def version(device: CommandedTracker, arguments: str) -> Reply:
     if arguments == "5":
         return identity.combined_firmware(tag)
     if arguments == "7" and device.field_generator_is_unplugged:
-        raise Refusal(NOT_PRESENT)
+        raise CommandError(NOT_PRESENT)
     if arguments not in ("0", "4", "7"):
-        raise Refusal(OUT_OF_RANGE)
+        raise CommandError(OUT_OF_RANGE)
     return encode_version_text(identity.version_lines(arguments, tag))
 
 
@@ -122,14 +122,14 @@ def features(device: CommandedTracker, arguments: str) -> Reply:
     if arguments == "00":
         return f"{identity.FEATURES:08X}"
     if arguments != "03":
-        raise Refusal(OUT_OF_RANGE)
+        raise CommandError(OUT_OF_RANGE)
     return encode_volumes([identity.CUBE])
 
 
 def select_volume(device: CommandedTracker, arguments: str) -> Reply:
     """VSEL."""
     if arguments != "1":
-        raise Refusal(OUT_OF_RANGE)
+        raise CommandError(OUT_OF_RANGE)
     return OKAY
 
 
@@ -137,9 +137,9 @@ def start_tracking(device: CommandedTracker, arguments: str) -> Reply:
     """TSTART."""
     options = hex_number(arguments or "00", "TSTART")
     if options & ~0xC0:
-        raise Refusal(OUT_OF_RANGE)
+        raise CommandError(OUT_OF_RANGE)
     if device.field_generator_is_unplugged:
-        raise Refusal(CANNOT_START_TRACKING)
+        raise CommandError(CANNOT_START_TRACKING)
     device.start_tracking(fast=bool(options & 0x40), from_zero=bool(options & 0x80))
     return OKAY
 
@@ -154,7 +154,7 @@ def track_binary(device: CommandedTracker, arguments: str) -> Reply:
     """BX."""
     options = _tracking_options(arguments)
     if device.line.data_bits != 8:
-        raise Refusal(NEEDS_8_BITS)
+        raise CommandError(NEEDS_8_BITS)
     return encode_bx(device.tracking_data(bool(options & OUT_OF_VOLUME_TOO)))
 
 
@@ -168,5 +168,5 @@ def track_text(device: CommandedTracker, arguments: str) -> Reply:
 def _tracking_options(arguments: str) -> int:
     options = hex_number(arguments or "0001", "BX") | TRANSFORMS
     if options & ~(TRANSFORMS | OUT_OF_VOLUME_TOO):
-        raise Refusal(OUT_OF_RANGE)
+        raise CommandError(OUT_OF_RANGE)
     return options

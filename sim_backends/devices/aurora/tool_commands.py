@@ -25,7 +25,7 @@ from sim_backends.devices.aurora.command_interface import (
     OUT_OF_RANGE,
     PARAMETER_COUNT,
     CommandedTracker,
-    Refusal,
+    CommandError,
     Reply,
 )
 from sim_backends.devices.aurora.rack import MEMORY_BYTES, Handle
@@ -37,9 +37,9 @@ def led(device: CommandedTracker, arguments: str) -> Reply:
     """LED."""
     _handle(device, arguments)
     if arguments[2:3] not in ("1", "2", "3"):
-        raise Refusal(INVALID_LED)
+        raise CommandError(INVALID_LED)
     if arguments[3:] not in ("B", "F", "S"):
-        raise Refusal(INVALID_LED_STATE)
+        raise CommandError(INVALID_LED_STATE)
     return OKAY
 
 
@@ -47,7 +47,7 @@ def output_lines(device: CommandedTracker, arguments: str) -> Reply:
     """PSOUT."""
     _handle(device, arguments)
     if re.fullmatch(r"[NSPO]{3}", arguments[2:]) is None:
-        raise Refusal(INVALID_LINE_STATE)
+        raise CommandError(INVALID_LINE_STATE)
     return OKAY
 
 
@@ -55,7 +55,7 @@ def list_handles(device: CommandedTracker, arguments: str) -> Reply:
     """PHSR."""
     which = hex_number(arguments or "00", "PHSR")
     if which not in {item.value for item in HandleList}:
-        raise Refusal(OUT_OF_RANGE)
+        raise CommandError(OUT_OF_RANGE)
     device.look_for_tools()
     return encode_port_handles(device.rack.listed(HandleList(which)))
 
@@ -71,9 +71,9 @@ def initialise_tool(device: CommandedTracker, arguments: str) -> Reply:
     """PINIT."""
     handle = _handle(device, arguments)
     if handle.gone:
-        raise Refusal(BECAME_UNOCCUPIED)
+        raise CommandError(BECAME_UNOCCUPIED)
     if handle.socket.blank and not handle.socket.definition:
-        raise Refusal(BLANK_MEMORY)
+        raise CommandError(BLANK_MEMORY)
     handle.initialised, handle.enabled = True, False
     return OKAY
 
@@ -82,7 +82,7 @@ def enable_tool(device: CommandedTracker, arguments: str) -> Reply:
     """PENA."""
     handle = _initialised_handle(device, arguments)
     if arguments[2:].upper() not in ("S", "D"):
-        raise Refusal(INVALID_PRIORITY)  # B is for button boxes, and there is none
+        raise CommandError(INVALID_PRIORITY)  # B is for button boxes, and there is none
     handle.enabled = True
     return OKAY
 
@@ -101,7 +101,7 @@ def tell_tool(device: CommandedTracker, arguments: str) -> Reply:
     for field in Fields:
         known |= field
     if options & ~known or not options:
-        raise Refusal(OUT_OF_RANGE)
+        raise CommandError(OUT_OF_RANGE)
     serial = device.serial_of(handle)
     return encode_tool_information(identity.tool_information(handle, Fields(options), serial))
 
@@ -144,7 +144,7 @@ def write_memory(device: CommandedTracker, arguments: str) -> Reply:
     handle, address, data = _memory_block(device, arguments)
     block = slice(address, address + _MEMORY_BLOCK_BYTES)
     if any(handle.socket.memory[block]):
-        raise Refusal(MEMORY_WRITE_FAILED)  # each block can be written once
+        raise CommandError(MEMORY_WRITE_FAILED)  # each block can be written once
     handle.socket.memory[block] = data
     handle.socket.blank = False
     return OKAY
@@ -153,23 +153,23 @@ def write_memory(device: CommandedTracker, arguments: str) -> Reply:
 def _handle(device: CommandedTracker, arguments: str) -> Handle:
     handle = device.rack.handles.get(hex_number(arguments[:2], "handle"))
     if handle is None:
-        raise Refusal(INVALID_HANDLE)
+        raise CommandError(INVALID_HANDLE)
     return handle
 
 
 def _initialised_handle(device: CommandedTracker, arguments: str) -> Handle:
     handle = _handle(device, arguments)
     if handle.gone:
-        raise Refusal(NO_TOOL)
+        raise CommandError(NO_TOOL)
     if not handle.initialised:
-        raise Refusal(NOT_INITIALISED)
+        raise CommandError(NOT_INITIALISED)
     return handle
 
 
 def _memory_address(text: str) -> int:
     address = hex_number(text, "memory address")
     if len(text) != 4 or address % _MEMORY_BLOCK_BYTES or address >= MEMORY_BYTES:
-        raise Refusal(OUT_OF_RANGE)
+        raise CommandError(OUT_OF_RANGE)
     return address
 
 
@@ -178,5 +178,5 @@ def _memory_block(device: CommandedTracker, arguments: str) -> tuple[Handle, int
     digits = arguments[6:]
     hex_number(digits, "memory block")
     if len(digits) != 2 * _MEMORY_BLOCK_BYTES:
-        raise Refusal(PARAMETER_COUNT)
+        raise CommandError(PARAMETER_COUNT)
     return handle, address, bytes.fromhex(digits)

@@ -77,7 +77,7 @@ _OUTSIDE = _OUT_OF_VOLUME | _PARTIALLY_OUT_OF_VOLUME
 _VALID, _MISSING, _DISABLED = HandleState.VALID, HandleState.MISSING, HandleState.DISABLED
 
 
-class Frame(NamedTuple):
+class MeasuredFrame(NamedTuple):
     """One frame: its number, its host time, and what was measured, by handle."""
 
     number: int
@@ -115,7 +115,7 @@ class Tracking:
         self._measure_next: Callable[[], None] = partial(self._measure, self._run)
         self._index = 0
         self._reported = -1
-        self.latest: Frame | None = None
+        self.latest: MeasuredFrame | None = None
 
     def start(self) -> None:
         """Measure from now on, in the grid's rhythm."""
@@ -157,7 +157,7 @@ class Tracking:
         self._index += 1
         t_ns = self._agenda.now_ns
         if self.latest is None or not self._pending.holds("frozen", t_ns):
-            self.latest = Frame(self._grid.number(self._index), t_ns, self._measured(t_ns))
+            self.latest = MeasuredFrame(self._grid.number(self._index), t_ns, self._measured(t_ns))
         self._schedule()
 
     def _measured(self, t_ns: int) -> Mapping[int, Measured]:
@@ -212,7 +212,9 @@ def _displaced(pose: PlainPose, offset_mm: Vector) -> PlainPose:
     return PlainPose((x + u, y + v, z + w), pose.quaternion)
 
 
-def _reading(number: int, handle: Handle, frame: Frame, out_of_volume_too: bool) -> ToolReading:
+def _reading(
+    number: int, handle: Handle, frame: MeasuredFrame, out_of_volume_too: bool
+) -> ToolReading:
     measured = frame.measured.get(number)
     if not handle.enabled or measured is None:
         return ToolReading(number, _DISABLED)

@@ -14,7 +14,7 @@ from drivers.aurora.tracker import TrackerState
 from drivers.byte_stream import ByteReceiver, ByteStream, StreamError
 from sim_backends.devices.aurora import device as emulated_device
 from sim_backends.devices.aurora import identity
-from sim_backends.devices.aurora.command_interface import Mode, Refusal
+from sim_backends.devices.aurora.command_interface import CommandError, TrackerMode
 from sim_backends.virtual_time import run_in_virtual_time
 from tests.drivers.aurora.golden import COMMANDS
 from tests.drivers.aurora.rig import (
@@ -95,7 +95,9 @@ def test_a_fresh_device_is_brought_up_in_the_maker_s_order() -> None:
 def test_a_device_left_behind_is_found_without_a_reset(state: str) -> None:
     async def prepare(rig: Rig) -> None:
         await leave_behind(rig, *LEFT_BEHIND[state])
-        assert rig.device.mode is (Mode.TRACKING if "tracking" in state else Mode.SETUP)
+        assert rig.device.mode is (
+            TrackerMode.TRACKING if "tracking" in state else TrackerMode.SETUP
+        )
         assert rig.device.line.baud_rate == LEFT_BEHIND[state][-1][1] or "tracking" not in state
 
     rig = bring_up(prepare)
@@ -178,7 +180,7 @@ def test_leaving_politely_spares_the_next_client_the_search() -> None:
         rig = Rig()
         async with running(rig):
             await until_tracking(rig)
-        assert rig.device.mode is Mode.SETUP
+        assert rig.device.mode is TrackerMode.SETUP
         assert rig.device.line.baud_rate == 9600
         assert rig.sent()[-2:] == [b"TSTOP:2C14\r", b"COMM:000000084\r"]
         assert rig.tracker.status.state is TrackerState.CLOSED
@@ -228,7 +230,7 @@ def test_a_device_of_another_family_is_named(monkeypatch: pytest.MonkeyPatch) ->
 
 def refuse(code: int) -> Callable[..., str]:
     def handler(device: object, arguments: str) -> str:
-        raise Refusal(code)
+        raise CommandError(code)
 
     return handler
 
@@ -252,7 +254,7 @@ def test_an_older_device_that_lacks_commands_is_used_all_the_same(
 
     def only_older_options(device: Any, arguments: str) -> Any:
         if int(arguments[2:], 16) & 0x80:
-            raise Refusal(0x23)
+            raise CommandError(0x23)
         return original(device, arguments)
 
     change_rules(
@@ -350,7 +352,7 @@ def test_one_tool_that_is_refused_does_not_stop_the_other(
 
     def refuse_the_first(device: Any, arguments: str) -> Any:
         if arguments.startswith("0A"):
-            raise Refusal(code)
+            raise CommandError(code)
         return original(device, arguments)
 
     async def main() -> None:

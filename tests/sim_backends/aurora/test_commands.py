@@ -4,7 +4,7 @@ import pytest
 
 from drivers.aurora.codec.commands import encode_command
 from drivers.aurora.codec.tracking_data import decode_tx
-from sim_backends.devices.aurora.command_interface import Mode
+from sim_backends.devices.aurora.command_interface import TrackerMode
 from sim_backends.devices.aurora.device import RULES
 from tests.drivers.aurora.golden import VOLUME
 from tests.sim_backends.aurora.bench import BASE, TIP, Bench
@@ -305,7 +305,7 @@ def test_init_ends_tracking_and_forgets_the_tools() -> None:
     bench.set_up()
     bench.ask("TSTART:")
     assert bench.ask("INIT:") == "OKAY"
-    assert bench.device.mode is Mode.SETUP
+    assert bench.device.mode is TrackerMode.SETUP
     assert bench.ask("PHSR:04") == "00"
 
 

@@ -10,7 +10,7 @@ from drivers.aurora.codec.replies import BinaryReply, DamagedReply, TextReply
 from drivers.aurora.codec.status_bits import HandleState
 from drivers.aurora.codec.tracking_data import TrackingData, decode_bx, decode_tx
 from drivers.pose import Pose
-from sim_backends.devices.aurora.command_interface import Mode
+from sim_backends.devices.aurora.command_interface import TrackerMode
 from sim_backends.devices.aurora.faults import FAULTS
 from sim_backends.faults import FaultError
 from tests.sim_backends.aurora.bench import BASE, TIP, Bench
@@ -95,7 +95,7 @@ def test_a_break_restarts_the_device_at_9600_baud(reset_time_s: float) -> None:
     ((t_ns, data, baud_rate),) = bench.outputs
     assert (data, baud_rate) == (b"RESETBE6F\r", 9600)
     assert t_ns - start_ns == pytest.approx(reset_time_s * 1e9 + 10 * 10e9 / 9600, abs=2)
-    assert bench.device.mode is Mode.POWERED
+    assert bench.device.mode is TrackerMode.POWERED
     assert bench.ask("PHSR:00") == "ERROR10"
 
 

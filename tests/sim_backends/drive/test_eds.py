@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from drivers.canopen.codec.data_types import DataType
-from sim_backends.devices.drive.node.eds import EdsError, ObjectDescription, read_eds
+from sim_backends.devices.drive.node.eds import EmulatedEdsError, ObjectDescription, read_eds
 from tests.sim_backends.drive.rig import STEPPER, STEPPER3
 
 AXES = {STEPPER: 1, STEPPER3: 3}
@@ -116,7 +116,7 @@ def test_what_a_description_takes_from_the_file() -> None:
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(EdsError, match=r"none\.eds"):
+    with pytest.raises(EmulatedEdsError, match=r"none\.eds"):
         read_eds(tmp_path / "none.eds")
 
 
@@ -126,7 +126,7 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 def test_a_file_that_is_no_eds_is_named(tmp_path: Path, text: str) -> None:
     path = tmp_path / "bad.eds"
     path.write_text(text)
-    with pytest.raises(EdsError, match=r"bad\.eds"):
+    with pytest.raises(EmulatedEdsError, match=r"bad\.eds"):
         read_eds(path)
 
 
@@ -135,5 +135,5 @@ def test_a_device_without_controlword_is_no_drive(tmp_path: Path) -> None:
     path.write_text(
         "[DeviceInfo]\n[1000]\nParameterName=Device type\nDataType=0x0007\nAccessType=ro\n"
     )
-    with pytest.raises(EdsError, match="controlword"):
+    with pytest.raises(EmulatedEdsError, match="controlword"):
         read_eds(path)

@@ -12,7 +12,7 @@ from canopen.objectdictionary.eds import import_eds
 from drivers.canopen.codec.data_types import DataType, Value
 
 
-class EdsError(ValueError):
+class EmulatedEdsError(ValueError):
     """A file that is no EDS, or of a device that is no CiA 402 drive. Names the file."""
 
 
@@ -51,17 +51,17 @@ class DeviceDescription:
 
 @lru_cache(maxsize=32)
 def read_eds(path: Path) -> DeviceDescription:
-    """The device that an EDS file describes. Raises EdsError."""
+    """The device that an EDS file describes. Raises EmulatedEdsError."""
     try:
         dictionary = import_eds(str(path), 0)  # type: ignore[no-untyped-call]
     except OSError as error:
-        raise EdsError(f"{path}: {error.strerror}") from None
+        raise EmulatedEdsError(f"{path}: {error.strerror}") from None
     except Exception as error:  # the library raises whatever its parsing happens to meet
-        raise EdsError(f"{path}: not a sound EDS file: {error}") from error
+        raise EmulatedEdsError(f"{path}: not a sound EDS file: {error}") from error
     variables = list(_variables(dictionary))
     objects = tuple(_description(v) for v in variables if v.index >= 0x1000)
     if not any(described.index == 0x6040 for described in objects):
-        raise EdsError(f"{path}: no controlword (0x6040): not a CiA 402 drive")
+        raise EmulatedEdsError(f"{path}: no controlword (0x6040): not a CiA 402 drive")
     dummies = frozenset(DataType(v.index) for v in variables if v.index < 0x1000)
     return DeviceDescription(objects, dummies)
 
