@@ -153,6 +153,10 @@ class Supervision(ConfigModel):
     abrupt load on a body with a dead time of 0.25 s and a lag of 0.5 s takes 3 s of it. A tip that
     is led away, as fast or faster all the time, is not waited for so long, but 1 s."""
 
+    tip_jump_mm: Positive | None = None
+    """A tip that is further from where it was a frame before than its motion explains, and stays
+    there, has jumped: HOLD. For bodies that may snap to another shape. None: nobody looks."""
+
     arm_within_s: Positive = 5.0
     """The drives must be enabled this long after `arm`."""
 

@@ -25,6 +25,7 @@ Quirk = Literal[
     "no_encoder",
     "communication_error_stops",
     "tells_reference",
+    "counts_modulo_turn",
 ]
 
 

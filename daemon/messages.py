@@ -292,6 +292,10 @@ class Body(Message, frozen=True, kw_only=True, tag="body/1"):
     """At each of them."""
     components: list[Component] | None = None
     """Of the mixture over the body's points."""
+    stability: float | None = None
+    """As an emulated lab has it: 0 where the body is about to snap to another shape; ..."""
+    snaps: int | None = None
+    """... and how often it has."""
 
 
 class Events(Message, frozen=True, kw_only=True, tag="events/1"):

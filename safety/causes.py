@@ -218,6 +218,11 @@ class Cause(CauseRow):
         "choose another controller, or learn a model first, then resume; look whether something "
         "holds the body",
     )
+    TIP_JUMPED = (
+        "tip_jumped", _H, 0.0, _RESUME,
+        "the tip is suddenly somewhere else, and stays there: the body may have snapped",
+        "look at the body; tubes snap back where they are drawn out or turned back; then resume",
+    )
     OUT_OF_WORKSPACE = (
         "out_of_workspace", _H, 0.1, _SELF,
         "the tip is outside its workspace",

@@ -209,6 +209,8 @@ _UNIT_WITHIN = 0.05
 _FARTHEST_MM = 1e5
 """Beyond, squares of what a filter works with mean nothing. No tracker sees so far."""
 _TURN_RAD_S = 1.0
+_GOES_ON = 0.5
+"""Of a jump: a tip that goes so much further in the frames that follow did not go at once."""
 """How fast a tip may turn before anything is known of it: bent round by 180 degrees in 3 s."""
 
 
@@ -256,6 +258,10 @@ class PoseFilter:
         self.quality = 0.0
         """Share of the last frames that were there and believed; 0 before the first."""
         self._candidates: list[tuple[int, Pose]] = []
+        self._left_mm = _ZERO
+        """By how much the first candidate differs from what was predicted."""
+        self.jumped_mm = 0.0
+        """How far the tip went at once, where the newest measurement shows that it did; else 0."""
         self._predict_for_ns = round(settings.predict_for_s * _NS_PER_S)
         self._newest_ns: int | None = None
         self._state_ns = 0
@@ -279,6 +285,7 @@ class PoseFilter:
         if self._newest_ns is not None and t_ns <= self._newest_ns:
             return False
         self._newest_ns = t_ns
+        self.jumped_mm = 0.0
         believed = pose is not None and _sound(pose) and self._take(t_ns, pose)
         self._frames.append(believed)
         self.quality = sum(self._frames) / len(self._frames)
@@ -320,7 +327,7 @@ class PoseFilter:
             self._position.surprise(innovation.position_mm, innovation.ahead_s) <= gate
             and self._orientation.surprise(innovation.turn_rad, innovation.ahead_s) <= gate
         ):
-            return self._begin(t_ns, pose)
+            return self._begin_elsewhere(t_ns, pose, innovation)
         self._correct(t_ns, innovation)
         self._candidates.clear()
         return True
@@ -337,6 +344,20 @@ class PoseFilter:
         self._position.update(moved_mm, ahead_s)
         self._orientation.update(predicted, turn_rad, ahead_s)
         self._state_ns = self._believed_ns = self._last_believed_ns = t_ns
+
+    def _begin_elsewhere(self, t_ns: int, pose: Pose, innovation: _Innovation) -> bool:
+        """Begin again while it is still known where the tip was, and how it moved. It has jumped if
+        it went there at once, and not over all the frames since."""
+        first_ns, first = self._candidates[0] if self._candidates else (t_ns, pose)
+        moved_mm = np.array(self._position.velocity()) * ((t_ns - first_ns) / _NS_PER_S)
+        begun = self._begin(t_ns, pose)
+        if len(self._candidates) == 1:
+            self._left_mm = innovation.position_mm
+        if begun:
+            went_on_mm = float(np.linalg.norm(pose.position_mm - first.position_mm - moved_mm))
+            jumped_mm = hypot(*self._left_mm)
+            self.jumped_mm = jumped_mm if went_on_mm < jumped_mm * _GOES_ON else 0.0
+        return begun
 
     def _begin(self, t_ns: int, pose: Pose) -> bool:
         """Collect measurements that agree with each other; begin again when they are enough."""

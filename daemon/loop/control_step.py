@@ -103,6 +103,8 @@ class ControlLoop:
         self._publish_message = publish
         self._duration_ns = FRAME_PERIOD_NS[robot.tracker.frame_rate]
         self._threshold = robot.risk.threshold
+        most_mm = robot.supervision.tip_jump_mm
+        self._tip_jump_mm = math.inf if most_mm is None else most_mm
         self._slide = robot.risk.slide
         self._looks_round = robot.risk.model is not None
         self._max_velocity = AxisRanges.of(robot).max_velocity
@@ -210,7 +212,16 @@ class ControlLoop:
     def _estimate(self, sensed: Sensed) -> bool:
         believed = self.filter.update(sensed.frame.t_ns, sensed.frame.tip)
         self._believe(self.filter.estimate(sensed.frame.t_ns))
-        return believed
+        return believed and not self._jumped()
+
+    def _jumped(self) -> bool:
+        """Whether the tip has. The controller must not take that for what its axes have done."""
+        jumped_mm = self.filter.jumped_mm
+        if not jumped_mm > self._tip_jump_mm:
+            return False
+        now_ns = self._clock.now_ns()
+        self._supervisor.checks.tip_jumped(now_ns, f"{jumped_mm:.0f} mm from one frame to the next")
+        return True
 
     def _compare(self, sensed: Sensed) -> None:
         """Whether the tip is where the model of the body has it: energised or not."""

@@ -105,7 +105,9 @@ class RobotService:
             self.following,
             dependencies,
         )
-        self.body = BodyTeller(dependencies.risk, self.loop.channels, self.publish)
+        self.body = BodyTeller(
+            dependencies.risk, self.loop.channels, self.publish, self._body_snapped
+        )
         """Tells where the whole body is."""
         self.at_rest: list[Callable[[], None]] = [self.relax]
         """Called whenever the drives have come to rest and are off."""
@@ -258,6 +260,10 @@ class RobotService:
             self.dependencies.recorder.urgent()
         self.events.state(before, after, worst)
         self.publish(self.status())
+
+    def _body_snapped(self, times: int) -> None:
+        text = f"the emulated body has snapped to another shape, for the {times}. time"
+        self.events.tell("note", "snapped", text, subject="body")
 
     def _broken(self, part: str, error: Exception) -> None:
         """Something that cannot happen has happened: stop, and say what."""

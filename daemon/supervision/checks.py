@@ -277,6 +277,10 @@ class Checks:
         """The tip does not get to its reference, or goes away from it."""
         self._momentary(Cause.TRACKING_DIVERGES, t_ns, detail)
 
+    def tip_jumped(self, t_ns: int, detail: str) -> None:
+        """The tip is somewhere else than a frame before, and stays there."""
+        self._momentary(Cause.TIP_JUMPED, t_ns, detail, "tip")
+
     # What operators and the service itself report.
 
     def operator_hold(self, t_ns: int) -> None:

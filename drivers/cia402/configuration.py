@@ -11,6 +11,7 @@ from config.bus import Bus
 from drivers.axis_scale import axis_scale, count_limits
 from drivers.cia402 import objects
 from drivers.cia402.modes import MODES
+from safety.limits import HIGHEST_COUNT, LOWEST_COUNT
 
 
 class Need(Enum):
@@ -18,6 +19,7 @@ class Need(Enum):
 
     REQUIRED = "the node cannot be used"
     SAFETY = "the node may be used, and the operator is told what it will not do"
+    WHERE_PRESENT = "it does without what the object is about"
     OPTIONAL = "nothing"
 
 
@@ -44,6 +46,7 @@ _ON_CONNECTION_LOST: Final = {"quick_stop": 3, "disable_voltage": 2, "fault": 1}
 _ON_QUICK_STOP: Final = {"ramp_then_off": 2, "ramp_then_hold": 6}
 _ON_FAULT: Final = {"off": 0, "ramp_then_off": 2}
 
+_RAMP_FIRST: Final = 1
 _LEEWAY: Final = 1.05
 _TO_PRE_OPERATIONAL: Final = 0
 _TO_STOPPED: Final = 2
@@ -109,6 +112,11 @@ def _axis_settings(bus: Bus, axis: Axis) -> Iterator[Setting]:
         Need.SAFETY,
     )
     yield setting(objects.QUICK_STOP_OPTION, _ON_QUICK_STOP[safe.quick_stop], "end of a quick stop")
+    for index, purpose in (
+        (objects.SHUTDOWN_OPTION, "end of a shutdown"),
+        (objects.DISABLE_OPERATION_OPTION, "end of an operation that is disabled"),
+    ):
+        yield setting(index, _RAMP_FIRST, purpose, Need.WHERE_PRESENT)
     yield setting(objects.FAULT_REACTION_OPTION, _ON_FAULT[safe.fault], "fault", Need.SAFETY)
     yield from _limits(bus, axis, setting)
     yield setting(objects.MODE, MODES[axis.drive.mode].number, "mode of operation")
@@ -123,6 +131,10 @@ def _limits(bus: Bus, axis: Axis, setting: _MakeSetting) -> Iterator[Setting]:
         "time of a following error",
         Need.SAFETY,
     )
+    # Positions count on from turn to turn: a drive that begins anew takes the shorter way.
+    for subindex, end in ((1, LOWEST_COUNT), (2, HIGHEST_COUNT)):
+        purpose = "no modulo counting"
+        yield setting(objects.POSITION_RANGE_LIMIT, end, purpose, Need.WHERE_PRESENT, subindex)
     lowest, highest = limits.lowest, limits.highest
     yield setting(objects.SOFTWARE_POSITION_LIMIT, lowest, "lowest position", Need.SAFETY, 1)
     yield setting(objects.SOFTWARE_POSITION_LIMIT, highest, "highest position", Need.SAFETY, 2)

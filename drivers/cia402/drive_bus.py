@@ -20,7 +20,7 @@ from drivers.cia402.foreign_frames import ForeignFrames
 from drivers.cia402.homing import Homing, HomingError, ModeLeftError
 from drivers.cia402.modes import CYCLIC_MODES
 from drivers.cia402.node import Node, NodeState
-from drivers.cia402.pdo_plan import sends_steps_at_once
+from drivers.cia402.pdo_plan import RPDO_LAYOUT, TPDO_LAYOUT, sends_steps_at_once
 from drivers.cia402.power_state import PowerGoal, PowerState
 from drivers.clock import Clock
 from drivers.conditions import Condition, ConditionChange, Conditions
@@ -109,6 +109,9 @@ class DriveBus:
         self._sends_steps_at_once = sends_steps_at_once(bus) and all(
             axis.drive.mode in CYCLIC_MODES for _, axis in axes
         )
+        # Their states, which go before them after a SYNC, and their targets.
+        bits = len(self.channels) * (_BITS[TPDO_LAYOUT.size] + _BITS[RPDO_LAYOUT.size])
+        self._all_sent_within_ns = bits * 1_000_000_000 // bus.bitrate_bit_s
         self._handlers = self._make_handlers()
 
     # The cycle.
@@ -140,10 +143,13 @@ class DriveBus:
         """
         if not is_genuine(step):
             raise TypeError("only what the gate has permitted moves drives")
-        if not step.is_fresh(self._clock.now_ns()) or not self.following:
+        now_ns = self._clock.now_ns()
+        if not step.is_fresh(now_ns) or not self.following:
             return False
         self._step = step
-        if self._sends_steps_at_once and self._link is not None:
+        # Axes that turn together start with one SYNC: it must not come between their targets.
+        in_time = now_ns + self._all_sent_within_ns <= self._next_sync_ns
+        if self._sends_steps_at_once and in_time and self._link is not None:
             frames = self._outputs(step)
             self._sent(frames, self._link.send_all(frames))
         return True

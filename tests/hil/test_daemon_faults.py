@@ -65,6 +65,7 @@ NOT_FROM_OUTSIDE: Final = {
     "disk_full": "nine tenths of what a robot asks for would have to be filled",
     "gate_refused": "trajectories out of reach are refused; a model asks for little beyond them",
     "controller_failed": "no shipped controller fails on what can be asked of it from outside",
+    "tip_jumped": "the soft arm does not snap: tests/hil/test_concentric_tubes.py has it",
     "tracking_diverges": "a controller that is wired wrongly: tests/daemon/service",
     "not_referenced": "the soft arm's encoders keep their zeros: see service/test_homing.py",
     "body_not_as_modelled": "the soft arm has no model of its body; "

@@ -22,13 +22,17 @@ class BodyTeller:
         source: RiskSource,
         channels: Sequence[AxisChannel],
         publish: Callable[[Message], None],
+        snapped: Callable[[int], None],
     ) -> None:
-        """source: asked for the body where it knows one. channels: in the order of u."""
+        """source: asked for the body where it knows one. channels: in the order of u. snapped:
+        hears how often an emulated body has snapped, whenever it has once more."""
         self.emulated: Callable[[], Body | None] = lambda: None
         """The newest that an emulated lab has told; it goes before what a model expects."""
         self._source = source if isinstance(source, BodyKnowing) else None
         self._channels = channels
         self._publish = publish
+        self._snapped = snapped
+        self._snaps: int | None = None
         self._due_ns = 0
 
     def use_spare_time(self, now_ns: int) -> None:
@@ -39,6 +43,13 @@ class BodyTeller:
         known = body.source != "none"
         self._due_ns = now_ns + (_KNOWN_EVERY_NS if known else _UNKNOWN_EVERY_NS)
         self._publish(body)
+        self._tell_of_snaps(body.snaps)
+
+    def _tell_of_snaps(self, snaps: int | None) -> None:
+        """What was before somebody listened, or of another lab, is told to nobody."""
+        if snaps is not None and self._snaps is not None and snaps > self._snaps:
+            self._snapped(snaps)
+        self._snaps = snaps
 
     def _body(self, now_ns: int) -> Body:
         known = self._of_model()
@@ -51,6 +62,8 @@ class BodyTeller:
                 centreline_mm=emulated.centreline_mm,
                 radius_mm=emulated.radius_mm,
                 components=components,
+                stability=emulated.stability,
+                snaps=emulated.snaps,
             )
         if known is None:
             return Body(t_ns=now_ns, source="none")

@@ -53,7 +53,13 @@ def told_body(told: Mapping[str, Any]) -> Body | None:
         source="emulated truth",
         centreline_mm=kept,
         radius_mm=[float(radius)] * len(kept),
+        stability=_number(told.get("stability")),
+        snaps=None if (snaps := _number(told.get("snaps"))) is None else int(snaps),
     )
+
+
+def _number(told: object) -> float | None:
+    return float(told) if isinstance(told, int | float) and isfinite(told) else None
 
 
 def _is_place(point: object) -> bool:

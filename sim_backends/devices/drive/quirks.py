@@ -68,6 +68,10 @@ class Quirks:
     tells_reference: bool = False
     """Bit 15 of the statusword says whether the drive knows its zero (EPOS4)."""
 
+    counts_modulo_turn: bool = False
+    """Leaves the factory as a rotary table: positions begin anew after each turn of the motor
+    (0x607B), and a target is gone to by the shorter way."""
+
     @classmethod
     def of(cls, names: Iterable[Quirk]) -> "Quirks":
         """Those with these names."""
@@ -90,6 +94,11 @@ class Quirks:
         """Change what the drive is delivered with."""
         if self.communication_error_stops:
             objects.own(0x1029, 1, DataType.UNSIGNED8).deliver(_STOP)
+        if self.counts_modulo_turn:
+            for offset in axis_offsets:
+                turn = objects.own(offset + 0x608F, 1, DataType.UNSIGNED32).number
+                objects.own(offset + 0x607B, 1, DataType.INTEGER32).deliver(0)
+                objects.own(offset + 0x607B, 2, DataType.INTEGER32).deliver(turn - 1)
         if self.csp_not_listed:
             for offset in axis_offsets:
                 modes = objects.own(offset + 0x6502, 0, DataType.UNSIGNED32)

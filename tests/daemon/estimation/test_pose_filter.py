@@ -190,6 +190,42 @@ def test_the_tip_has_moved_when_enough_in_a_row_say_so() -> None:
     assert pose_filter.update(now_ns + PERIOD_NS, moved(resting(), 20.0))
 
 
+def jumps(poses: list[Pose]) -> list[float]:
+    """How far the tip is told to have jumped at each of these measurements, after a steady motion
+    at 40 mm/s along y."""
+    pose_filter = PoseFilter(SETTINGS)
+    told = []
+    for frame in range(60 + len(poses)):
+        pose = poses[frame - 60] if frame >= 60 else gone(frame)
+        pose_filter.update(frame * PERIOD_NS, pose)
+        told.append(pose_filter.jumped_mm)
+    assert told[:60] == [0.0] * 60
+    return told[60:]
+
+
+def gone(frames: int, aside_mm: float = 0.0) -> Pose:
+    return Pose(np.array([aside_mm, frames * 1.0, 180.0]), np.array([1.0, 0.0, 0.0, 0.0]))
+
+
+def test_a_tip_that_is_suddenly_elsewhere_and_goes_on_there_has_jumped() -> None:
+    told = jumps([gone(60 + after, 12.0) for after in range(10)])
+    assert told[START - 1] == pytest.approx(12.0, abs=0.5)
+    assert [jump for jump in told if jump] == [told[START - 1]]
+
+
+def test_a_tip_that_is_flung_aside_over_many_frames_has_not_jumped() -> None:
+    assert jumps([gone(60 + after, 12.0 * after) for after in range(10)]) == [0.0] * 10
+
+
+def test_an_outlier_or_a_gap_is_no_jump() -> None:
+    one = [gone(60, 30.0), *(gone(61 + after) for after in range(9))]
+    assert jumps(one) == [0.0] * 10
+    pose_filter, frames = following(resting, 60)
+    for later in range(10):
+        pose_filter.update((frames + 40 + later) * PERIOD_NS, moved(resting(), 12.0))
+        assert pose_filter.jumped_mm == 0.0
+
+
 def test_a_good_measurement_between_outliers_breaks_their_row() -> None:
     pose_filter, now_ns = following(resting, 60)
     for k in range(1, 4 * START):

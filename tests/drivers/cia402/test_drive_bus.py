@@ -2,11 +2,13 @@
 
 import asyncio
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import pytest
 
 from config.emulation import EmulatedDrives
+from drivers.canopen.codec import cob_ids
 from drivers.canopen.codec.nmt import NmtState
 from drivers.cia402 import conditions, objects
 from drivers.cia402.configuration import Need, node_settings
@@ -115,6 +117,53 @@ def test_no_axis_moves_on_when_one_has_stopped_following() -> None:
         assert stopped[0] < 15_000
 
     on_a_rig(test, robot_axes=axes(3))
+
+
+def between_syncs(frames: list[tuple[int, bytes]]) -> list[dict[int, int]]:
+    """By node, the target that counted at each SYNC: the last that went over the bus before it."""
+    told: list[dict[int, int]] = []
+    newest: dict[int, int] = {}
+    for can_id, data in frames:
+        if can_id == cob_ids.SYNC:
+            told.append(dict(newest))
+        elif can_id & 0x780 == 0x200:
+            newest[can_id & 0x7F] = int.from_bytes(data[2:], "little", signed=True)
+    return told
+
+
+@pytest.mark.parametrize("mode", ["csp", "csv", "pv"])
+def test_axes_that_turn_together_are_told_so_with_one_sync(mode: str) -> None:
+    """Whenever within a cycle the step comes: also so late that not all of it would be in time."""
+
+    async def test(rig: Rig) -> None:
+        heard: list[tuple[int, bytes]] = []
+        syncs_ns: list[int] = []
+
+        def hear(can_id: int, data: bytes, t_ns: int) -> None:
+            heard.append((can_id, data))
+            if can_id == cob_ids.SYNC:
+                syncs_ns.append(t_ns)
+
+        rig.bus.attach("witness", 128).listen({}, hear)
+        await rig.enabled()
+        for after_ms in (0.05, 2.0, 7.0, 8.5, 9.0, 9.3, 9.5, 9.7, 9.9, 9.99):
+            tick_ns = rig.master._next_sync_ns
+            await asyncio.sleep((tick_ns - rig.clock.now_ns()) * 1e-9 + after_ms * 1e-3)
+            assert rig.master.write(rig.step(500, 0.1))
+            heard.clear()
+            await asyncio.sleep(0.3)
+            told = between_syncs(heard)[2:]
+            assert len(told) > 20
+            changed = 0
+            for before, after in pairwise(told):
+                ways = [after[node] - before[node] for node in sorted(after)]
+                assert max(ways) - min(ways) <= 1, f"{after_ms} ms after a SYNC: {ways}"
+                changed += any(ways)
+            assert changed >= 5
+        late_ns = [abs(b - a - 10_000_000) for a, b in pairwise(syncs_ns)]
+        assert max(late_ns) < 300_000, "and the SYNC does not wait behind them"
+
+    on_a_rig(test, robot_axes=axes(6, mode=mode))
 
 
 @pytest.mark.parametrize("mode", ["csp", "csv", "pp", "pv"])

@@ -48,6 +48,8 @@ class CyclicPosition(Mode):
         units, limits, shaft = self._units, self._limits, self.shaft
         target = units.zero + self._target.value / units.per_increment  # type: ignore[operator]
         demand = shaft.demand
+        if units.modulo is not None:
+            target = units.nearest(target, demand)
         limited = False
         if not limits.low <= target <= limits.high:
             low, high = limits.range_around(demand)

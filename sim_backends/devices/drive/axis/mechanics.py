@@ -70,12 +70,19 @@ class Units:
         self._gear = (own(0x6091, 1, 1), own(0x6091, 2, 1))
         self._feed = (own(0x6092, 1, counts_per_turn), own(0x6092, 2, 1))
         self._velocity = (own(0x6096, 1, 1), own(0x6096, 2, 1))
+        self._range = tuple(
+            objects.own(base + 0x607B, 1 + end, DataType.INTEGER32, default)
+            for end, default in enumerate((-0x80000000, 0x7FFFFFFF))
+        )
         self._polarity = objects.own(base + 0x607E, 0, DataType.UNSIGNED8)
         self._encoder[0].deliver(counts_per_turn)
         self._feed[0].deliver(counts_per_turn)
-        for entry in (*self._gear, *self._feed, *self._velocity, self._polarity):
+        for entry in (*self._gear, *self._feed, *self._velocity, *self._range, self._polarity):
             entry.on_write = on_change
         self.zero = 0.0
+        self.modulo: int | None = None
+        """After so many units positions begin anew, at `_lowest`; None: they count on."""
+        self._lowest = 0
         self.configure()
 
     def configure(self) -> None:
@@ -84,6 +91,9 @@ class Units:
         self.per_increment = per_motor_turn / _ratio(self._encoder)
         if self._polarity.number & _POSITION_REVERSED:
             self.per_increment = -self.per_increment
+        self._lowest, highest = (end.number for end in self._range)
+        count = highest - self._lowest + 1
+        self.modulo = count if 0 < count < 0x100000000 else None
         self._velocity_per_increment = abs(self.per_increment) * _ratio(self._velocity)
         if self._polarity.number & _VELOCITY_REVERSED:
             self._velocity_per_increment = -self._velocity_per_increment
@@ -96,11 +106,20 @@ class Units:
     def position(self, increments: float) -> int:
         """A position as the master reads it."""
         units = round((increments - self.zero) * self.per_increment)
+        if self.modulo is not None:
+            return self._lowest + (units - self._lowest) % self.modulo
         return units if -0x80000000 <= units <= 0x7FFFFFFF else to_int32(units)
 
     def increments(self, position: float) -> float:
         """A position that the master gives."""
         return self.zero + position / self.per_increment
+
+    def nearest(self, target: float, demand: float) -> float:
+        """Of the places, in increments, that a target may mean, the one nearest to `demand`."""
+        if self.modulo is None:
+            return target
+        turn = self.length(self.modulo)
+        return target + turn * round((demand - target) / turn)
 
     def length(self, position: float) -> float:
         """A distance that the master gives, without its sign, in increments."""

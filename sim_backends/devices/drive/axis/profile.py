@@ -95,7 +95,7 @@ class ProfilePosition(Mode):
             last = self._goal if self._next_goal is None else self._next_goal
             goal = last + self._target.number / units.per_increment
         else:
-            goal = units.increments(self._target.number)
+            goal = units.nearest(units.increments(self._target.number), self.shaft.demand)
         low, high = self.parts.limits.range_around(self.shaft.demand)
         self.limited = not low <= goal <= high
         return min(max(goal, low), high)
