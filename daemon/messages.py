@@ -69,6 +69,14 @@ class AxisStatus(msgspec.Struct, frozen=True, kw_only=True):
     """Of a tendon: the least and the most tension that it may have."""
 
 
+class BusStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """One CAN bus, over the last second."""
+
+    name: str
+    load: float
+    """Share of what it can carry, all frames at their longest."""
+
+
 class LoopStatus(msgspec.Struct, frozen=True, kw_only=True):
     """How well the loop keeps its time."""
 
@@ -87,6 +95,7 @@ class LoopStatus(msgspec.Struct, frozen=True, kw_only=True):
     """What the last late cycle was spent on."""
     real_time: str = ""
     """What of the real-time set-up is in force."""
+    buses: list[BusStatus] = []
 
 
 class RiskStatus(msgspec.Struct, frozen=True, kw_only=True):

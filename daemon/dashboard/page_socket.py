@@ -4,6 +4,9 @@ The buttons of the page are drawn as they are told: from what the daemon says of
 """
 
 import asyncio
+import time
+from collections import deque
+from math import inf
 from typing import Any, Final, NamedTuple
 
 import msgspec
@@ -11,13 +14,31 @@ from aiohttp import web
 
 from daemon.dashboard.http_rules import may
 from daemon.dashboard.robot_link import RobotLink
-from daemon.messages import Status
+from daemon.messages import Status, Tip
+from daemon.remote.access import OPERATOR
 
 _EVERY_S: Final = 1.0 / 30.0
 _MOST_WAITING_BYTES: Final = 65536
 """A browser that has not taken so much gets no more before it does."""
 _EVENTS_AT_ONCE: Final = 100
+_PICTURES_KNOWN: Final = 90
+"""Three seconds of frames: of older ones only that they are old is of interest."""
 _MESSAGES: Final = ("status", "tip", "axes", "risk", "loop", "body")
+
+
+class _Said(msgspec.Struct):
+    """What a page says beside its heartbeat."""
+
+    set: tuple[float, float, float] | None = None
+    """Where its hand leads the tip, mm."""
+    seen: int = -1
+    """Number of the frame that was in the picture when it was made."""
+    grab: bool = False
+    """Whether the hand has just taken hold."""
+    let_go: bool = False
+
+
+_SAID: Final = msgspec.json.Decoder(_Said)
 
 
 class PageSocket:
@@ -33,6 +54,11 @@ class PageSocket:
         self._page = page
         self._role = role
         self._sent: dict[str, int] = {}
+        self._cycles_sent = -1
+        self._number = 0
+        self._pictures: deque[tuple[int, float]] = deque(maxlen=_PICTURES_KNOWN)
+        """Numbers of the last frames, and when what they show was heard."""
+        self._not_led = ""
         self._events_sent = link.events_heard - len(link.events)
 
     async def feed(self, transport: asyncio.WriteTransport) -> None:
@@ -44,15 +70,43 @@ class PageSocket:
                 await self._socket.send_bytes(msgspec.json.encode(self._frame()))
             await asyncio.sleep(_EVERY_S)
 
+    def hear(self, text: str) -> None:
+        """What the page says. Who only watches is not listened to."""
+        if self._role != OPERATOR:
+            return
+        if text == "heart":
+            self._link.heard(self._page)
+            return
+        try:
+            said = _SAID.decode(text)
+        except msgspec.DecodeError:
+            return
+        if said.let_go:
+            self._link.let_go(self._page)
+        elif said.set is not None:
+            age_s = self._picture_s(said.seen)
+            self._not_led = self._link.lead(self._page, said.set, age_s, said.grab)
+
+    def _picture_s(self, number: int) -> float:
+        """How long ago what the frame of that number shows was heard."""
+        for known, heard_s in self._pictures:
+            if known == number:
+                return asyncio.get_running_loop().time() - heard_s
+        return inf
+
     def _frame(self) -> dict[str, Any]:
         link = self._link
+        self._number += 1
+        self._pictures.append((self._number, link.heard_s))
         control = link.control.page
         frame: dict[str, Any] = {
+            "n": self._number,
             "age_s": asyncio.get_running_loop().time() - link.heard_s,
             "problem": link.problem,
             "in_control": bool(control) and control == self._page,
             "control_taken": bool(control),
             "role": self._role,
+            "hand": self._not_led or link.hand_refused,
             "dropped": self.dropped,
         }
         for kind in _MESSAGES:
@@ -62,8 +116,20 @@ class PageSocket:
                 frame[kind] = link.newest[kind]
                 if kind == "status":
                     frame["buttons"] = self._buttons(frame["in_control"])
+        self._add_age(frame)
+        if link.cycles_counted != self._cycles_sent:
+            self._cycles_sent = link.cycles_counted
+            frame["cycles"] = link.cycles
         self._add_events(frame)
         return frame
+
+    @staticmethod
+    def _add_age(frame: dict[str, Any]) -> None:
+        """How old the tip is that is sent, on the clock that it shares with the daemon."""
+        tip = frame.get("tip")
+        if isinstance(tip, Tip):
+            frame["tip_age_s"] = (time.monotonic_ns() - tip.t_ns) * 1e-9
+            frame["sent_s"] = time.time()
 
     def _buttons(self, in_control: bool) -> list[dict[str, Any]]:
         status = self._link.status
@@ -97,6 +163,7 @@ _BUTTONS: Final = (
     _Look("disarm", "Disarm"),
     _Look("clear", "Clear"),
     _Look("home", "Home", 0.8),
+    _Look("teleoperate", "Begin"),
 )
 
 

@@ -6,7 +6,7 @@ asleep or a frozen server renew nothing, and the daemon does what it does withou
 
 import asyncio
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
@@ -18,10 +18,13 @@ from daemon.messages import (
     Hold,
     Message,
     Release,
+    Resume,
     Status,
     Surroundings,
+    Tip,
     tag,
 )
+from daemon.recording.result import CycleError, ErrorTable
 from daemon.remote.client.address import LocalAddress
 from daemon.remote.client.client import RobotClient
 from daemon.remote.client.client_errors import ClientError
@@ -34,6 +37,10 @@ _STOPS_WITHIN_S: Final = 4.0
 _DEPTH: Final = 512
 HEARD_WITHIN_S: Final = 0.4
 """An older heartbeat renews nothing."""
+OLDEST_PICTURE_S: Final = 0.3
+"""Whoever leads the tip must see it: what was made from an older picture is not sent."""
+_VALID_S: Final = 0.2
+"""Of a set-point: a hand that says nothing more for so long has let go."""
 
 
 class PageControl:
@@ -86,12 +93,24 @@ class RobotLink:
         self.heard_s = 0.0
         """When the newest message came, on the event loop's clock."""
         self.surroundings: tuple[Surroundings, bytes] = (Surroundings(), b"")
+        self.cycles_counted = 0
+        """Changes with every cycle that ends, and where they begin anew."""
+        self.hand_refused = ""
+        """Why the motion did not go on when the hand took hold again; empty: it did."""
         self.problem = "looking for the daemon"
         """Why it is not connected; empty: it is."""
         self._folder = folder
         self._client: RobotClient | None = None
         self._renewing: asyncio.Task[None] | None = None
         self._renewed_s = 0.0
+        self._errors = ErrorTable()
+        self._cycle = -1
+        self._holding: asyncio.Task[None] | None = None
+
+    @property
+    def cycles(self) -> list[CycleError]:
+        """The tip's error since the last start that was heard, cycle by cycle."""
+        return self._errors.rows()
 
     @property
     def status(self) -> Status | None:
@@ -130,6 +149,14 @@ class RobotLink:
                 return
             self.events.append(message)
             self.events_heard += 1
+            if (message.kind, message.name) == ("command", "start"):
+                self._errors, self._cycle = ErrorTable(), -1
+                self.cycles_counted += 1
+        if isinstance(message, Tip):
+            self._errors.add(message)
+            if message.cycle not in (-1, self._cycle):
+                self._cycle = message.cycle
+                self.cycles_counted += 1
         kind = tag(type(message)).split("/")[0]
         self.newest[kind] = message
         self.counts[kind] = self.counts.get(kind, 0) + 1
@@ -196,6 +223,53 @@ class RobotLink:
             raise PermissionError("this page is not in control: take control first")
         answer: Answer = await ask(client)
         return answer
+
+    # Leading the tip by hand.
+
+    def lead(self, page: str, position_mm: Sequence[float], picture_s: float, grab: bool) -> str:
+        """A set-point of the page's hand. Returns why it is not sent; empty: it is.
+
+        picture_s: age of the picture that it was made from. grab: the hand has just taken hold;
+        what was held because it had let go goes on.
+        """
+        client = self._client
+        if client is None:
+            return self.problem
+        if page != self.control.page or not self.control.alive(asyncio.get_running_loop().time()):
+            return "this page is not in control"
+        if not picture_s <= OLDEST_PICTURE_S:
+            return "the picture that it was made from is too old"
+        try:
+            client.send_setpoint(position_mm, _VALID_S)
+        except ClientError as error:
+            return str(error)
+        if grab:
+            self._after_holding(Resume())
+        return ""
+
+    def let_go(self, page: str) -> None:
+        """The page's hand has let go: hold now, without waiting for the set-points to grow old."""
+        if page and page == self.control.page:
+            self._after_holding(Hold())
+
+    def _after_holding(self, command: Hold | Resume) -> None:
+        """In the order in which the hand let go and took hold."""
+        before = self._holding
+
+        async def ask() -> None:
+            if before is not None:
+                await asyncio.wait((before,))
+            client, self.hand_refused = self._client, ""
+            if client is None:
+                return
+            try:
+                await client.send(command)
+            except ClientError as error:
+                running = self.status is not None and self.status.state == "running"
+                if isinstance(command, Resume) and not running:
+                    self.hand_refused = str(error)
+
+        self._holding = asyncio.create_task(ask())
 
     async def stop(self) -> Answer:
         """STOP by the daemon's own way for it, in control or not. Raises ClientError."""

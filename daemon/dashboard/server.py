@@ -6,6 +6,7 @@ from collections.abc import Awaitable, Callable
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
+from urllib.parse import quote
 
 import msgspec
 from aiohttp import WSMsgType, web
@@ -21,7 +22,9 @@ from daemon.dashboard.http_rules import (
 )
 from daemon.dashboard.metrics import metrics
 from daemon.dashboard.page_socket import PageSocket
+from daemon.dashboard.recorded_runs import RecordedRuns
 from daemon.dashboard.robot_link import RobotLink
+from daemon.dashboard.run_pages import RunPages
 from daemon.messages import Answer
 from daemon.remote.client.client import RobotClient
 from daemon.remote.client.client_errors import ClientError, RefusedError
@@ -52,10 +55,14 @@ _VERBS: Final[dict[str, Callable[[RobotClient], Awaitable[Answer]]]] = {
 class PageServer:
     """Serves the robots that it is told of."""
 
-    def __init__(self, rules: Rules, experiments: ExperimentFiles) -> None:
+    def __init__(
+        self, rules: Rules, experiments: ExperimentFiles, runs: RecordedRuns | None = None
+    ) -> None:
+        """runs: recordings that may be replayed and fetched."""
         self.links: dict[str, RobotLink] = {}
         self._rules = rules
         self._experiments = experiments
+        self._runs = RunPages(RecordedRuns() if runs is None else runs)
         self._files = _read_static()
         self.app = web.Application(client_max_size=LARGEST_BODY_BYTES, middlewares=[self._guarded])
         self.app.add_routes(
@@ -63,13 +70,17 @@ class PageServer:
                 web.get("/", self._index),
                 web.get("/static/{name:.+}", self._static),
                 web.get("/ws", self._stream),
+                web.get("/api/me", self._me),
                 web.get("/api/robots", self._robots),
                 web.get("/api/experiments", self._list_experiments),
+                web.get("/api/controllers", self._controllers),
                 web.get("/api/surroundings", self._surroundings),
                 web.get("/api/surroundings.stl", self._mesh),
                 web.get("/metrics", self._metrics),
                 web.post("/api/stop", self._stop),
                 web.post("/api/do", self._do),
+                web.post("/api/report", self._report),
+                *self._runs.routes(),
             ]
         )
 
@@ -96,7 +107,8 @@ class PageServer:
         except web.HTTPException as error:
             return _plain(error.status, error.reason)
         if not response.prepared:
-            response.headers.update(security_headers())
+            for name, value in security_headers().items():
+                response.headers.setdefault(name, value)
         return response
 
     def _let_in(self, request: web.Request) -> web.Response:
@@ -104,7 +116,9 @@ class PageServer:
         token = request.query.get("token", "")
         if self._rules.role_of(token) is None:
             return _plain(401, "open the address that `tentacled dashboard` has printed")
-        response = web.Response(status=303, headers={**security_headers(), "Location": "/"})
+        response = web.Response(
+            status=303, headers={**security_headers(), "Location": _home(request)}
+        )
         response.set_cookie(self._rules.cookie, token, httponly=True, samesite="Strict", path="/")
         return response
 
@@ -112,7 +126,7 @@ class PageServer:
 
     async def _index(self, request: web.Request) -> web.StreamResponse:
         if "token" in request.query:
-            return web.Response(status=303, headers={"Location": "/"})
+            return web.Response(status=303, headers={"Location": _home(request)})
         return self._file("index.html")
 
     async def _static(self, request: web.Request) -> web.StreamResponse:
@@ -127,6 +141,9 @@ class PageServer:
 
     # Telling.
 
+    async def _me(self, request: web.Request) -> web.Response:
+        return _json({"role": request[_ROLE]})
+
     async def _robots(self, request: web.Request) -> web.Response:
         del request
         told = [
@@ -140,7 +157,10 @@ class PageServer:
         return _json(told)
 
     async def _list_experiments(self, request: web.Request) -> web.Response:
-        return _json(self._experiments.list(self._link(request.query.get("robot")).name))
+        return _json(self._experiments.offered(self._link(request.query.get("robot")).name))
+
+    async def _controllers(self, request: web.Request) -> web.Response:
+        return _json(self._experiments.controllers(self._link(request.query.get("robot")).name))
 
     async def _surroundings(self, request: web.Request) -> web.Response:
         return _json(self._link(request.query.get("robot")).surroundings[0])
@@ -159,13 +179,12 @@ class PageServer:
         socket = web.WebSocketResponse(max_msg_size=_LARGEST_MESSAGE_BYTES, heartbeat=5.0)
         await socket.prepare(request)
         assert request.transport is not None
-        feeding = asyncio.create_task(
-            PageSocket(socket, link, page, request[_ROLE]).feed(request.transport)
-        )
+        told = PageSocket(socket, link, page, request[_ROLE])
+        feeding = asyncio.create_task(told.feed(request.transport))
         try:
             async for message in socket:
-                if message.type is WSMsgType.TEXT and message.data == "heart":
-                    link.heard(page)
+                if message.type is WSMsgType.TEXT:
+                    told.hear(message.data)
         finally:
             feeding.cancel()
             await asyncio.gather(feeding, return_exceptions=True)
@@ -198,8 +217,15 @@ class PageServer:
         except RefusedError as error:
             reasons = [{"text": r.text, "remedy": r.remedy} for r in error.refusal.reasons]
             return _json({"ok": False, "text": error.refusal.text, "reasons": reasons})
-        except (ClientError, PermissionError) as error:
+        except (ClientError, PermissionError, ValueError) as error:
             return _json({"ok": False, "text": str(error)})
+
+    async def _report(self, request: web.Request) -> web.Response:
+        asked = await _body(request)
+        if not may(request[_ROLE], "report"):
+            return _plain(403, "viewers only watch")
+        why = await self._runs.make_report(str(asked.get("run")))
+        return _json({"ok": not why, "text": why})
 
     async def _done(
         self, link: RobotLink, page: str, verb: str, asked: dict[str, Any]
@@ -213,10 +239,15 @@ class PageServer:
             await link.give_control(page)
             return {"ok": True, "text": ""}
         if verb == "load":
-            found = self._experiments.load(link.name, str(asked.get("experiment")))
+            named, parameters = str(asked.get("experiment")), asked.get("parameters")
+            numbers = parameters if isinstance(parameters, dict) else None
+            found = self._experiments.load(link.name, named, numbers)
             if found is None:
                 return {"ok": False, "text": "there is no such experiment for this robot"}
             answer = await link.do(page, lambda client: client.load(*found))
+        elif verb == "teleoperate":
+            controller = self._experiments.controller(link.name, str(asked.get("controller", "")))
+            answer = await link.do(page, lambda client: client.teleoperate(controller))
         elif verb in _VERBS:
             answer = await link.do(page, _VERBS[verb])
         else:
@@ -227,6 +258,12 @@ class PageServer:
         if not isinstance(name, str) or name not in self.links:
             raise web.HTTPNotFound(reason="there is no such robot here")
         return self.links[name]
+
+
+def _home(request: web.Request) -> str:
+    """The page, with the recording that is to be replayed and without the token."""
+    replay = request.query.get("replay", "")
+    return f"/?replay={quote(replay, safe='')}" if replay else "/"
 
 
 async def _body(request: web.Request) -> dict[str, Any]:

@@ -28,6 +28,8 @@ ROBOT_FILE: Final = "robot.yaml"
 PROVENANCE_FILE: Final = "provenance.json"
 RESULT_FILE: Final = "result.json"
 REPORT_FILE: Final = "report.html"
+SURROUNDINGS_FILE: Final = "surroundings.stl"
+"""What was round the body, in the base sensor's frame, in mm."""
 _UNFINISHED: Final = ".part"
 
 
@@ -115,14 +117,19 @@ def describe_run(
     wall_ns: int | None,
     seed: int | None = None,
     models: Mapping[str, Path] | None = None,
+    surroundings: bytes = b"",
 ) -> Provenance:
-    """Write `robot.yaml` and `provenance.json`. Raises OSError.
+    """Write `robot.yaml`, `provenance.json`, and `surroundings.stl` where any are known.
+
+    Raises OSError.
 
     robot_path: of the file that `robot` was read from. wall_ns: None in virtual time, which has no
-    date. models: files by name.
+    date. models: files by name. surroundings: a binary STL file, mm.
     """
     text = robot_yaml(robot, robot_path).encode()
     write_whole(folder / ROBOT_FILE, text)
+    if surroundings:
+        write_whole(folder / SURROUNDINGS_FILE, surroundings)
     commit, modified = _checkout()
     provenance = Provenance(
         robot=robot.robot,

@@ -11,7 +11,7 @@ from config.control import RiskSettings, Surface
 from config.loader import RobotFile
 from config.paths import risk_paths
 from daemon.risk.grid_cache import cached_grid
-from daemon.risk.mesh_file import read_environment
+from daemon.risk.mesh_file import binary_stl, read_environment
 from daemon.risk.model_file import ModelFile, read_model
 from drivers.clock import WallClock
 from safety.risk.body_risk import Beside, BodyRisk
@@ -141,6 +141,12 @@ class BodyRiskSource:
         """What is told beside the risk is of this place from now on: no step has to wait for it."""
         self._beside = self._risk.beside(u)
         return self._risk.clearance(u, risk)
+
+
+def surroundings_stl(risk: RiskSource) -> bytes:
+    """What it asks with, as a binary STL file in mm; empty: it knows no surroundings."""
+    mesh = risk.mesh if isinstance(risk, BodyRiskSource) else None
+    return b"" if mesh is None else binary_stl(mesh)
 
 
 def make_risk_source(

@@ -6,8 +6,10 @@ import secrets
 import socket
 import ssl
 import sys
+from errno import EADDRINUSE
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
+from urllib.parse import quote
 
 from config.documents.problems import in_words
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
@@ -17,10 +19,12 @@ from daemon.remote.discovery import read_daemon, running_daemons
 from daemon.robot.runtime_directory import runtime_root
 
 if TYPE_CHECKING:
+    from daemon.dashboard.recorded_runs import RecordedRuns
     from daemon.dashboard.server import PageServer
 
 _LOOKS_EACH_S: Final = 1.0
 _PORT: Final = 8420
+_RUNS: Final = Path("runs")
 _LOOPBACK: Final = ("127.0.0.1", "::1", "localhost")
 
 
@@ -31,7 +35,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--runtime-dir", type=Path, metavar="DIR", help="of a daemon that is not found by itself"
     )
-    parser.add_argument("--port", type=int, default=_PORT, metavar="N", help="0: any that is free")
+    parser.add_argument(
+        "--port",
+        type=int,
+        metavar="N",
+        help=f"default: {_PORT}, or any that is free where that is taken; 0: any that is free",
+    )
     parser.add_argument(
         "--bind", default="127.0.0.1", metavar="ADDRESS", help="other than this machine: with --tls"
     )
@@ -50,12 +59,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="more experiment files than the shipped ones",
     )
+    parser.add_argument(
+        "--runs",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="DIR",
+        help=f"folders of recordings to list (default: {_RUNS}, and where the daemons here record)",
+    )
+    parser.add_argument(
+        "--replay", type=Path, metavar="RUN", help="open this recording: a run's folder, or a file"
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
     if arguments.bind not in _LOOPBACK and (arguments.tls is None or arguments.no_token):
         print("others than this machine are served with --tls and a token only", file=sys.stderr)
         return EXIT_USAGE
+    if arguments.replay is not None and not arguments.replay.exists():
+        print(f"{arguments.replay}: there is no such file or folder", file=sys.stderr)
+        return EXIT_FAILED
     try:
         asyncio.run(_serve(arguments))
     except OSError as error:
@@ -70,6 +93,7 @@ async def _serve(arguments: argparse.Namespace) -> None:
 
     from daemon.dashboard.experiments import ExperimentFiles
     from daemon.dashboard.http_rules import LOOPBACK_HOSTS, VIEWER, Rules
+    from daemon.dashboard.recorded_runs import RecordedRuns
     from daemon.dashboard.server import PageServer
 
     context = _context(arguments)  # before there is anything to be closed
@@ -77,10 +101,14 @@ async def _serve(arguments: argparse.Namespace) -> None:
     tokens = {} if arguments.no_token else {_token(): OPERATOR, _token(): VIEWER}
     hosts = (*LOOPBACK_HOSTS, *arguments.host)
     secure = arguments.tls is not None
-    server = PageServer(Rules(port, hosts, tokens, secure), ExperimentFiles(arguments.experiments))
+    replay = arguments.replay
+    runs = RecordedRuns(arguments.runs or [_RUNS], [] if replay is None else [replay])
+    server = PageServer(
+        Rules(port, hosts, tokens, secure), ExperimentFiles(arguments.experiments), runs
+    )
     runner = web.AppRunner(server.app, access_log=None, shutdown_timeout=1.0)
     await runner.setup()
-    finding = asyncio.create_task(_find(server, arguments))
+    finding = asyncio.create_task(_find(server, runs, arguments))
     try:
         await web.SockSite(runner, listening, ssl_context=context).start()
         _tell(arguments, port, tokens)
@@ -97,10 +125,11 @@ def _tell(arguments: argparse.Namespace, port: int, tokens: dict[str, str]) -> N
     address = f"{scheme}://{host}:{port}/"
     if arguments.bind not in _LOOPBACK:
         print(f"warning: port {port} is open to the network, at {arguments.bind}", file=sys.stderr)
+    replay = "" if arguments.replay is None else f"replay={quote(arguments.replay.resolve().name)}"
     if not tokens:
-        print(f"{address}  (whoever reaches it commands)", flush=True)
+        print(f"{address}{replay and '?'}{replay}  (whoever reaches it commands)", flush=True)
     for token, role in tokens.items():
-        print(f"{role}: {address}?token={token}", flush=True)
+        print(f"{role}: {address}?token={token}{replay and '&'}{replay}", flush=True)
 
 
 def _token() -> str:
@@ -119,13 +148,19 @@ def _context(arguments: argparse.Namespace) -> ssl.SSLContext | None:
     return context
 
 
-def _listening(address: str, port: int) -> tuple[socket.socket, int]:
+def _listening(address: str, port: int | None) -> tuple[socket.socket, int]:
+    """port: None where any will do. Raises OSError."""
     family = socket.AF_INET6 if ":" in address else socket.AF_INET
-    listening = socket.create_server((address, port), family=family)
+    try:
+        listening = socket.create_server((address, _PORT if port is None else port), family=family)
+    except OSError as error:
+        if port is not None or error.errno != EADDRINUSE:
+            raise
+        listening = socket.create_server((address, 0), family=family)
     return listening, int(listening.getsockname()[1])
 
 
-async def _find(server: "PageServer", arguments: argparse.Namespace) -> None:
+async def _find(server: "PageServer", runs: "RecordedRuns", arguments: argparse.Namespace) -> None:
     """Daemons that come are picked up; those that go are waited for."""
     from daemon.dashboard.robot_link import RobotLink
 
@@ -143,6 +178,9 @@ async def _find(server: "PageServer", arguments: argparse.Namespace) -> None:
                 if found is not None and wanted and found.robot not in server.links:
                     link = server.links[found.robot] = RobotLink(found.robot, folder)
                     links.append(asyncio.create_task(link.run()))
+            for link in server.links.values():
+                if link.status is not None and link.status.recording is not None:
+                    runs.add_root(Path(link.status.recording).parent)
             await asyncio.sleep(_LOOKS_EACH_S)
     finally:
         for task in links:

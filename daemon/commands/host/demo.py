@@ -2,10 +2,15 @@
 
 import argparse
 import asyncio
+import select
+import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from importlib.resources import files
 from pathlib import Path
+from typing import Final
 
 from config.documents.problems import in_words
 from config.loader import load_robot
@@ -14,7 +19,7 @@ from daemon.commands.terminal.compiled import compile_all, telling_progress
 from daemon.commands.terminal.tour import Tour, TourError
 from daemon.files import check_folder_can_be_made
 from daemon.host.clock import run_in_real_time
-from daemon.host.processes import OwnProcesses, ProcessError
+from daemon.host.processes import OwnProcesses, ProcessError, end_with_parent
 from daemon.host.stop_signals import StopSignals
 from daemon.learning.forward.pretraining import PretrainingError
 from daemon.recording.result import read_result, table_text
@@ -23,6 +28,9 @@ from daemon.workbench.experiments.trial import TrialError
 from daemon.workbench.pretraining.model_cache import pretrained
 from daemon.workbench.report.report import write_report
 
+_PAGE_WITHIN_S: Final = 30.0
+_PAGE_ENDS_WITHIN_S: Final = 5.0
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
@@ -30,6 +38,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--runs", type=Path, default=Path("runs"), metavar="DIR", help="where the recording goes"
+    )
+    parser.add_argument(
+        "--no-page", action="store_true", help="do not serve the operator's page beside it"
     )
 
 
@@ -40,13 +51,51 @@ def run(arguments: argparse.Namespace) -> int:
     except OSError as error:
         print(in_words(error), file=sys.stderr)
         return EXIT_FAILED
-    try:
-        model = _prepared(robot)
-    except (TrialError, PretrainingError, OSError) as error:
-        print(f"the arm cannot be explored: {in_words(error)}", file=sys.stderr)
-        return EXIT_FAILED
-    with tempfile.TemporaryDirectory(prefix="tentacled-") as directory:
-        return run_in_real_time(_demonstrate(robot, Path(directory), model, arguments))
+    with tempfile.TemporaryDirectory(prefix="tentacled-") as name:
+        directory = Path(name)
+        with nullcontext() if arguments.no_page else _page(directory, arguments.runs):
+            try:
+                model = _prepared(robot)
+            except (TrialError, PretrainingError, OSError) as error:
+                print(f"the arm cannot be explored: {in_words(error)}", file=sys.stderr)
+                return EXIT_FAILED
+            return run_in_real_time(_demonstrate(robot, directory, model, arguments))
+
+
+@contextmanager
+def _page(directory: Path, runs: Path) -> Iterator[None]:
+    """The operator's page as long as the tour lasts, which goes on where it cannot be served."""
+    words = ["dashboard", "soft_arm", "--runtime-dir", str(directory), "--runs", str(runs)]
+    command = [sys.executable, "-m", "daemon.commands.terminal.command_line", *words]
+    with subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=end_with_parent,
+    ) as process:
+        try:
+            _tell_address(process)
+            yield
+        finally:
+            process.terminate()
+            try:
+                process.wait(_PAGE_ENDS_WITHIN_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+
+
+def _tell_address(process: "subprocess.Popen[str]") -> None:
+    """It speaks when it is ready: the operator's address in its first line."""
+    assert process.stdout is not None
+    ready, _, _ = select.select([process.stdout], [], [], _PAGE_WITHIN_S)
+    line = process.stdout.readline() if ready else ""
+    address = line.strip().removeprefix("operator: ")
+    if address:
+        print(f"see it in a browser: {address}", flush=True)
+    else:
+        print("the operator's page is not there: the tour goes on without", file=sys.stderr)
 
 
 def _prepared(robot: Path) -> Path:

@@ -24,8 +24,7 @@ from daemon.recording.run_folder import describe_run, new_run
 from daemon.remote.discovery import FolderError, SecondDaemonError
 from daemon.remote.server.server import RemoteOpenError, RemoteServer
 from daemon.remote.surroundings import PreparedSurroundings, cut_surroundings
-from daemon.risk.body_risk_source import BodyRiskSource, RiskFilesError, make_risk_source
-from daemon.risk.mesh_file import binary_stl
+from daemon.risk.body_risk_source import RiskFilesError, make_risk_source, surroundings_stl
 from daemon.robot.checked_robot import CheckedRobot, add_robot_argument, robot_or_explain
 from daemon.robot.connections import RealConnections
 from daemon.robot.lab_connections import (
@@ -129,11 +128,12 @@ async def _serve(checked: CheckedRobot, arguments: argparse.Namespace, risk: Ris
     )
     if dependencies.real_time is not None:
         dependencies.real_time.prepare()
+    surroundings = _surroundings(robot, risk)
     session = Session(
         checked.file,
         with_lab_ports(robot, directory),
         dependencies,
-        _folder_maker(checked, arguments.runs, clock, arguments.seed),
+        _folder_maker(checked, arguments, clock, b"".join(surroundings.parts)),
         arguments.seed,
         inject=_injector(directory) if simulated else None,
         files=arguments.files or models_directory(),
@@ -148,7 +148,7 @@ async def _serve(checked: CheckedRobot, arguments: argparse.Namespace, risk: Ris
         simulated=simulated,
         version=service.version,
         robot_file_dir=checked.file.path.parent,
-        surroundings=_surroundings(robot, risk),
+        surroundings=surroundings,
     )
     lab = LabListener(
         directory, lambda what: service.events.tell("note", "happening", what, subject="lab")
@@ -176,19 +176,21 @@ def _surroundings(robot: Robot, risk: RiskSource) -> PreparedSurroundings:
     """What the risk is asked with, for whoever wants to see it."""
     box = robot.workspace
     workspace = None if box is None else [list(box.x_mm), list(box.y_mm), list(box.z_mm)]
-    mesh = risk.mesh if isinstance(risk, BodyRiskSource) else None
-    stl = b"" if mesh is None else binary_stl(mesh)
+    stl = surroundings_stl(risk)
     surface = robot.risk.surface
     return cut_surroundings(Path(surface.mesh).name if surface and stl else "", stl, workspace)
 
 
-def _folder_maker(checked: CheckedRobot, runs: Path, clock: WallClock, seed: int) -> MakeFolder:
+def _folder_maker(
+    checked: CheckedRobot, arguments: argparse.Namespace, clock: WallClock, surroundings: bytes
+) -> MakeFolder:
     """Makes folders in a thread of its own: neither disk nor git may hold the loop."""
 
     def make() -> Path:
         robot, wall_ns = checked.file.robot, clock.wall_time_ns()
-        folder = new_run(runs, robot.robot, wall_ns)
-        describe_run(folder, robot, checked.file.path, wall_ns, seed)
+        folder = new_run(arguments.runs, robot.robot, wall_ns)
+        path, seed = checked.file.path, arguments.seed
+        describe_run(folder, robot, path, wall_ns, seed, surroundings=surroundings)
         return folder
 
     async def make_folder() -> Path:

@@ -2,14 +2,16 @@
 import * as THREE from "three";
 import { OrbitControls } from "./vendor/three/OrbitControls.js";
 
-const AROUND = 20, MOST = 32, TRAIL = 900;
+const AROUND = 20, MOST = 32, TRAIL = 900, TRIAD_MM = 30;
 const VIEWS = { free: [0.85, -1, 0.35], front: [0, -1, 0], side: [1, 0, 0], top: [0, -0.001, 1] };
 const REFERENCE = { free: 0x27a567, reduced: 0xe0a022, held: 0xe0464f };
+const TARGET = 0xb455d6;
 
 export class Scene {
   constructor(element) {
     this.element = element;
     this.drawn = 0;
+    this.dirty = true;  // drawn only where there is something new: a software renderer shares the robot's processor
     this.renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true });
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
     element.prepend(this.renderer.domElement);
@@ -17,6 +19,7 @@ export class Scene {
     this.camera = new THREE.PerspectiveCamera(38, 1, 1, 5000);
     this.camera.up.set(0, 0, 1);
     this.controls = new OrbitControls(this.camera, this.renderer.domElement);
+    this.controls.addEventListener("change", () => { this.dirty = true; });
     this.middle = new THREE.Vector3(0, 0, 110);
     this.size = 210;
     this.follows = false;
@@ -29,12 +32,20 @@ export class Scene {
     grid.material.transparent = true;
     grid.material.opacity = 0.22;
     this.scene.add(grid);
+    this.triad = new THREE.AxesHelper(TRIAD_MM);
+    this.triad.setColors(0xd1242f, 0x2da44e, 0x1f6feb);
+    this.triad.visible = false;
+    this.scene.add(this.triad);
     this.makeBody();
     this.tip = this.ball(3.4, 0x1f6feb);
     this.reference = this.ball(3.0, REFERENCE.free);
     this.trail = this.line(0x1f6feb, TRAIL);
     this.aims = this.line(0x27a567, TRAIL);
     this.clearance = this.line(0xe0464f, 2);
+    this.target = this.ball(4.2, TARGET);
+    this.target.material.transparent = true;
+    this.target.material.opacity = 0.75;
+    this.lead = this.line(TARGET, 2);
     this.ellipsoids = [];
     this.unit = new THREE.SphereGeometry(1, 24, 16);
     this.view("free");
@@ -78,6 +89,7 @@ export class Scene {
   }
 
   drawLine(line, places) {
+    this.dirty = true;
     const attribute = line.geometry.getAttribute("position");
     places.forEach((place, n) => attribute.setXYZ(n, ...place));
     attribute.needsUpdate = true;
@@ -86,6 +98,7 @@ export class Scene {
 
   setBody(told) {
     const points = told.centreline_mm;
+    this.dirty = true;
     this.body.visible = Boolean(points);
     this.setEllipsoids(told.components || []);
     if (!points) return;
@@ -134,19 +147,70 @@ export class Scene {
 
   setTip(told, risk) {
     const tip = told.tip_mm, aim = told.reference_mm;
+    this.dirty = true;
     this.tip.visible = Boolean(tip);
     this.reference.visible = Boolean(aim);
-    if (tip) { this.tip.position.set(...tip); this.addTo(this.trail, tip); }
-    if (aim) { this.reference.position.set(...aim); this.addTo(this.aims, aim); }
+    if (tip) this.tip.position.set(...tip);
+    if (aim) this.reference.position.set(...aim);
     const scale = risk ? risk.scale : 1;
     this.reference.material.color.setHex(told.state === "hold" ? REFERENCE.held : scale < 0.98 ? REFERENCE.reduced : REFERENCE.free);
     if (tip && this.follows) this.controls.target.lerp(this.tip.position, 0.1);
+    if (this.target.visible) this.setTarget(this.target.position.toArray());
+  }
+
+  addToTrail(told) {
+    if (told.tip_mm) this.addTo(this.trail, told.tip_mm);
+    if (told.reference_mm) this.addTo(this.aims, told.reference_mm);
   }
 
   addTo(line, place) {
     line.places.push(place);
     if (line.places.length > TRAIL) line.places.shift();
     this.drawLine(line, line.places);
+  }
+
+  setTrails(tips, references) { this.drawLine(this.trail, tips); this.drawLine(this.aims, references); }
+
+  // Where the hand leads the tip; null: nowhere.
+  setTarget(place) {
+    this.target.visible = Boolean(place);
+    if (place) this.target.position.set(...place);
+    this.drawLine(this.lead, place && this.tip.visible ? [this.tip.position.toArray(), place] : []);
+  }
+
+  // Another robot: nothing of the one before stays.
+  clear() {
+    for (const line of [this.trail, this.aims]) { line.places = []; this.drawLine(line, []); }
+    for (const shown of [this.body, this.tip, this.reference, this.mesh, this.box]) if (shown) shown.visible = false;
+    this.setEllipsoids([]);
+    this.setTarget(null);
+    this.setClearance(null);
+  }
+
+  // Leading by hand.
+
+  lock(on) { this.controls.enabled = !on; }
+
+  // Pixels from the picture's corner.
+  onScreen(place) {
+    const at = new THREE.Vector3(...place).project(this.camera);
+    return [((at.x + 1) / 2) * this.element.clientWidth, ((1 - at.y) / 2) * this.element.clientHeight];
+  }
+
+  // The place under the pointer in the plane through `through`; null: it looks along the plane.
+  onPlane(clientX, clientY, through, normal) {
+    const box = this.renderer.domElement.getBoundingClientRect(), ray = new THREE.Raycaster(), n = new THREE.Vector3(...normal);
+    ray.setFromCamera(new THREE.Vector2(((clientX - box.left) / box.width) * 2 - 1, 1 - ((clientY - box.top) / box.height) * 2), this.camera);
+    if (Math.abs(ray.ray.direction.dot(n)) < 0.05) return null;
+    const plane = new THREE.Plane().setFromNormalAndCoplanarPoint(n, new THREE.Vector3(...through));
+    const place = ray.ray.intersectPlane(plane, new THREE.Vector3());
+    return place ? place.toArray() : null;
+  }
+
+  // To the right, up and into the picture.
+  screenAxes() {
+    const e = this.camera.matrixWorld.elements;
+    return [[e[0], e[1], e[2]], [e[4], e[5], e[6]], [-e[8], -e[9], -e[10]]];
   }
 
   setClearance(risk) {
@@ -157,6 +221,8 @@ export class Scene {
 
   setWorkspace(box) {
     if (this.box) this.scene.remove(this.box);
+    this.box = null;
+    this.dirty = true;
     if (!box) return;
     const [x, y, z] = box;
     const corners = new THREE.Box3(new THREE.Vector3(x[0], y[0], z[0]), new THREE.Vector3(x[1], y[1], z[1]));
@@ -164,6 +230,8 @@ export class Scene {
     this.box.material.transparent = true;
     this.box.material.opacity = 0.5;
     this.scene.add(this.box);
+    this.triad.position.copy(corners.min);
+    this.triad.visible = true;
     corners.expandByPoint(new THREE.Vector3(0, 0, 0));
     corners.getCenter(this.middle);
     this.size = corners.getSize(new THREE.Vector3()).length();
@@ -172,6 +240,8 @@ export class Scene {
 
   setMesh(buffer) {
     if (this.mesh) this.scene.remove(this.mesh);
+    this.mesh = null;
+    this.dirty = true;
     if (buffer.byteLength < 84) return;
     const data = new DataView(buffer), count = data.getUint32(80, true);
     const places = new Float32Array(count * 9);
@@ -186,6 +256,7 @@ export class Scene {
 
   view(name) {
     const [x, y, z] = VIEWS[name];
+    this.dirty = true;
     this.controls.target.copy(this.middle);
     this.camera.position.copy(this.middle).addScaledVector(new THREE.Vector3(x, y, z).normalize(), 1.55 * this.size);
     this.controls.update();
@@ -199,10 +270,14 @@ export class Scene {
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
+    this.dirty = true;
   }
 
+  // Returns whether there was something new to draw.
   draw(label) {
     this.controls.update();
+    if (!this.dirty) return false;
+    this.dirty = false;
     this.renderer.render(this.scene, this.camera);
     this.drawn += 1;
     label.style.visibility = this.label ? "visible" : "hidden";
@@ -212,5 +287,6 @@ export class Scene {
       label.style.left = `${((at.x + 1) / 2) * this.element.clientWidth + 10}px`;
       label.style.top = `${((1 - at.y) / 2) * this.element.clientHeight - 12}px`;
     }
+    return true;
   }
 }

@@ -9,6 +9,7 @@ from daemon.loop.control_step import ControlLoop
 from daemon.loop.timekeeping import Timekeeping
 from daemon.messages import (
     AxisStatus,
+    BusStatus,
     LeaseStatus,
     LoopStatus,
     ReferenceStatus,
@@ -62,6 +63,7 @@ class StatusReport:
         self._axes = [_Axis(channel, node_of[channel.index]) for channel in loop.channels]
         self._sequence = 0
         self._loop_status: LoopStatus | None = None
+        self._loads = [_Load(bus) for bus in buses]
 
     def status(
         self,
@@ -112,6 +114,7 @@ class StatusReport:
             step_p99_s=step_high,
             last_overrun=timekeeping.last_overrun,
             real_time="" if self._real_time is None else str(self._real_time),
+            buses=[load.status(t_ns) for load in self._loads],
         )
         return self._loop_status
 
@@ -141,6 +144,24 @@ class StatusReport:
             scale=1.0 if decision is None else decision.scale,
             detail="" if decision is None else decision.risk_detail,
         )
+
+
+class _Load:
+    """How much of one bus is used, from one question for it to the next."""
+
+    def __init__(self, bus: DriveBus) -> None:
+        self._bus = bus
+        self._t_ns: int | None = None
+        self._bits = 0
+
+    def status(self, t_ns: int) -> BusStatus:
+        bits, before_ns = self._bus.traffic.bits, self._t_ns
+        load = 0.0
+        if before_ns is not None and t_ns > before_ns:
+            seconds = (t_ns - before_ns) * 1e-9
+            load = (bits - self._bits) / (seconds * self._bus.bus.bitrate_bit_s)
+        self._t_ns, self._bits = t_ns, bits
+        return BusStatus(name=self._bus.name, load=load)
 
 
 class _Axis:

@@ -35,14 +35,18 @@ class ExperimentFile:
         """A problem at `location` of this file, found by a check that lives elsewhere."""
         return self.document.problem(location, message)
 
-    def describe(self, folder: Path, wall_ns: int | None, seed: int) -> None:
+    def describe(
+        self, folder: Path, wall_ns: int | None, seed: int, surroundings: bytes = b""
+    ) -> None:
         """Write into a run's folder what is run, with which model. Raises OSError.
 
-        wall_ns: None in virtual time.
+        wall_ns: None in virtual time. surroundings: a binary STL file, mm.
         """
         model = getattr(self.experiment.controller, "model", None)
         models = {} if model is None else {"controller": Path(model)}
-        describe_run(folder, self.robot, self.file.path, wall_ns, seed, models)
+        describe_run(
+            folder, self.robot, self.file.path, wall_ns, seed, models, surroundings=surroundings
+        )
 
 
 def load_experiment(path: Path) -> ExperimentFile:

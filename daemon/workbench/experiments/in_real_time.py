@@ -12,6 +12,7 @@ from daemon.host.real_time import RealTime
 from daemon.recording.flight_recorder import FlightRecorder
 from daemon.recording.result import Result, read_result
 from daemon.recording.run_folder import robot_yaml
+from daemon.risk.body_risk_source import surroundings_stl
 from daemon.robot.connections import RealConnections
 from daemon.robot.lab_connections import LabRefusedError, LabUnreachableError, ask
 from daemon.robot.runtime_directory import with_lab_ports
@@ -108,7 +109,7 @@ async def _carry_out(
     )
 
     def describe() -> Path:
-        file.describe(folder, clock.wall_time_ns(), seed)
+        file.describe(folder, clock.wall_time_ns(), seed, surroundings_stl(risk))
         return folder
 
     async def make_folder() -> Path:

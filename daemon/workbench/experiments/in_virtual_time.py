@@ -11,6 +11,7 @@ from daemon.host.real_time import collector_rarely
 from daemon.recording.direct_recorder import DirectRecorder
 from daemon.recording.result import Result, read_result, write_result
 from daemon.recording.run_parts import control_hash
+from daemon.risk.body_risk_source import surroundings_stl
 from daemon.robot.lab_connections import LabConnections
 from daemon.service.dependencies import Dependencies
 from daemon.workbench.experiments.carry_out import carry_out
@@ -55,7 +56,7 @@ async def _carry_out(
     lab.start()
 
     async def make_folder() -> Path:
-        file.describe(folder, None, seed)
+        file.describe(folder, None, seed, surroundings_stl(dependencies.risk))
         return folder
 
     dependencies, truth = _dependencies(file, lab, clock, seed), _TruthOf(lab)

@@ -55,7 +55,7 @@ th, td { text-align: left; padding: 5px 12px 5px 0; border-bottom: 1px solid var
 th { color: var(--muted); font-weight: 600; font-size: 13px; white-space: nowrap; }
 td.number, th.number { text-align: right; white-space: nowrap; }
 td.bar { width: 34%; padding-left: 12px; vertical-align: middle; }
-td.bar i { display: block; height: 10px; border-radius: 3px; background: var(--accent); }
+td.bar svg { display: block; width: 100%; height: 10px; border-radius: 3px; fill: var(--accent); }
 tr.state td { background: #eef5fc; font-weight: 600; }
 tr.warning td { background: var(--warning-soft); }
 tr.alarm td { background: var(--alarm-soft); }

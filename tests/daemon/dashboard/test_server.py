@@ -14,6 +14,7 @@ from aiohttp import web
 
 from daemon.dashboard.experiments import ExperimentFiles
 from daemon.dashboard.http_rules import LARGEST_BODY_BYTES, LOOPBACK_HOSTS, Rules
+from daemon.dashboard.recorded_runs import RecordedRuns
 from daemon.dashboard.robot_link import RobotLink
 from daemon.dashboard.server import PageServer
 from daemon.host.clock import run_in_real_time
@@ -60,7 +61,7 @@ async def served(folder: Path, lease_s: float = 2.0) -> AsyncIterator[Served]:
     with socket.create_server(("127.0.0.1", 0)) as listening:
         port = int(listening.getsockname()[1])
         rules = Rules(port, LOOPBACK_HOSTS, {OPERATOR: "operator", VIEWER: "viewer"})
-        server = PageServer(rules, ExperimentFiles())
+        server = PageServer(rules, ExperimentFiles(folder), RecordedRuns([folder / "runs"]))
         robot = FakeRobot(lease_s)
         async with serving(folder, robot) as (remote, _):
             link = server.links[ROBOT] = RobotLink(ROBOT, folder)

@@ -1,0 +1,100 @@
+// One recording in the page: the block is fetched, and every moment of it is drawn as if it were live.
+import { $, put, made, told, clock, number } from "./dom.js";
+import { addEvents, eventsAt, eventsJump } from "./events.js";
+import { showCycles } from "./panels.js";
+import { ReplayBlock } from "./replay_block.js";
+import { runLinks } from "./runs.js";
+import { Timeline } from "./timeline.js";
+
+const TRAIL = 900;
+
+async function fetched(name, tell) {
+  const response = await fetch(`api/runs/${encodeURIComponent(name)}/replay`);
+  if (!response.ok) throw new Error((await response.text()) || response.statusText);
+  const pieces = [], reader = response.body.getReader();
+  let bytes = 0;
+  for (;;) {
+    const { done, value } = await reader.read();
+    if (done) break;
+    pieces.push(value);
+    bytes += value.length;
+    tell(bytes);
+  }
+  const whole = new Uint8Array(bytes);
+  let at = 0;
+  for (const piece of pieces) { whole.set(piece, at); at += piece.length; }
+  return whole.buffer;
+}
+
+export async function openReplay(name, page) {
+  const began = performance.now();
+  document.title = `${name} · tentacled`;
+  put($("connection"), `replay of ${name}`);
+  let block;
+  try {
+    block = new ReplayBlock(await fetched(name, (bytes) => put($("headline"), `Reading: ${(bytes / 1e6).toFixed(1)} MB`)));
+  } catch (error) {
+    put($("headline"), `This recording cannot be replayed: ${error.message}`);
+    return null;
+  }
+  document.body.classList.remove("stale");
+  return new Replay(name, block, page, began);
+}
+
+class Replay {
+  constructor(name, block, page, began) {
+    Object.assign(this, { block, page, shown: 0, plotted: false });
+    const header = block.header;
+    eventsJump((t) => this.timeline.go(t));
+    addEvents(header.events);
+    showCycles(header.cycles);
+    this.about(name, header);
+    page.showRoom({ workspace_mm: header.workspace_mm, parts: header.surroundings ? 1 : 0 }, `api/runs/${encodeURIComponent(name)}/surroundings.stl`);
+    this.timeline = new Timeline(header, (t) => this.show(t));
+    const states = block.kinds.state;
+    this.timeline.go(states.times.length ? Math.max(0, states.times[0]) : 0);
+    this.timeline.tick(performance.now());
+    this.opened_ms = performance.now() - began;
+  }
+
+  about(name, header) {
+    const facts = {
+      Robot: header.robot || "–", Began: new Date(header.started_ns / 1e6).toISOString().replace("T", " ").slice(0, 19), Lasts: clock(header.duration_s),
+      Followed: header.result ? `${header.result.trajectory}, ${header.result.controller}` : "–",
+      "Worst error": header.worst ? `${number(header.worst.error_mm, 2, " mm")} at ${clock(header.worst.t_s)}` : "–",
+      Recording: header.whole ? "ended properly" : "not ended", Left: header.dropped ? `${header.dropped} messages were left out` : "nothing out",
+    };
+    const every = header.kinds.tip.every;
+    if (every > 1) facts.Frames = `every ${every}th is shown`;
+    $("about").replaceChildren(...Object.entries(facts).flatMap(([term, value]) => [made("dt", { textContent: term }), made("dd", { textContent: value })]));
+    told("api/runs").then((runs) => {
+      const run = runs.find((one) => one.name === name);
+      if (run) $("aboutlinks").replaceChildren(...runLinks(run, this.page.role).slice(1));
+    }).catch(() => {});
+  }
+
+  show(t) {
+    const frame = this.block.frame(t);
+    this.page.draw(frame);
+    if (!this.plotted && this.page.plots()) this.plot();
+    if (frame.tip) this.page.scene.setTrails(this.block.trail("tip", t, TRAIL), this.block.trail("reference", t, TRAIL));
+    if (this.plotted) for (const plot of Object.values(this.page.plots())) plot.cursorAt(t);
+    eventsAt(t);
+    this.shown += 1;
+  }
+
+  plot() {
+    this.plotted = true;
+    const { error, risk, force, loop } = this.block.series, plots = this.page.plots(), jump = (t) => this.timeline.go(t);
+    plots.error.setWhole(error.times, error.columns, jump);
+    plots.risk.setWhole(risk.times, risk.columns, jump);
+    plots.loop.setWhole(loop.times, loop.columns, jump);
+    const limits = plots.force.names.length - force.columns.length;
+    const range = this.page.forceRange();
+    plots.force.setWhole(force.times, [...force.columns, ...range.slice(0, Math.max(limits, 0)).map((value) => force.times.map(() => value))], jump);
+  }
+
+  tick(now) { this.timeline.tick(now); }
+
+  told() { return { t: this.timeline.t, duration: this.timeline.duration, shown: this.shown, opened_ms: this.opened_ms, playing: this.timeline.playing }; }
+}

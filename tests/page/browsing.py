@@ -1,0 +1,135 @@
+"""One page in a real browser, asked for what it knows and pressed as an operator would."""
+
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, ConsoleMessage, Page
+
+CHROMIUM: Final = shutil.which("chromium") or shutil.which("chromium-browser")
+PICTURES: Final = Path(__file__).parents[2] / "docs" / "pictures"
+"""What the pictures in the documentation are made by, so that they are never old."""
+PATIENCE_S: Final = 60.0
+DESKTOP: Final = {"width": 1500, "height": 1180}
+
+
+def until(true: Callable[[], object], what: str = "it", within_s: float = PATIENCE_S) -> None:
+    """The page's rules forbid what playwright would evaluate to wait: so look again and again."""
+    ends_s = time.monotonic() + within_s
+    while not true():
+        assert time.monotonic() < ends_s, what
+        time.sleep(0.03)
+
+
+class Browsing:
+    """A page, what it has complained of, and what it has asked of others."""
+
+    def __init__(self, page: "Page", address: str) -> None:
+        self.page = page
+        self.base = address.partition("?")[0]
+        self.foreign: list[str] = []
+        """Requests to anybody but the page's own server."""
+        self.errors: list[str] = []
+        page.context.route("**/*", self._only_ours)
+        page.on("pageerror", lambda error: self.errors.append(str(error)))
+        page.on("console", self._heard)
+        page.goto(address)
+
+    def _only_ours(self, route: Any) -> None:
+        if route.request.url.startswith((self.base, "data:", "blob:")):
+            route.continue_()
+        else:
+            self.foreign.append(route.request.url)
+            route.abort()
+
+    def _heard(self, said: "ConsoleMessage") -> None:
+        if said.type == "error":
+            self.errors.append(said.text)
+
+    def probe(self) -> dict[str, Any]:
+        """What the page knows."""
+        found: dict[str, Any] = self.page.evaluate("window.probe ? window.probe() : {}")
+        return found
+
+    def state(self) -> str:
+        return str((self.probe().get("status") or {}).get("state"))
+
+    @property
+    def stale(self) -> bool:
+        return self.page.locator("body.stale").count() == 1
+
+    def until_state(self, *states: str) -> None:
+        until(lambda: self.state() in states, f"{states}, and it is {self.state()}")
+
+    def until_live(self) -> None:
+        until(lambda: not self.stale and self.probe().get("status"), "the page is live")
+
+    def take_control(self) -> None:
+        control = self.page.locator("#control")
+        until(control.is_enabled, "control may be taken")
+        control.click()
+        until(lambda: self.probe()["inControl"], "the page is in control")
+
+    def press(self, verb: str, hold_s: float = 0.0) -> None:
+        """Press a command's button, for so long."""
+        button = self.page.locator(f'[data-verb="{verb}"]')
+        until(button.is_enabled, f"{verb}: {button.get_attribute('title')}")
+        button.scroll_into_view_if_needed()
+        if not hold_s:
+            button.click()
+            return
+        box = button.bounding_box()
+        assert box is not None
+        self.page.mouse.move(box["x"] + 20, box["y"] + 15)
+        self.page.mouse.down()
+        time.sleep(hold_s)
+        self.page.mouse.up()
+
+    def arm(self) -> None:
+        """Take control, and press long enough."""
+        self.take_control()
+        self.press("arm", 1.2)
+        self.until_state("armed")
+
+    def begin_teleoperation(self) -> None:
+        """From ARMED: until the tip may be taken hold of."""
+        self.press("teleoperate")
+        until(lambda: self.page.locator("body.leadable").count(), "the tip may be led")
+
+    def tip_in_window(self) -> tuple[float, float]:
+        """Where in the window the tip is drawn."""
+        scene = self.page.locator("#scene")
+        scene.scroll_into_view_if_needed()
+        box = scene.bounding_box()
+        assert box is not None
+        x, y = self.probe()["tipOnScreen"]
+        return box["x"] + x, box["y"] + y
+
+    def grab(self) -> tuple[float, float]:
+        """Take hold of the tip with the pointer. Returns where that is."""
+        x, y = self.tip_in_window()
+        self.page.mouse.move(x, y)
+        self.page.mouse.down()
+        until(lambda: self.probe()["held"] == "pointer", "the tip is held")
+        return x, y
+
+    def picture(self, name: str) -> None:
+        """For the documentation."""
+        PICTURES.mkdir(parents=True, exist_ok=True)
+        self.page.screenshot(path=str(PICTURES / f"{name}.png"))
+
+
+@contextmanager
+def browsing(browser: "Browser", address: str, **options: Any) -> Iterator[Browsing]:
+    """options: of the browser's context. Nothing may be asked of others."""
+    context = browser.new_context(**{"viewport": DESKTOP, **options})
+    try:
+        one = Browsing(context.new_page(), address)
+        yield one
+        assert one.foreign == [], "the page works with no internet"
+    finally:
+        context.close()

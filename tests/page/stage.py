@@ -1,0 +1,302 @@
+"""A made-up robot behind the real wire, and the page's real server in a process of its own.
+
+The robot follows whatever it is told and keeps count of it: for what a page does, and quickly. The
+whole story with real loops and devices is in `test_story`.
+"""
+
+import asyncio
+import math
+import threading
+import time
+from collections.abc import Coroutine, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import msgspec
+import numpy as np
+
+from daemon.messages import (
+    COMMANDS,
+    Answer,
+    Axes,
+    AxisStatus,
+    Body,
+    Command,
+    Component,
+    Event,
+    Reason,
+    ReferenceStatus,
+    Refusal,
+    Risk,
+    Setpoint,
+    SetpointRefused,
+    Status,
+    Tip,
+    Verb,
+    verb,
+)
+from daemon.remote.surroundings import cut_surroundings
+from tests.daemon.remote.rig import ROBOT, FakeRobot, serving
+from tests.hil.daemon_rig import short_folder
+from tests.hil.processes import PATIENCE_S, Process, command
+
+T = TypeVar("T")
+_STEP_S: Final = 0.025
+_STATUS_EVERY: Final = 4
+_LATE_S: Final = 0.25
+_SPEED_MM_S: Final = 15.0
+_AXES: Final = ("east", "north", "west")
+_WORKSPACE: Final = [[-60.0, 60.0], [-60.0, 60.0], [60.0, 140.0]]
+
+
+class StagedRobot(FakeRobot):
+    """Follows set-points as the daemon does: at 15 mm/s, and holds where they grow old."""
+
+    def __init__(self, lease_s: float = 60.0) -> None:
+        super().__init__(lease_s)
+        self.state = "ready"
+        self.tip = np.array([0.0, 0.0, 100.0])
+        self.came_s: list[float] = []
+        """When each set-point came, monotonic."""
+        self.events: list[Event] = []
+        self.reasons: list[Reason] = []
+        self._following = ""
+        self._begun_s = 0.0
+
+    async def handle(self, user: str, command: Command) -> Answer | Refusal:
+        answer = await super().handle(user, command)
+        if isinstance(answer, Refusal):
+            return answer
+        word = verb(command)
+        into = {"arm": "armed", "start": "running", "teleoperate": "running", "hold": "hold"}
+        into |= {"resume": "running", "stop": "ready", "disarm": "ready"}
+        if word in into:
+            self._go(into[word])
+        if word in ("start", "teleoperate"):
+            self._following, self._begun_s, self._sequence = word, time.monotonic(), -1
+        if word != "acquire":
+            self._tell("command", word, f"{user} asks for it")
+        return msgspec.structs.replace(answer, state=self.state)
+
+    def setpoint(self, user: str, setpoint: Setpoint) -> SetpointRefused | None:
+        self.came_s.append(time.monotonic())
+        return super().setpoint(user, setpoint)
+
+    def _go(self, state: str) -> None:
+        if state != self.state:
+            self.state = state
+            self._begun_s = time.monotonic()
+            self._tell("state", state, f"the robot is {state} now")
+
+    def _tell(self, kind: str, name: str, text: str) -> None:
+        number, now_ns = len(self.events) + 1, self.clock.now_ns()
+        self.events.append(
+            Event(
+                sequence=number,
+                t_ns=now_ns,
+                kind=kind,
+                name=name,
+                subject="robot",
+                present=True,
+                text=text,
+            )
+        )
+
+    def step(self) -> None:
+        """One control step."""
+        now_s = time.monotonic()
+        if (
+            self.state in ("running", "armed", "hold")
+            and self.lease.holder(self.clock.now_ns()) is None
+        ):
+            self._go("hold")
+        if self.state != "running":
+            return
+        if self._following == "start":
+            angle = 0.5 * (now_s - self._begun_s)
+            self.tip = np.array([25 * math.sin(angle), 25 * math.cos(angle), 100.0])
+            return
+        newest_s = self.came_s[-1] if self.came_s else 0.0
+        if now_s - max(newest_s, self._begun_s) > _LATE_S:
+            self._go("hold")
+        elif self.setpoints and newest_s > self._begun_s - _LATE_S:
+            way = np.array(self.setpoints[-1][1].position_mm) - self.tip
+            distance = float(np.linalg.norm(way))
+            if distance > 0.0:
+                self.tip = self.tip + way * min(1.0, _SPEED_MM_S * _STEP_S / distance)
+
+    def status(self) -> Status:
+        energised = self.state in ("armed", "running", "hold")
+        followed = {"start": "circle", "teleoperate": "set-points"}.get(self._following)
+        return msgspec.structs.replace(
+            super().status(),
+            state=self.state,
+            tip_mm=self.tip.tolist(),
+            reasons=self.reasons,
+            axes=[_axis(name) for name in _AXES],
+            verbs=[
+                Verb(name=verb(kind), needs_lease=True, possible=_possible(verb(kind), self.state))
+                for kind in COMMANDS
+            ],
+            reference=ReferenceStatus(
+                trajectory=followed, controller="none", elapsed_s=0.0, cycle=-1
+            )
+            if followed and energised
+            else None,
+        )
+
+    def told(self, number: int) -> Sequence[Any]:
+        """What is published of one step."""
+        now_ns, (x, y, _) = self.clock.now_ns(), self.tip.tolist()
+        along = np.linspace(0.0, 1.0, 16)
+        told: list[Any] = [
+            Tip(
+                sequence=number,
+                t_ns=now_ns,
+                state=self.state,
+                tip_mm=self.tip.tolist(),
+                reference_mm=(self.tip + 0.5).tolist() if self.state == "running" else None,
+                error_mm=0.8 if self.state == "running" else None,
+                cycle=0 if self.state == "running" else -1,
+            ),
+            Axes(
+                sequence=number,
+                t_ns=now_ns,
+                actual=[0.0] * 3,
+                target=[0.0] * 3,
+                force=[8.0, 9.0, 10.0],
+            ),
+            Risk(
+                sequence=number,
+                t_ns=now_ns,
+                source="mixture",
+                contact_risk=0.02,
+                threshold=0.05,
+                scale=1.0,
+                reasons=[],
+                clearance_mm=9.0,
+                place_mm=[x, y, 90.0],
+                obstacle_mm=[x + 9.0, y, 90.0],
+            ),
+        ]
+        if number % _STATUS_EVERY == 0:
+            line = [[x * s * s, y * s * s, float(self.tip[2]) * s] for s in along.tolist()]
+            shape = Component(weight=1.0, mean_mm=line[8], covariance_mm2=[30, 0, 0, 30, 0, 200])
+            told += [
+                self.status(),
+                Body(
+                    t_ns=now_ns,
+                    source="model",
+                    centreline_mm=line,
+                    radius_mm=[8.0] * 16,
+                    components=[shape],
+                ),
+            ]
+        return told
+
+
+def _possible(word: str, state: str) -> bool:
+    return {
+        "arm": state == "ready",
+        "start": state == "armed",
+        "teleoperate": state in ("armed", "hold"),
+        "hold": state == "running",
+        "resume": state == "hold",
+        "disarm": state in ("armed", "hold", "running"),
+    }.get(word, True)
+
+
+def _axis(name: str) -> AxisStatus:
+    return AxisStatus(
+        name=name,
+        unit="mm",
+        actual=1.0,
+        target=1.0,
+        drive_state="operation enabled",
+        node_state="operational",
+        force=9.0,
+        force_unit="N",
+        force_range=[2.0, 60.0],
+    )
+
+
+class Stage:
+    """The robot on an event loop of its own, and the page's server as a process."""
+
+    def __init__(self, folder: Path, *options: str, lease_s: float = 60.0) -> None:
+        """options: of `tentacled dashboard`."""
+        self.folder = folder
+        self.robot = StagedRobot(lease_s)
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
+        self._thread.start()
+        self._playing: asyncio.Task[None] | None = None
+        self.open_robot()
+        where = ["--runtime-dir", str(folder), "--runs", str(folder / "runs")]
+        self.server = Process(command("dashboard", ROBOT, *where, "--port", "0", *options))
+        try:
+            self.address = self.server.next_line()[1].split()[1]
+            self.viewer = self.server.next_line()[1].split()[1]
+        except BaseException:
+            self.leave()
+            raise
+        self.base = self.address.partition("?")[0]
+
+    def open_robot(self) -> None:
+        """Let it be there, or be there again."""
+        opened = asyncio.Event()
+
+        async def begin() -> None:
+            self._playing = asyncio.create_task(self._play(opened))
+            await asyncio.wait_for(opened.wait(), PATIENCE_S)
+
+        self.do(begin())
+
+    def close_robot(self) -> None:
+        """Let it be gone, as a daemon that has died."""
+
+        async def end() -> None:
+            if self._playing is not None:
+                self._playing.cancel()
+                await asyncio.gather(self._playing, return_exceptions=True)
+
+        self.do(end())
+
+    def do(self, what: Coroutine[Any, Any, T]) -> T:
+        return asyncio.run_coroutine_threadsafe(what, self._loop).result(PATIENCE_S)
+
+    def leave(self) -> None:
+        """Whatever has happened, nothing is left of it."""
+        self.server.leave()
+        self.close_robot()
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
+
+    async def _play(self, opened: asyncio.Event) -> None:
+        surroundings = cut_surroundings("", b"", _WORKSPACE)
+        async with serving(self.folder, self.robot, surroundings=surroundings) as (remote, robot):
+            opened.set()
+            assert isinstance(robot, StagedRobot)
+            number, heard = 0, 0
+            while True:
+                number += 1
+                robot.step()
+                for message in robot.told(number):
+                    remote.publish(message)
+                for event in robot.events[heard:]:
+                    remote.publish(event)
+                heard = len(robot.events)
+                await asyncio.sleep(_STEP_S)
+
+
+@contextmanager
+def stage(*options: str, lease_s: float = 60.0) -> Iterator[Stage]:
+    """options: of `tentacled dashboard`."""
+    with short_folder() as folder:
+        one = Stage(folder, *options, lease_s=lease_s)
+        try:
+            yield one
+        finally:
+            one.leave()

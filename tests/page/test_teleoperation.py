@@ -1,0 +1,165 @@
+"""Leading the tip by hand in a real browser: whatever takes the hand away ends it, at once."""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.page.browsing import Browsing, browsing, until
+from tests.page.stage import Stage, stage
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+pytestmark = pytest.mark.page
+
+_IN_FLIGHT_S = 0.3
+"""No set-point may come later than this after the hand was taken away."""
+_PAD = """
+window.pads = [null];
+navigator.getGamepads = () => window.pads;
+window.pad = (pressed, axes) => {
+  const buttons = Array.from({ length: 17 }, (_, n) => ({ pressed: n === 5 && pressed }));
+  window.pads = [{ index: 0, connected: true, buttons, axes }];
+};
+"""
+
+
+@contextmanager
+def leading(browser: "Browser", pads: bool = False) -> Iterator[tuple[Stage, Browsing]]:
+    with stage() as on, browsing(browser, on.address) as seen:
+        if pads:
+            seen.page.add_init_script(_PAD)
+            seen.page.reload()
+        seen.until_live()
+        seen.arm()
+        seen.begin_teleoperation()
+        yield on, seen
+
+
+def comes_no_more(on: Stage, since_s: float) -> None:
+    time.sleep(0.8)
+    late = [at_s - since_s for at_s in on.robot.came_s if at_s > since_s + _IN_FLIGHT_S]
+    assert not late, f"set-points came {late} s after the hand was gone"
+    until(lambda: on.robot.state == "hold", "the robot holds")
+
+
+def moving(on: Stage, seen: Browsing) -> None:
+    """The pointer holds the tip, and set-points come."""
+    x, y = seen.grab()
+    count = len(on.robot.came_s)
+    seen.page.mouse.move(x + 60, y, steps=4)
+    until(lambda: len(on.robot.came_s) > count + 5, "set-points come")
+
+
+def test_the_tip_is_dragged_in_a_plane_and_holds_when_it_is_let_go(browser: "Browser") -> None:
+    with leading(browser) as (on, seen):
+        before = on.robot.tip.copy()
+        moving(on, seen)
+        until(lambda: on.robot.tip[0] - before[0] > 3.0, "the tip follows to the right")
+        assert abs(on.robot.tip[1] - before[1]) < 0.01, "it is led in the plane of x and z"
+        assert on.robot.state == "running"
+        seen.page.mouse.up()
+        comes_no_more(on, time.monotonic())
+        assert on.robot.verbs()[-1] == "hold", "it does not wait for the set-points to grow old"
+        moving(on, seen)
+        until(lambda: on.robot.state == "running", "taking hold again goes on")
+
+
+def test_whatever_takes_the_page_away_lets_go(browser: "Browser") -> None:
+    hidden = (
+        "Object.defineProperty(document, 'hidden', {value: true, configurable: true});"
+        "document.dispatchEvent(new Event('visibilitychange'));"
+        "Object.defineProperty(document, 'hidden', {value: false, configurable: true});"
+    )
+    lost = "document.querySelector('#scene').dispatchEvent(new PointerEvent('%s', {pointerId: 1}))"
+    with leading(browser) as (on, seen):
+        for event in (
+            "window.dispatchEvent(new Event('blur'))",
+            hidden,
+            "window.dispatchEvent(new Event('pagehide'))",
+            lost % "lostpointercapture",
+            lost % "pointercancel",
+        ):
+            moving(on, seen)
+            gone_s = time.monotonic()
+            seen.page.evaluate(event)
+            assert seen.probe()["held"] == "", event
+            seen.page.mouse.move(700, 500, steps=3)
+            comes_no_more(on, gone_s)
+            seen.page.mouse.up()
+
+
+def test_keys_lead_only_while_they_are_held_and_the_picture_has_them(browser: "Browser") -> None:
+    with leading(browser) as (on, seen):
+        keys = seen.page.keyboard
+        seen.page.locator("#scene").focus()
+        before = on.robot.tip.copy()
+        keys.down("ArrowUp")
+        until(lambda: on.robot.tip[2] - before[2] > 1.0, "up along z")
+        keys.up("ArrowUp")
+        comes_no_more(on, time.monotonic())
+        keys.down("ArrowRight")
+        until(lambda: seen.probe()["held"] == "keys")
+        gone_s = time.monotonic()
+        seen.page.locator("#filter").focus()  # the key's release will never be heard there
+        comes_no_more(on, gone_s)
+        keys.up("ArrowRight")
+        count = len(on.robot.came_s)
+        keys.press("ArrowRight")
+        seen.page.locator("#load").focus()
+        keys.down("ArrowRight")
+        time.sleep(0.3)
+        keys.up("ArrowRight")
+        assert len(on.robot.came_s) == count, "no key leads where something else has the focus"
+
+
+def test_a_gamepad_leads_while_its_shoulder_is_held_and_not_when_it_is_unplugged(
+    browser: "Browser",
+) -> None:
+    with leading(browser, pads=True) as (on, seen):
+        before = on.robot.tip.copy()
+        seen.page.evaluate("window.pad(false, [1, 0, 0, 0])")
+        time.sleep(0.3)
+        assert not on.robot.came_s, "a stick alone leads nothing"
+        seen.page.evaluate("window.pad(true, [1, 0, 0, 0])")
+        until(lambda: on.robot.tip[0] - before[0] > 1.0, "it follows the stick")
+        gone_s = time.monotonic()
+        seen.page.evaluate("window.pads = [null]")
+        comes_no_more(on, gone_s)
+        seen.page.evaluate("window.pad(true, [1, 0, 0, 0])")
+        until(lambda: seen.probe()["held"] == "", "held while it comes back: not taken for a grip")
+
+
+def test_a_tab_that_is_closed_while_it_drags_leads_no_more(browser: "Browser") -> None:
+    with leading(browser) as (on, seen):
+        moving(on, seen)
+        gone_s = time.monotonic()
+        seen.page.close(run_before_unload=False)
+        comes_no_more(on, gone_s)
+        until(
+            lambda: on.robot.lease.holder(on.robot.clock.now_ns()) is None, "control is given back"
+        )
+
+
+def test_a_page_that_hangs_is_an_operator_who_has_gone(browser: "Browser") -> None:
+    with stage(lease_s=1.0) as on, browsing(browser, on.address) as seen:
+        seen.until_live()
+        seen.arm()
+        seen.begin_teleoperation()
+        moving(on, seen)
+        gone_s = time.monotonic()
+        seen.page.evaluate(
+            "setTimeout(() => { const end = Date.now() + 4000; while (Date.now() < end); }, 0)"
+        )
+        time.sleep(2.5)
+        assert on.robot.lease.holder(on.robot.clock.now_ns()) is None, "nobody renews for it"
+        assert on.robot.state == "hold"
+        late = [at_s - gone_s for at_s in on.robot.came_s if at_s > gone_s + _IN_FLIGHT_S]
+        assert not late, late
+        time.sleep(3.0)
+        assert not seen.probe()["inControl"] and seen.probe()["held"] == "", (
+            "nothing goes on by itself"
+        )
