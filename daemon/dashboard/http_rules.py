@@ -52,6 +52,7 @@ class Rules:
             self._hosts |= {host.lower() for host in hosts}
         self._origins = {f"{scheme}://{host}" for host in self._hosts}
         self._tokens = dict(tokens)
+        self.secure: Final = secure
         self.cookie: Final = f"tentacled_{port}"
         """Cookies do not know ports: another server's on this machine must not be ours."""
 

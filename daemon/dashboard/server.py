@@ -119,7 +119,14 @@ class PageServer:
         response = web.Response(
             status=303, headers={**security_headers(), "Location": _home(request)}
         )
-        response.set_cookie(self._rules.cookie, token, httponly=True, samesite="Strict", path="/")
+        response.set_cookie(
+            self._rules.cookie,
+            token,
+            httponly=True,
+            samesite="Strict",
+            secure=self._rules.secure,
+            path="/",
+        )
         return response
 
     # Files.

@@ -1,0 +1,161 @@
+"""What breaks round the page: it says so at once, and nothing goes on by itself afterwards."""
+
+import signal
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.hil.processes import Process, command
+from tests.page.browsing import browsing, until
+from tests.page.stage import stage
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+pytestmark = pytest.mark.page
+
+_TWENTY_SOCKETS = """
+(() => {
+  const base = location.origin.replace(/^http/, "ws");
+  window.counts = Array(20).fill(0);
+  for (let n = 0; n < 20; n++) {
+    const page = String(n).padStart(32, "0");
+    const own = new WebSocket(`${base}/ws?robot=little_arm&page=${page}`);
+    own.onmessage = () => { window.counts[n] += 1; };
+  }
+})()
+"""
+
+
+def test_a_daemon_that_dies_and_comes_back_is_picked_up_and_nobody_is_in_control(
+    browser: "Browser",
+) -> None:
+    with stage() as on, browsing(browser, on.address) as seen:
+        seen.until_live()
+        seen.arm()
+        on.close_robot()
+        until(lambda: seen.stale, "it greys out", 3.0)
+        assert seen.page.locator("#stop").is_enabled()
+        assert not seen.page.locator('[data-verb="disarm"]').is_enabled()
+        on.open_robot()
+        seen.until_live()
+        assert not seen.probe()["inControl"], "nothing is taken again by itself"
+        assert seen.page.locator("#control").is_enabled()
+
+
+def test_a_frozen_server_greys_the_page_within_a_second_and_the_lease_runs_out(
+    browser: "Browser",
+) -> None:
+    with stage(lease_s=1.0) as on, browsing(browser, on.address) as seen:
+        seen.until_live()
+        seen.arm()
+        on.server.process.send_signal(signal.SIGSTOP)
+        try:
+            until(lambda: seen.stale, "it greys out", 1.0)
+            assert seen.page.locator("#stop").is_enabled()
+            until(lambda: on.robot.state == "hold", "the robot holds by the lease", 3.0)
+        finally:
+            on.server.process.send_signal(signal.SIGCONT)
+        seen.until_live()
+        time.sleep(0.5)
+        assert not seen.probe()["inControl"] and on.robot.state == "hold"
+
+
+def test_a_server_that_is_killed_is_told_and_another_one_is_a_new_beginning(
+    browser: "Browser",
+) -> None:
+    with stage(lease_s=1.0) as on, browsing(browser, on.address) as seen:
+        seen.until_live()
+        seen.arm()
+        on.server.kill()
+        until(lambda: seen.stale, "it greys out", 1.5)
+        until(lambda: on.robot.state == "hold", "the robot holds by the lease", 3.0)
+        seen.page.keyboard.press("Escape")
+        says = seen.page.locator("#stopsays")
+        until(lambda: says.get_attribute("data-outcome") == "no answer", "STOP tells that too")
+        assert "emergency stop" in says.inner_text()
+
+
+def test_stop_is_told_though_telemetry_and_picture_hang(browser: "Browser") -> None:
+    with stage() as on, browsing(browser, on.address) as seen:
+        seen.until_live()
+        seen.page.route("**/ws*", lambda route: route.abort())
+        seen.page.evaluate("window.requestAnimationFrame = () => 0")
+        seen.page.keyboard.press("Escape")
+        says = seen.page.locator("#stopsays")
+        until(lambda: says.get_attribute("data-outcome") == "confirmed", "STOP is confirmed")
+        assert on.robot.stopped_ns
+
+
+def test_a_second_page_takes_over_and_the_first_one_commands_nothing_more(
+    browser: "Browser",
+) -> None:
+    with stage() as on, browsing(browser, on.address) as one, browsing(browser, on.address) as two:
+        one.until_live()
+        two.until_live()
+        one.arm()
+        one.begin_teleoperation()
+        x, y = one.grab()
+        one.page.mouse.move(x + 40, y, steps=3)
+        until(lambda: len(on.robot.came_s) > 3, "the first leads")
+        control = two.page.locator("#control")
+        until(lambda: control.inner_text() == "Take over" and control.is_enabled())
+        assert not two.page.locator('[data-verb="hold"]').is_enabled()
+        control.click()
+        until(
+            lambda: two.probe()["inControl"] and not one.probe()["inControl"], "it was taken over"
+        )
+        assert "hold" in on.robot.verbs(), "what moved was held first"
+        taken_s = time.monotonic()
+        time.sleep(0.6)
+        assert not [at_s for at_s in on.robot.came_s if at_s > taken_s + 0.3]
+        assert one.probe()["held"] == ""
+        assert not one.page.locator('[data-verb="resume"]').is_enabled()
+        two.press("disarm")
+        two.until_state("ready")
+
+
+def test_a_slow_browser_is_left_frames_out_and_gets_no_queue(browser: "Browser") -> None:
+    with stage() as on, browsing(browser, on.address) as seen:
+        seen.until_live()
+        hang = "const end = Date.now() + 3000; while (Date.now() < end);"
+        seen.page.evaluate(f"setTimeout(() => {{ {hang} }}, 0)")
+        until(lambda: seen.probe().get("frames"), "it is back", 10.0)
+        before = seen.probe()
+        time.sleep(1.0)
+        after = seen.probe()
+        assert after["frames"] - before["frames"] < 45, "no three seconds of old frames follow"
+        assert after["age"] < 0.5 and not seen.stale
+        behind = time.time() - after["tipSent"]
+        assert behind < 1.0, f"what it shows was sent {behind:.1f} s ago"
+
+
+def test_twenty_viewers_at_once_are_all_told_and_stop_is_as_quick(browser: "Browser") -> None:
+    with stage() as on, browsing(browser, on.address) as seen:
+        seen.until_live()
+        # Without the picture: twenty software renderers would measure the test's own machine.
+        seen.page.evaluate(_TWENTY_SOCKETS)
+        until(lambda: min(seen.page.evaluate("window.counts")) > 5, "all are told")
+        before = seen.page.evaluate("window.counts")
+        time.sleep(2.0)
+        told = [b - a for a, b in zip(before, seen.page.evaluate("window.counts"), strict=True)]
+        assert min(told) > 15, f"of two seconds: {told}"
+        assert not seen.stale
+        seen.page.keyboard.press("Escape")
+        says = seen.page.locator("#stopsays")
+        until(lambda: says.get_attribute("data-outcome") == "confirmed", "STOP is confirmed")
+        taken_ms = int("".join(c for c in says.inner_text() if c.isdigit()))
+        assert taken_ms < 500, says.inner_text()
+
+
+def test_where_no_robot_is_stop_says_so(browser: "Browser") -> None:
+    server = Process(command("dashboard", "nobody_here", "--port", "0"))
+    try:
+        with browsing(browser, server.next_line()[1].split()[1]) as seen:
+            until(lambda: "no robot" in seen.page.locator("#stopwhom").inner_text())
+            seen.page.keyboard.press("Escape")
+            says = seen.page.locator("#stopsays")
+            until(lambda: says.get_attribute("data-outcome") == "no answer")
+    finally:
+        server.leave()

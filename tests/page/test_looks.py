@@ -1,0 +1,155 @@
+"""What everybody needs to see, to reach and to hear: on a desk, on a phone, in the dark."""
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import pytest
+
+from daemon.messages import Reason
+from tests.page.browsing import Browsing, browsing, until
+from tests.page.stage import stage
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+pytestmark = pytest.mark.page
+
+_CONTRASTS: Final = (Path(__file__).parent / "contrast.js").read_text()
+_HOLD: Final = Reason(
+    name="setpoint_late",
+    severity="hold",
+    subject="operator",
+    text="the set-points have stopped",
+    remedy="take hold of the tip again",
+)
+
+
+def too_pale(seen: Browsing) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = seen.page.evaluate(_CONTRASTS)
+    assert len(found) > 40
+    return [one for one in found if one["ratio"] < one["wanted"]]
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_every_text_stands_out_from_its_ground(browser: "Browser", scheme: str) -> None:
+    with stage() as on, browsing(browser, on.address, color_scheme=scheme) as seen:
+        seen.until_live()
+        assert too_pale(seen) == []
+        seen.arm()
+        on.robot.reasons = [_HOLD]
+        for state in ("running", "hold", "fault"):
+            on.robot.state = state
+            seen.until_state(state)
+            time.sleep(0.2)
+            assert too_pale(seen) == [], state
+        seen.page.keyboard.press("Escape")
+        says = seen.page.locator("#stopsays")
+        until(lambda: says.get_attribute("data-outcome") == "confirmed")
+        assert too_pale(seen) == []
+
+
+def test_everything_is_reached_by_the_tab_key_and_has_a_name(browser: "Browser") -> None:
+    with stage() as on, browsing(browser, on.address) as seen:
+        seen.until_live()
+        seen.arm()
+        wanted = set(
+            seen.page.evaluate(
+                "[...document.querySelectorAll('button, select, input, a, summary')]"
+                ".filter(e => e.checkVisibility() && !e.disabled)"
+                ".map((e, n) => { e.dataset.tabbed = n; return String(n); })"
+            )
+        )
+        reached, nameless = set(), []
+        for _ in range(2 * len(wanted) + 20):
+            seen.page.keyboard.press("Tab")
+            told = seen.page.evaluate(
+                "(() => { const e = document.activeElement; return [e.dataset.tabbed || '',"
+                " e.id, getComputedStyle(e).outlineStyle] })()"
+            )
+            if told[0]:
+                reached.add(told[0])
+                if told[2] == "none":
+                    nameless.append(told[1])
+        assert reached == wanted and not nameless, "what has the focus is drawn so"
+        unnamed = seen.page.evaluate(
+            "[...document.querySelectorAll('button, select, input, a, meter, progress, section')]"
+            ".filter(e => e.checkVisibility() && !(e.ariaLabel || e.textContent.trim()"
+            " || (e.labels && e.labels.length))).map(e => e.outerHTML.slice(0, 80))"
+        )
+        assert unnamed == [], "a screen reader has nothing to say of these"
+
+
+def test_no_key_but_esc_acts_while_something_has_the_focus(browser: "Browser") -> None:
+    with stage() as on, browsing(browser, on.address) as seen:
+        seen.until_live()
+        seen.arm()
+        done = list(on.robot.verbs())
+        for focused in ("#filter", "#robot", "#experiment", "#copy"):
+            seen.page.locator(focused).focus()
+            for key in ("a", "s", "ArrowUp", "Home", "Enter" if focused == "#filter" else "x"):
+                seen.page.keyboard.press(key)
+        assert on.robot.verbs() == done
+        seen.page.locator("#filter").focus()
+        seen.page.keyboard.press("Escape")
+        until(lambda: on.robot.stopped_ns, "Esc is STOP wherever the focus is")
+
+
+def test_events_are_filtered_and_copied(browser: "Browser") -> None:
+    allowed = ["clipboard-read", "clipboard-write"]
+    with stage() as on, browsing(browser, on.address, permissions=allowed) as seen:
+        seen.until_live()
+        seen.arm()
+        rows = seen.page.locator("#events li")
+        until(lambda: rows.count() >= 2)
+        seen.page.locator("#filter").fill("armed now")
+        assert rows.count() == 1
+        seen.page.locator("#copy").click()
+        copied = ""
+
+        def came() -> bool:
+            nonlocal copied
+            copied = seen.page.evaluate("navigator.clipboard.readText()")
+            return "armed now" in copied
+
+        until(came)
+        assert len(copied.splitlines()) >= 2 and "\tstate\tarmed\t" in copied, "all of them"
+
+
+def test_a_phone_has_one_column_and_stop_in_its_corner(browser: "Browser") -> None:
+    phone = {"viewport": {"width": 390, "height": 780}, "has_touch": True, "is_mobile": True}
+    with stage() as on, browsing(browser, on.address, **phone) as seen:
+        seen.until_live()
+        assert seen.page.evaluate("document.documentElement.scrollWidth") <= 390
+        stop = seen.page.locator("#stop")
+        for scrolled in (0, 10_000):
+            seen.page.evaluate(f"scrollTo(0, {scrolled})")
+            box = stop.bounding_box()
+            assert box is not None and min(box["width"], box["height"]) >= 64
+            assert box["x"] + box["width"] > 340 and box["y"] + box["height"] > 690
+        stop.tap()
+        until(lambda: on.robot.stopped_ns, "one press")
+
+
+_NO_WEBGL: Final = """
+const whole = HTMLCanvasElement.prototype.getContext;
+HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
+  return String(kind).startsWith("webgl") ? null : whole.call(this, kind, ...more);
+};
+"""
+
+
+def test_without_webgl_the_robot_is_drawn_flat_and_everything_works(browser: "Browser") -> None:
+    with stage() as on, browsing(browser, on.address) as seen:
+        seen.page.add_init_script(_NO_WEBGL)
+        seen.page.reload()
+        seen.until_live()
+        assert seen.probe()["flat"] and "no WebGL" in seen.page.locator("#source").inner_text()
+        seen.arm()
+        seen.begin_teleoperation()
+        x, y = seen.grab()
+        seen.page.mouse.move(x + 40, y, steps=3)
+        until(lambda: on.robot.tip[0] > 2.0, "the tip is led in the flat picture too")
+        seen.page.keyboard.press("Escape")
+        says = seen.page.locator("#stopsays")
+        until(lambda: says.get_attribute("data-outcome") == "confirmed", "STOP is confirmed")
