@@ -27,6 +27,7 @@ PARTS: Final = (
     "local_controllers",
     "lwpr",
     "memory",
+    "page",
     "plant",
     "recording",
     "remote",

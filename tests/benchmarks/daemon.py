@@ -139,7 +139,7 @@ async def _followed(
         await robot.stop()
         stopped_in = time.perf_counter() - stopped_in
     return {
-        **_loop(status.loop),
+        **loop_times(status.loop),
         "missed_percent": round(100 * (status.loop.missed - before) * period_s / measured_s, 3),
         "status_round_trip_ms": percentiles(trips, 1e3),
         "state": status.state,
@@ -173,7 +173,7 @@ async def _stopped_again_and_again(directory: Path, stops: int) -> Figures:
             answer = await robot.stop()
             took_ms = (time.monotonic_ns() - asked_ns) * 1e-6
             await asyncio.sleep(0.5)
-            told_ns = _first_quick_stop_ns(Path(recording), asked_ns)
+            told_ns = first_quick_stop_ns(Path(recording), asked_ns)
             if told_ns is None:  # a stall had switched the drives off before anybody asked
                 at_rest_before += 1
                 continue
@@ -190,7 +190,7 @@ async def _stopped_again_and_again(directory: Path, stops: int) -> Figures:
     }
 
 
-def _first_quick_stop_ns(run: Path, after_ns: int) -> int | None:
+def first_quick_stop_ns(run: Path, after_ns: int) -> int | None:
     """When the first quick stop went out to drive 1 (monotonic); None if there was none."""
     for message in RunReader(run / "run.mcap").messages():
         if message.topic.startswith("/raw/can/"):
@@ -201,7 +201,7 @@ def _first_quick_stop_ns(run: Path, after_ns: int) -> int | None:
     return None
 
 
-def _loop(loop: LoopStatus) -> Figures:
+def loop_times(loop: LoopStatus) -> Figures:
     return {
         "cycle_lateness_ms": {
             "median": round(loop.lateness_p50_s * 1e3, 3),

@@ -14,7 +14,7 @@ from tests.benchmarks import timing
 from tests.benchmarks.__main__ import PARTS, PLOTTED, apart, failed
 from tests.benchmarks.timing import Figures, pieces, reference_ms
 
-REAL_TIME = {"aurora", "can_cycle", "daemon", "emulation", "recording", "remote"}
+REAL_TIME = {"aurora", "can_cycle", "daemon", "emulation", "page", "recording", "remote"}
 """Parts with processes, ptys or sockets of their own."""
 
 

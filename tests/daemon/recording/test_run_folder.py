@@ -6,7 +6,13 @@ from pathlib import Path
 
 from config.loader import load_robot
 from daemon.recording.result import Result, read_result, write_result
-from daemon.recording.run_folder import describe_run, new_run, robot_yaml, utc_text
+from daemon.recording.run_folder import (
+    SURROUNDINGS_FILE,
+    describe_run,
+    new_run,
+    robot_yaml,
+    utc_text,
+)
 from tests import SOFT_ARM
 from tests.daemon.recording.synthetic_run import WALL_NS
 
@@ -102,3 +108,12 @@ def test_a_result_comes_back(tmp_path: Path) -> None:
     assert read_result(tmp_path) == result
     (tmp_path / "result.json").write_text("{")
     assert read_result(tmp_path) is None
+
+
+def test_what_was_round_the_body_is_kept_where_it_is_known(tmp_path: Path) -> None:
+    robot = load_robot(SOFT_ARM).robot
+    for name, stl in (("nobody knows", b""), ("known", b"solid")):
+        (tmp_path / name).mkdir()
+        describe_run(tmp_path / name, robot, SOFT_ARM, WALL_NS, surroundings=stl)
+    assert not (tmp_path / "nobody knows" / SURROUNDINGS_FILE).exists()
+    assert (tmp_path / "known" / SURROUNDINGS_FILE).read_bytes() == b"solid"
