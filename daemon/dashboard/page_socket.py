@@ -19,7 +19,10 @@ from daemon.remote.access import OPERATOR
 
 _EVERY_S: Final = 1.0 / 30.0
 _MOST_WAITING_BYTES: Final = 65536
-"""A browser that has not taken so much gets no more before it does."""
+"""A browser that has not taken so much gets no more before it does, ..."""
+_MOST_WAITING: Final = 4
+"""... nor one that has so many frames still before it: what waits on the way to it, in buffers that
+nobody sees, would be told to somebody late, and as if it were now."""
 _EVENTS_AT_ONCE: Final = 100
 _PICTURES_KNOWN: Final = 90
 """Three seconds of frames: of older ones only that they are old is of interest."""
@@ -36,6 +39,8 @@ class _Said(msgspec.Struct):
     grab: bool = False
     """Whether the hand has just taken hold."""
     let_go: bool = False
+    got: int = -1
+    """Number of the newest frame that it has shown."""
 
 
 _SAID: Final = msgspec.json.Decoder(_Said)
@@ -59,27 +64,33 @@ class PageSocket:
         self._pictures: deque[tuple[int, float]] = deque(maxlen=_PICTURES_KNOWN)
         """Numbers of the last frames, and when what they show was heard."""
         self._not_led = ""
+        self._got = 0
+        """The newest frame that the page has shown; 0: it does not say such things."""
         self._events_sent = link.events_heard - len(link.events)
 
     async def feed(self, transport: asyncio.WriteTransport) -> None:
         """Until the socket closes."""
         while not self._socket.closed:
-            if transport.get_write_buffer_size() > _MOST_WAITING_BYTES:
+            behind = self._got > 0 and self._number - self._got >= _MOST_WAITING
+            if behind or transport.get_write_buffer_size() > _MOST_WAITING_BYTES:
                 self.dropped += 1
             else:
                 await self._socket.send_bytes(msgspec.json.encode(self._frame()))
             await asyncio.sleep(_EVERY_S)
 
     def hear(self, text: str) -> None:
-        """What the page says. Who only watches is not listened to."""
-        if self._role != OPERATOR:
-            return
+        """What the page says. Who only watches commands nothing."""
+        operates = self._role == OPERATOR
         if text == "heart":
-            self._link.heard(self._page)
+            if operates:
+                self._link.heard(self._page)
             return
         try:
             said = _SAID.decode(text)
         except msgspec.DecodeError:
+            return
+        self._got = max(self._got, min(said.got, self._number))
+        if not operates:
             return
         if said.let_go:
             self._link.let_go(self._page)

@@ -125,7 +125,8 @@ def test_a_slow_browser_is_left_frames_out_and_gets_no_queue(browser: "Browser")
         before = seen.probe()
         time.sleep(1.0)
         after = seen.probe()
-        assert after["frames"] - before["frames"] < 45, "no three seconds of old frames follow"
+        assert after["dropped"] > 40, "what it could not show was left out"
+        assert after["frames"] - before["frames"] < 40, "no three seconds of old frames follow"
         assert after["age"] < 0.5 and not seen.stale
         behind = time.time() - after["tipSent"]
         assert behind < 1.0, f"what it shows was sent {behind:.1f} s ago"

@@ -27,7 +27,12 @@ export class Live {
     if (before) before.close();
     const own = new WebSocket(`${location.origin.replace(/^http/, "ws")}/ws?robot=${encodeURIComponent(robot)}&page=${page}`);
     own.binaryType = "arraybuffer";
-    own.onmessage = (message) => { if (this.socket === own) this.take(JSON.parse(this.decoder.decode(message.data))); };
+    own.onmessage = (message) => {
+      if (this.socket !== own) return;
+      const frame = JSON.parse(this.decoder.decode(message.data));
+      own.send(JSON.stringify({ got: frame.n }));  // so that no more are on their way than can be shown
+      this.take(frame);
+    };
     own.onclose = () => {
       if (this.socket !== own) return;
       this.socket = null;

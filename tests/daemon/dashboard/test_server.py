@@ -18,7 +18,7 @@ from daemon.dashboard.recorded_runs import RecordedRuns
 from daemon.dashboard.robot_link import RobotLink
 from daemon.dashboard.server import PageServer
 from daemon.host.clock import run_in_real_time
-from daemon.messages import Acquire, Hold
+from daemon.messages import Acquire, Hold, Load
 from tests.daemon.remote.rig import ROBOT, FakeRobot, serving, tip, until
 
 OPERATOR, VIEWER = "operator-token", "viewer-token"
@@ -31,6 +31,7 @@ class Served(NamedTuple):
     link: RobotLink
     robot: FakeRobot
     cookie: str
+    server: PageServer
 
     def sent(self, token: str = OPERATOR, **headers: str) -> dict[str, str]:
         cookie = {"Cookie": f"{self.cookie}={token}"} if token else {}
@@ -83,7 +84,8 @@ async def served(folder: Path, lease_s: float = 2.0) -> AsyncIterator[Served]:
             try:
                 async with aiohttp.ClientSession(cookie_jar=jar) as http:
                     await until(lambda: not link.problem)
-                    yield Served(http, f"http://127.0.0.1:{port}", link, robot, rules.cookie)
+                    base = f"http://127.0.0.1:{port}"
+                    yield Served(http, base, link, robot, rules.cookie, server)
             finally:
                 telling.cancel()
                 linking.cancel()
@@ -220,5 +222,73 @@ def test_a_page_is_told_the_newest_and_buttons_for_itself(tmp_path: Path) -> Non
                 seen |= json.loads((await stream.receive()).data)
             assert seen["problem"] == "" and seen["role"] == "operator" and not seen["in_control"]
             assert isinstance(seen["age_s"], float) and seen["age_s"] < 1.0
+
+    run_in_real_time(test())
+
+
+def test_several_robots_are_served_and_each_is_stopped_by_its_name(tmp_path: Path) -> None:
+    async def test() -> None:
+        async with served(tmp_path) as page:
+            (tmp_path / "other").mkdir()
+            page.server.links["other_arm"] = RobotLink("other_arm", tmp_path / "other")
+            got = await page.http.get(page.base + "/api/robots", headers=page.sent())
+            told = {robot["name"]: robot for robot in await got.json()}
+            assert told.keys() == {ROBOT, "other_arm"} and told["other_arm"]["problem"]
+            stopped = json.loads((await page.post("/api/stop", robot="other_arm"))[1])
+            assert stopped["outcome"] == "no answer" and page.robot.stopped_ns == []
+            assert (await page.post("/api/stop", robot="nobody"))[0] == 404
+
+    run_in_real_time(test())
+
+
+def test_an_experiment_is_loaded_with_its_own_numbers_or_others(tmp_path: Path) -> None:
+    (tmp_path / "mine.yaml").write_text(_OWN)
+
+    async def test() -> None:
+        async with served(tmp_path) as page:
+            url = f"{page.base}/api/experiments?robot={ROBOT}"
+            (told,) = await (await page.http.get(url, headers=page.sent())).json()
+            named = {parameter["name"]: parameter for parameter in told["parameters"]}
+            assert told["name"] == "mine" and named["radius_mm"]["value"] == 20.0
+            assert named["plane"]["choices"] == ["xy", "xz", "yz"] and "kind" not in named
+            assert (await page.do("take"))["ok"]
+            assert (await page.do("load", experiment="mine"))["ok"]
+            changed = {"radius_mm": 5, "cycles": 3}
+            assert (await page.do("load", experiment="mine", parameters=changed))["ok"]
+            loaded = [c for _, c in page.robot.carried_out if isinstance(c, Load)]
+            assert [c.trajectory["radius_mm"] for c in loaded] == [20, 5]
+            assert loaded[1].trajectory["cycles"] == 3
+            assert loaded[1].controller == {"kind": "broyden"}
+            refused = await page.do("load", experiment="mine", parameters={"file": "/etc/passwd"})
+            assert not refused["ok"] and "no file" in str(refused["text"])
+            for numbers in ([1], "x", {"kind": "waypoints"}):
+                answer = await page.do("load", experiment="mine", parameters=numbers)
+                assert answer["ok"] is not isinstance(numbers, dict), "what is no map is none"
+            assert {
+                c.trajectory["kind"] for _, c in page.robot.carried_out if isinstance(c, Load)
+            } == {"circle"}
+
+    run_in_real_time(test())
+
+
+_OWN = """\
+experiment: mine
+robot: elsewhere/little_arm.yaml
+trajectory: {kind: circle, center_mm: [0, 0, 190], radius_mm: 20, cycle_s: 30}
+controller: {kind: broyden}
+"""
+
+
+def test_a_replay_is_found_behind_the_token(tmp_path: Path) -> None:
+    async def test() -> None:
+        async with served(tmp_path) as page:
+            for token in (f"token={OPERATOR}&", ""):
+                headers = {} if token else page.sent()
+                url = f"{page.base}/?{token}replay=arm-1%2F..%26x"
+                got = await page.http.get(url, headers=headers, allow_redirects=False)
+                if token:
+                    assert got.headers["Location"] == "/?replay=arm-1%2F..%26x"
+                else:
+                    assert got.status == 200
 
     run_in_real_time(test())

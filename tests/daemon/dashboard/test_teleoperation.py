@@ -135,3 +135,26 @@ def test_what_is_no_set_point_does_nothing(tmp_path: Path) -> None:
             await until(lambda: len(page.robot.setpoints) == 1)
 
     run_in_real_time(test())
+
+
+def test_a_page_that_shows_nothing_gets_four_frames_and_the_newest_when_it_is_back(
+    tmp_path: Path,
+) -> None:
+    async def test() -> None:
+        async with served(tmp_path, 60.0) as page, page.stream() as stream:
+            first = int(str((await newest(stream))["n"]))
+            await stream.send_str(json.dumps({"got": first}))
+            await asyncio.sleep(1.0)  # thirty frames' time
+            numbers = []
+            while True:
+                try:
+                    async with asyncio.timeout(0.3):
+                        numbers.append((await newest(stream))["n"])
+                except TimeoutError:
+                    break
+            assert len(numbers) <= 6, numbers
+            await stream.send_str(json.dumps({"got": numbers[-1]}))
+            told = await newest(stream)
+            assert int(str(told["dropped"])) > 20 and float(str(told["age_s"])) < 0.3
+
+    run_in_real_time(test())
