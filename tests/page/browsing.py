@@ -90,10 +90,17 @@ class Browsing:
         self.page.mouse.up()
 
     def arm(self) -> None:
-        """Take control, and press long enough."""
-        self.take_control()
-        self.press("arm", 1.2)
-        self.until_state("armed")
+        """Take control and press long enough; once more where a busy machine was not ready yet."""
+
+        def armed() -> bool:
+            if self.state() in ("ready", "standby"):
+                if not self.probe()["inControl"]:
+                    self.take_control()
+                if self.page.locator('[data-verb="arm"]').is_enabled():
+                    self.press("arm", 1.2)
+            return self.state() == "armed"
+
+        until(armed, "it is armed")
 
     def begin_teleoperation(self) -> None:
         """From ARMED: until the tip may be taken hold of."""
