@@ -28,7 +28,7 @@ from daemon.remote.client.client import RobotClient
 from daemon.remote.client.client_errors import ClientError
 from safety.states import OperatingState
 from tests import SOFT_ARM
-from tests.benchmarks.daemon import _first_quick_stop_ns, _process, until_running
+from tests.benchmarks.daemon import _process, first_quick_stop_ns, until_running
 from tests.benchmarks.timing import percentiles
 from tests.daemon.remote.over_tls import free_port, make_certificates
 from tests.experiments.floods import FLOODS, local, remote
@@ -163,7 +163,7 @@ async def _stop_once(robot: RobotClient, stop: Any, outcome: Outcome) -> Asked |
 def _look_up(one: Asked) -> int | None:
     """When the quick stop was on the bus; None: it was not, or the drives did not confirm it."""
     outcome, asked_ns = one.outcome, one.asked_ns
-    told_ns = _first_quick_stop_ns(one.recording, asked_ns)
+    told_ns = first_quick_stop_ns(one.recording, asked_ns)
     if told_ns is None:
         why = _stopped_before(one.recording, asked_ns)
         if why:

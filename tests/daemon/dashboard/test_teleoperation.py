@@ -11,24 +11,23 @@ from daemon.host.clock import run_in_real_time
 from tests.daemon.dashboard.test_server import OTHER, PAGE, VIEWER, Served, served
 from tests.daemon.remote.rig import until
 
+Stream = aiohttp.ClientWebSocketResponse[bool]
 _HERE = [1.0, 2.0, 100.0]
 
 
-async def newest(stream: aiohttp.ClientWebSocketResponse) -> dict[str, object]:
+async def newest(stream: Stream) -> dict[str, object]:
     """The next frame, as the page has it."""
     told: dict[str, object] = json.loads((await stream.receive()).data)
     return told
 
 
-async def lead(
-    stream: aiohttp.ClientWebSocketResponse, seen: object, place: object = None, **more: object
-) -> None:
+async def lead(stream: Stream, seen: object, place: object = None, **more: object) -> None:
     await stream.send_str("heart")
     said = {"set": _HERE if place is None else place, "seen": seen, **more}
     await stream.send_str(json.dumps(said))
 
 
-async def refused(stream: aiohttp.ClientWebSocketResponse) -> str:
+async def refused(stream: Stream) -> str:
     """Why the hand is not followed, as the page is told."""
     async with asyncio.timeout(5.0):
         while not (why := str((await newest(stream))["hand"])):
