@@ -4,7 +4,6 @@ The buttons of the page are drawn as they are told: from what the daemon says of
 """
 
 import asyncio
-import time
 from collections import deque
 from math import inf
 from typing import Any, Final, NamedTuple
@@ -14,9 +13,11 @@ from aiohttp import web
 
 from daemon.dashboard.http_rules import may
 from daemon.dashboard.robot_link import RobotLink
+from daemon.host.clock import MonotonicClock
 from daemon.messages import Status, Tip
 from daemon.remote.access import OPERATOR
 
+_CLOCK: Final = MonotonicClock()
 _EVERY_S: Final = 1.0 / 30.0
 _MOST_WAITING_BYTES: Final = 65536
 """A browser that has not taken so much gets no more before it does, ..."""
@@ -139,8 +140,8 @@ class PageSocket:
         """How old the tip is that is sent, on the clock that it shares with the daemon."""
         tip = frame.get("tip")
         if isinstance(tip, Tip):
-            frame["tip_age_s"] = (time.monotonic_ns() - tip.t_ns) * 1e-9
-            frame["sent_s"] = time.time()
+            frame["tip_age_s"] = (_CLOCK.now_ns() - tip.t_ns) * 1e-9
+            frame["sent_s"] = _CLOCK.wall_time_ns() * 1e-9
 
     def _buttons(self, in_control: bool) -> list[dict[str, Any]]:
         status = self._link.status
