@@ -12,6 +12,7 @@ from config.axis import Axis, Drive, Quantity
 from config.bus import Bus
 from config.control import Supervision
 from config.coupling.coordinates import Coordinate, coordinate_findings
+from config.coupling.limits import CoupledLimit
 from config.documents.problems import did_you_mean
 from config.documents.schema_errors import location_in_file
 from config.documents.yaml_document import Location
@@ -24,6 +25,7 @@ Finding = tuple[Location, str]
 
 _AXIS: TypeAdapter[Axis] = TypeAdapter(Axis)
 _COORDINATE: TypeAdapter[Coordinate] = TypeAdapter(Coordinate)
+_COUPLED_LIMIT: TypeAdapter[CoupledLimit] = TypeAdapter(CoupledLimit)
 _POSITION_COUNTS = 2**31 - 1
 _UNSIGNED_COUNTS = 2**32 - 1
 _CYCLES_PER_TIMEOUT = 3
@@ -58,6 +60,7 @@ class Parts:
     homing_order: object = None
     """As the file has it."""
     coordinates: Sequence[Coordinate | None] = ()
+    coupled_limits: Sequence[CoupledLimit | None] = ()
 
     @classmethod
     def of(cls, value: object) -> "Parts":
@@ -74,6 +77,7 @@ class Parts:
             _sound(Emulation, data.get("emulation")),
             data.get("homing_order"),
             [_sound(_COORDINATE, one) for one in _items(data.get("coordinates"))],
+            [_sound(_COUPLED_LIMIT, one) for one in _items(data.get("coupled_limits"))],
         )
 
 
@@ -131,7 +135,7 @@ def findings(parts: Parts) -> Iterator[Finding]:
     yield from _tendon_findings(parts)
     yield from _tube_findings(parts)
     yield from _name_findings(parts)
-    yield from coordinate_findings(parts.coordinates, _units(parts))
+    yield from _coupling_findings(parts)
     yield from _homing_findings(parts)
     yield from _node_findings(parts)
 
@@ -333,11 +337,35 @@ def _name_findings(parts: Parts) -> Iterator[Finding]:
             yield ("axes", second, "name"), f"there is already an axis '{one.name}'"
 
 
-def _units(parts: Parts) -> dict[str, str] | None:
-    """Of all axes by their names; None while one is not sound."""
+def _coupling_findings(parts: Parts) -> Iterator[Finding]:
+    """Coordinates, and limits on sums of them."""
     sound = [axis for axis in parts.axes if axis is not None]
     whole = len(sound) == len(parts.axes)
-    return {axis.name: axis.unit for axis in sound} if whole else None
+    wrong = list(
+        coordinate_findings(
+            parts.coordinates, {axis.name: axis.unit for axis in sound} if whole else None
+        )
+    )
+    yield from wrong
+    if not parts.coupled_limits:
+        return
+    # Linear programs: of no use to most robots, and slow to load.
+    from config.coupling.checks import AxisFacts, limit_findings
+
+    facts = [
+        AxisFacts(
+            axis.name,
+            axis.unit,
+            axis.travel,
+            axis.key("travel"),
+            axis.counts_per_unit,
+            axis.drive.mode,
+        )
+        for axis in sound
+    ]
+    coordinates = [one for one in parts.coordinates if one is not None]
+    known = whole and not wrong and len(coordinates) == len(parts.coordinates)
+    yield from limit_findings(parts.coupled_limits, facts if known else None, coordinates)
 
 
 def _homing_findings(parts: Parts) -> Iterator[Finding]:

@@ -8,6 +8,7 @@ from config.axis import Axis
 from config.bus import Bus
 from config.control import PoseFilterSettings, RiskSettings, Supervision, Workspace
 from config.coupling.coordinates import Coordinate
+from config.coupling.limits import CoupledLimit
 from config.documents.model import ConfigModel, Name
 from config.emulation import Emulation
 from config.remote import Remote
@@ -27,6 +28,9 @@ class Robot(ConfigModel):
     coordinates: list[Coordinate] = Field(default_factory=list)
     """What controllers and models may see instead of the axes, as many of them: sums of axes such
     as an angle between two tubes. None: the axes themselves."""
+    coupled_limits: list[CoupledLimit] = Field(default_factory=list)
+    """What several axes may not do together, each a bound on a sum of axes or coordinates: the gate
+    keeps them."""
     homing_order: list[Annotated[list[Name], Field(min_length=1)]] | None = None
     """Which axes look for their zeros together, and which groups of them after which:
     `[[rotation_1, rotation_2], [carriage_1]]`. None: one after the other, in the order of u."""

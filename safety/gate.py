@@ -9,6 +9,8 @@ from math import isfinite
 from typing import Final, NamedTuple
 
 from safety import shaping
+from safety.coupled_shaping import CoupledStep
+from safety.coupling import CoupledLimit
 from safety.limits import CountLimits
 from safety.permit import PermittedHoming, PermittedStep, permit, permit_homing
 from safety.risk_source import Nearest, RiskAnswer, RiskSource, ask
@@ -72,11 +74,13 @@ class Gate:
         risk: RiskSource,
         threshold: float,
         latest_after_s: float,
+        coupled: Sequence[CoupledLimit] = (),
     ) -> None:
         """One element per axis; a positive change of u pulls a tendon, whatever its counts do.
 
         threshold: the highest risk that may be taken. latest_after_s: what all answers about one
-        step may take together. Raises ValueError where these do not fit together.
+        step may take together. coupled: what axes may not do together; axes that are coupled brake
+        together. Raises ValueError where these do not fit together.
         """
         if not len(limits) == len(counts_per_unit) == len(tension_limits_n):
             raise ValueError("the gate needs limits, a scale and tension limits for each axis")
@@ -84,7 +88,10 @@ class Gate:
             raise ValueError("a scale is finite and not zero")
         if not 0.0 <= threshold <= 1.0:
             raise ValueError(f"the risk threshold {threshold} is not a probability")
+        for limit in coupled:
+            limit.check(len(limits))
         self._limits = tuple(limits)
+        self._coupled = tuple(coupled)
         self._counts_per_unit = tuple(counts_per_unit)
         self._tension_limits_n = tuple(tension_limits_n)
         self._risk = risk
@@ -252,7 +259,7 @@ class Gate:
         return near
 
     def _shaped(self, wanted: Sequence[int], start: _Start, limited: list[str]) -> list[int]:
-        """The changes that acceleration and braking distance leave. To want 0 is to brake."""
+        """The changes that acceleration, braking distance and coupled limits leave."""
         changes = []
         for axis, (change, motion, limits) in enumerate(
             zip(wanted, start.motions, self._limits, strict=True)
@@ -264,7 +271,10 @@ class Gate:
             if stoppable != reached:
                 limited.append(f"braking distance: axis {axis}")
             changes.append(stoppable)
-        return changes
+        return self._coupled_step(start).shaped(changes, limited) if self._coupled else changes
+
+    def _coupled_step(self, start: _Start) -> CoupledStep:
+        return CoupledStep(start.motions, self._limits, self._coupled)
 
     # What it risks.
 
@@ -292,12 +302,19 @@ class Gate:
             for position, scale in zip(start.positions, self._counts_per_unit, strict=True)
         ]
         u_to = [
-            shaping.stops_at(change, motion, limits) / scale
-            for change, motion, limits, scale in zip(
-                changes, start.motions, self._limits, self._counts_per_unit, strict=True
-            )
+            stop / scale
+            for stop, scale in zip(self._stops(changes, start), self._counts_per_unit, strict=True)
         ]
         return ask(self._risk, u_from, u_to, start.begins_ns, latest_after_s)
+
+    def _stops(self, changes: Sequence[int], start: _Start) -> Sequence[float]:
+        """Where each axis comes to rest if it brakes after such a step."""
+        if self._coupled:
+            return self._coupled_step(start).course(changes).rest
+        return [
+            shaping.stops_at(change, motion, limits)
+            for change, motion, limits in zip(changes, start.motions, self._limits, strict=True)
+        ]
 
     # What comes out.
 
@@ -312,6 +329,7 @@ class Gate:
             begins_ns=start.begins_ns,
             duration_ns=start.duration_ns,
             limits=self._limits,
+            coupled=self._coupled,
         )
         if not isinstance(result, PermittedStep):
             return "; ".join(str(violation) for violation in result)
@@ -325,10 +343,16 @@ class Gate:
         limited: Sequence[str] = (),
         answer: RiskAnswer | None = None,
     ) -> Decision:
-        step = self._permit(self._shaped([0] * len(self._limits), start, []), start)
+        step = self._permit(self._shaped(self._braking(start), start, []), start)
         if isinstance(step, str):
             return _decision(None, 0.0, limited, answer, refused or step)
         return _decision(step, 0.0 if refused else 1.0, limited, answer, refused)
+
+    def _braking(self, start: _Start) -> list[int]:
+        """The changes of braking: to want none of each axis, or of all the same share."""
+        if self._coupled:
+            return self._coupled_step(start).braking()
+        return [0] * len(self._limits)
 
 
 def _words_of_place(nearest: Nearest) -> str:

@@ -1,5 +1,6 @@
 """What an axis may be asked to do, in the drive's own integer counts."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf, sqrt
 from typing import Final
@@ -32,6 +33,34 @@ class CountLimits:
                 raise ValueError(f"{name} must be above 0, not {getattr(self, name)}")
         if not 0.0 <= self.goes_on_s < inf:
             raise ValueError(f"an axis does not go on for {self.goes_on_s} s")
+
+
+def braking_together_s(velocities: Sequence[float], limits: Sequence[CountLimits]) -> float:
+    """How long axes take to come to rest together, on the straight line that they move on.
+
+    velocities: counts/s, one per axis, as limits. The slowest to brake does so as hard as it may.
+    """
+    return max(
+        [
+            abs(velocity) / one.max_acceleration
+            for velocity, one in zip(velocities, limits, strict=True)
+        ]
+    )
+
+
+def at_rest(end: int, velocity: float, lasts_s: float) -> int:
+    """Where an axis comes to rest that brakes evenly from `end`, within `lasts_s`."""
+    return end + int(velocity * lasts_s / 2)
+
+
+@dataclass(frozen=True)
+class CoupledViolation:
+    """One coupled limit that a step would break."""
+
+    limit: str
+
+    def __str__(self) -> str:
+        return f"coupled limit {self.limit}: the way does not keep to it"
 
 
 @dataclass(frozen=True)

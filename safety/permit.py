@@ -9,7 +9,16 @@ from math import copysign
 from typing import Final, NoReturn, final
 from weakref import WeakKeyDictionary
 
-from safety.limits import HIGHEST_COUNT, LOWEST_COUNT, CountLimits, Violation
+from safety.coupling import CoupledLimit, broken
+from safety.limits import (
+    HIGHEST_COUNT,
+    LOWEST_COUNT,
+    CountLimits,
+    CoupledViolation,
+    Violation,
+    at_rest,
+    braking_together_s,
+)
 
 _SEAL = object()
 _FRESH_SHARE: Final = 0.5
@@ -68,12 +77,13 @@ class PermittedStep(_Sealed):
     """Targets for all axes, in counts, evenly reached between `begins_ns` and `ends_ns`.
 
     After its end an axis that is still told to move brakes at its highest acceleration, unless the
-    next step takes over: a late frame does not stop it at once.
+    next step takes over: a late frame does not stop it at once. Axes that are coupled brake
+    together, on the straight line that they move on.
     """
 
     __slots__ = ("begins_ns", "decelerations", "ends_ns", "from_counts", "rest_counts", "to_counts")
     begins_ns: int
-    decelerations: tuple[int, ...]
+    decelerations: tuple[float, ...]
     """Counts/s², of the braking after the end."""
     ends_ns: int
     from_counts: tuple[int, ...]
@@ -89,16 +99,22 @@ class PermittedStep(_Sealed):
         begins_ns: int,
         ends_ns: int,
         limits: Sequence[CountLimits],
+        together: bool = False,
     ) -> None:
+        """together: whether all axes brake on one line."""
+        duration_s = (ends_ns - begins_ns) * 1e-9
+        decelerations = _decelerations(from_counts, to_counts, duration_s, limits, together)
         rests = [
-            _rest(start, end, (ends_ns - begins_ns) * 1e-9, one)
-            for start, end, one in zip(from_counts, to_counts, limits, strict=True)
+            _rest(start, end, duration_s, deceleration, one)
+            for start, end, deceleration, one in zip(
+                from_counts, to_counts, decelerations, limits, strict=True
+            )
         ]
         _give(
             self,
             seal,
             begins_ns=begins_ns,
-            decelerations=tuple([one.max_acceleration for one in limits]),
+            decelerations=decelerations,
             ends_ns=ends_ns,
             from_counts=from_counts,
             rest_counts=tuple(rests),
@@ -152,10 +168,36 @@ class PermittedStep(_Sealed):
         return max(0.0, brakes_s - (t_ns - self.ends_ns) * 1e-9)
 
 
-def _rest(start: int, end: int, duration_s: float, limits: CountLimits) -> int:
+def _decelerations(
+    from_counts: Sequence[int],
+    to_counts: Sequence[int],
+    duration_s: float,
+    limits: Sequence[CountLimits],
+    together: bool,
+) -> tuple[float, ...]:
+    """Counts/s² of each axis' braking after a step."""
+    if not together:
+        return tuple([one.max_acceleration for one in limits])
+    velocities = _velocities(from_counts, to_counts, duration_s)
+    lasts_s = braking_together_s(velocities, limits)
+    return tuple(
+        [
+            abs(velocity) / lasts_s if velocity else one.max_acceleration
+            for velocity, one in zip(velocities, limits, strict=True)
+        ]
+    )
+
+
+def _velocities(
+    from_counts: Sequence[int], to_counts: Sequence[int], duration_s: float
+) -> list[float]:
+    return [(end - start) / duration_s for start, end in zip(from_counts, to_counts, strict=True)]
+
+
+def _rest(start: int, end: int, duration_s: float, deceleration: float, limits: CountLimits) -> int:
     """Where an axis comes to rest that brakes from the end of its step; inside its travel."""
     velocity = (end - start) / duration_s
-    way = int(velocity * velocity / (2 * limits.max_acceleration))
+    way = int(velocity * velocity / (2 * deceleration))
     if velocity > 0:
         return max(end, min(end + way, limits.highest))
     return min(end, max(end - way, limits.lowest))
@@ -196,11 +238,13 @@ def permit(
     begins_ns: int,
     duration_ns: int,
     limits: Sequence[CountLimits],
-) -> PermittedStep | tuple[Violation, ...]:
+    coupled: Sequence[CoupledLimit] = (),
+) -> PermittedStep | tuple[Violation | CoupledViolation, ...]:
     """The last check. For the gate alone: everything else gets its permits from there.
 
     from_counts, to_counts, measured_counts, limits: one per axis. velocities_before: counts/s that
-    each axis was last told to have. Raises ValueError where the numbers do not fit together.
+    each axis was last told to have. coupled: what they may not do together; where there is such a
+    limit, they brake together. Raises ValueError where the numbers do not fit together.
     """
     count = len(limits)
     if not len(from_counts) == len(to_counts) == len(measured_counts) == count:
@@ -209,7 +253,7 @@ def permit(
         raise ValueError("a step needs one velocity per axis and a positive duration")
     if not set(map(type, (*from_counts, *to_counts, *measured_counts))) <= {int}:
         raise ValueError("a step is made of whole counts")
-    violations = [
+    violations: list[Violation | CoupledViolation] = [
         violation
         for axis in range(count)
         for violation in _violations(
@@ -222,10 +266,38 @@ def permit(
             limits[axis],
         )
     ]
+    if coupled:
+        duration_s = duration_ns * 1e-9
+        violations += _coupled_violations(from_counts, to_counts, duration_s, limits, coupled)
     if violations:
         return tuple(violations)
     ends_ns = begins_ns + duration_ns
-    return PermittedStep(_SEAL, tuple(from_counts), tuple(to_counts), begins_ns, ends_ns, limits)
+    return PermittedStep(
+        _SEAL, tuple(from_counts), tuple(to_counts), begins_ns, ends_ns, limits, bool(coupled)
+    )
+
+
+def _coupled_violations(
+    from_counts: Sequence[int],
+    to_counts: Sequence[int],
+    duration_s: float,
+    limits: Sequence[CountLimits],
+    coupled: Sequence[CoupledLimit],
+) -> list[Violation | CoupledViolation]:
+    """What axes that brake together would break, on the way or where they come to rest."""
+    velocities = _velocities(from_counts, to_counts, duration_s)
+    lasts_s = braking_together_s(velocities, limits)
+    rests = [at_rest(end, v, lasts_s) for end, v in zip(to_counts, velocities, strict=True)]
+    found: list[Violation | CoupledViolation] = []
+    for axis, (end, rest, one) in enumerate(zip(to_counts, rests, limits, strict=True)):
+        if rest > max(one.highest, end):
+            found.append(Violation(axis, "highest place of rest", rest, one.highest))
+        if rest < min(one.lowest, end):
+            found.append(Violation(axis, "lowest place of rest", rest, one.lowest))
+    found += [
+        CoupledViolation(limit.name) for limit in broken(coupled, from_counts, to_counts, rests)
+    ]
+    return found
 
 
 def _violations(

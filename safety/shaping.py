@@ -40,13 +40,20 @@ def braking(limits: CountLimits, duration_ns: int) -> float:
     return limits.max_acceleration * duration_ns * duration_ns / _NS2_PER_S2
 
 
-def within_acceleration(change: int, motion: AxisMotion, limits: CountLimits) -> int:
-    """The nearest change that the acceleration allows, in the time that has truly passed."""
+def acceleration_range(motion: AxisMotion, limits: CountLimits) -> tuple[int, int]:
+    """The lowest and the highest change that the acceleration allows, in the time that has truly
+    passed."""
     coasts, most = motion.coasts, braking(limits, motion.duration_ns)
     most *= min(motion.unchanged_ns, motion.duration_ns) / motion.duration_ns
     lowest, highest = ceil(coasts - most), floor(coasts + most)
     if lowest > highest:  # no whole count lies between: the slower neighbour
-        return min(lowest, highest, key=abs)
+        lowest = highest = min(lowest, highest, key=abs)
+    return lowest, highest
+
+
+def within_acceleration(change: int, motion: AxisMotion, limits: CountLimits) -> int:
+    """The nearest change that the acceleration allows."""
+    lowest, highest = acceleration_range(motion, limits)
     return max(lowest, min(highest, change))
 
 

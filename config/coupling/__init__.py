@@ -1,1 +1,1 @@
-"""What belongs to several axes at once: coordinates that are made of them."""
+"""What belongs to several axes at once: coordinates made of them, and limits on their sums."""

@@ -21,6 +21,7 @@ from daemon.messages import (
     Status,
     Verb,
 )
+from daemon.robot.coupled_axes import count_coupling
 from daemon.robot.hardware import Hardware, Listeners
 from daemon.service.dependencies import Dependencies
 from daemon.service.following import Following
@@ -293,4 +294,5 @@ class RobotService:
             self.dependencies.risk,
             risk.threshold,
             risk.latest_after_s,
+            count_coupling(self.robot),
         )

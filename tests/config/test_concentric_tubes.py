@@ -8,6 +8,7 @@ import pytest
 from config.documents.problems import ConfigError
 from config.emulation import ConcentricTubesPlant
 from config.loader import load_robot
+from daemon.robot.coupled_axes import CoupledAxes
 from sim_backends.plants.concentric.concentric_tubes import ConcentricTubes
 from sim_backends.plants.plant import TipLoad
 from tests import SHIPPED_ROBOTS
@@ -36,7 +37,7 @@ def problems_of(tmp_path: Path, old: str, new: str) -> list[str]:
         ),
         (
             "{<<: *carriage, name: carriage_inner, drive: {<<: *drive, node: 5}, "
-            "travel_mm: [-23.5, 23.5]}",
+            "travel_mm: [-43.5, 23.5]}",
             "{<<: *rotation, name: carriage_inner, drive: {<<: *drive, node: 5}}",
             "axes[4].kind: must be a tube_translation: the tubes' axes come first",
         ),
@@ -77,22 +78,39 @@ def test_what_does_not_fit_is_told(tmp_path: Path, old: str, new: str, expected:
     assert any(expected in problem for problem in problems), problems
 
 
-def test_wherever_the_axes_go_no_collar_meets_another_and_no_tube_snaps() -> None:
-    """The box of the axes' travels is safe without anybody who watches them together: turned once
-    round at each of its corners, drawn out as far as it goes and back."""
+def test_wherever_the_drives_go_alone_no_collar_meets_another_and_no_end_is_drawn_in() -> None:
+    """The box of the axes' travels is free of collisions without anybody who watches them."""
     robot = load_robot(TUBES).robot
     assert robot.emulation is not None
     assert isinstance(robot.emulation.plant, ConcentricTubesPlant)
-    plant = ConcentricTubes(robot.emulation.plant)
+    tubes = robot.emulation.plant.tubes
+    ends_mm = [tube.collar_mm + sum(s.length_mm for s in tube.sections) for tube in tubes]
     pair, inner = (axis.travel for axis in robot.axes[3:])
     for pair_mm in pair:
         for inner_mm in inner:
-            for turned in np.linspace(0.0, 2.0 * np.pi, 60):
-                for rotations in ((0.0, 0.0, turned), (0.0, turned, 0.5 * turned)):
-                    at = np.array([*rotations, pair_mm, inner_mm])
-                    state = plant.step(at, TipLoad(), 0.1)
-                    assert state.snaps == 0
-                    assert state.stability > 0.05
+            assert tubes[1].collar_mm + pair_mm - (tubes[2].collar_mm + inner_mm) >= 17.0
+            assert ends_mm[2] + inner_mm >= ends_mm[0] + pair_mm
+
+
+@pytest.mark.parametrize("between", [0.0, 0.6, 1.2, -1.2, 2.4])
+def test_where_the_coupled_limits_are_kept_no_tube_snaps(between: float) -> None:
+    """Tube 3 turned round twice and back, drawn in as far as the limits allow it where it is."""
+    robot = load_robot(TUBES).robot
+    assert robot.emulation is not None
+    assert isinstance(robot.emulation.plant, ConcentricTubesPlant)
+    allowed = CoupledAxes.of(robot)
+    guarded, careless = (ConcentricTubes(robot.emulation.plant) for _ in range(2))
+    round_twice = np.linspace(0.0, 4.0 * np.pi, 121)
+    snaps = 0
+    for turned in [*round_twice, *round_twice[::-1]]:
+        drawn_in, out = (np.array([0.0, between, turned, 0.0, mm]) for mm in (-53.0, -33.5))
+        assert bool(allowed.inside(out))
+        kept = drawn_in if bool(allowed.inside(drawn_in)) else out
+        state = guarded.step(kept, TipLoad(), 0.1)
+        assert state.snaps == 0
+        assert state.stability > 0.05
+        snaps = careless.step(drawn_in, TipLoad(), 0.1).snaps
+    assert (snaps > 0) == (abs(between) < 1.5)
 
 
 def test_the_defaults_are_the_shipped_tubes_but_for_their_zero() -> None:
