@@ -52,6 +52,7 @@ class AngleCoordinate(CoordinateBase):
 
     kind: Literal["angle"]
     at_zero_rad: float = 0.0
+    """Its value where every axis is at its zero."""
     comes_round: bool = False
     """Whether the body has the same shape again after a whole turn. Only models of the body may
     take it modulo a turn: axes, velocities and following errors count on."""
@@ -72,6 +73,7 @@ class LengthCoordinate(CoordinateBase):
 
     kind: Literal["length"]
     at_zero_mm: float = 0.0
+    """Its value where every axis is at its zero."""
 
     @property
     def at_zero(self) -> float:

@@ -23,6 +23,7 @@ class ConditionBase(ConfigModel):
     unit: ClassVar[Literal["mm", "rad"]]
 
     sum: Sum
+    """Factors of axes or coordinates, by their names."""
 
     @property
     def near(self) -> float:
@@ -47,7 +48,9 @@ class AngleCondition(ConditionBase):
 
     kind: Literal["angle"]
     near_rad: float
+    """The middle of the band."""
     within_rad: Positive
+    """Half the width of the band."""
     comes_round: bool = True
     """Whether whole turns make no difference."""
 
@@ -71,8 +74,11 @@ class LengthCondition(ConditionBase):
 
     kind: Literal["length"]
     near_mm: float
+    """The middle of the band."""
     within_mm: Positive
+    """Half the width of the band."""
     period_mm: Positive | None = None
+    """After how much there is the next band; None: there is one only."""
 
     @property
     def near(self) -> float:
@@ -99,6 +105,7 @@ class CoupledLimitBase(ConfigModel):
     reason: Sentence
     """What would happen beyond: told where the gate cuts a step short."""
     sum: Sum
+    """Factors of axes or coordinates, by their names."""
     only_while: list[Condition] = Field(default_factory=list)
     """The limit counts only while all of these are met; empty: always."""
 
@@ -120,7 +127,9 @@ class LengthLimit(CoupledLimitBase):
 
     kind: Literal["length"]
     lowest_mm: float | None = None
+    """None: the sum has no lower bound."""
     highest_mm: float | None = None
+    """None: the sum has no upper bound."""
 
     @property
     def lowest(self) -> float | None:
@@ -138,7 +147,9 @@ class AngleLimit(CoupledLimitBase):
 
     kind: Literal["angle"]
     lowest_rad: float | None = None
+    """None: the sum has no lower bound."""
     highest_rad: float | None = None
+    """None: the sum has no upper bound."""
 
     @property
     def lowest(self) -> float | None:

@@ -11,6 +11,7 @@ from config.coupling.coordinates import CoordinateBase
 from config.coupling.limits import CoupledLimitBase
 
 FloatArray = NDArray[np.float64]
+TruthArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class AxesCondition:
     within: float
     period: float | None
 
-    def met(self, u: FloatArray) -> FloatArray:
+    def met(self, u: FloatArray) -> TruthArray:
         """(...) bool, at (..., m) positions of the axes."""
         off = self.sum.at(u) - self.near
         if self.period is not None:
@@ -54,7 +55,7 @@ class AxesLimit:
     highest: float
     only_while: tuple[AxesCondition, ...]
 
-    def kept(self, u: FloatArray) -> FloatArray:
+    def kept(self, u: FloatArray) -> TruthArray:
         """(...) bool, at (..., m) positions of the axes."""
         value = self.sum.at(u)
         kept = (value >= self.lowest) & (value <= self.highest)

@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from config.coupling.sums import AxesLimit, AxesSum, axes_limits
+from config.coupling.sums import AxesLimit, AxesSum, TruthArray, axes_limits
 from config.robot import Robot
 from drivers.axis_scale import axis_scale
 from drivers.pose import Vector
@@ -58,12 +58,12 @@ class CoupledAxes:
         """Everywhere, for a robot without coupled limits."""
         return cls(tuple(limits_in_axes(robot)))
 
-    def inside(self, u: Vector) -> Vector:
+    def inside(self, u: Vector) -> TruthArray:
         """(...) bool, for (..., m) axes."""
         kept = np.ones(u.shape[:-1], np.bool_)
         for limit in self.limits:
             kept &= limit.kept(u)
-        return kept
+        return np.asarray(kept)
 
     def way_inside(self, start: Vector, end: Vector) -> bool:
         """Whether the straight way between two (m,) places is inside, but perhaps its beginning."""

@@ -136,7 +136,9 @@ def test_a_refused_risk_is_braked_on_one_line_and_asked_where_that_ends() -> Non
     before = rig.at
     rig.risk.risk = lambda _from, _to: RiskReading(1.0, None, 0.001, "told", "")
     rig.t_ns += STEP_NS
-    decision = rig.gate.decide([before[0] + 500, before[1] + 100, 0], rig.measured(), rig.t_ns, STEP_NS)
+    decision = rig.gate.decide(
+        [before[0] + 500, before[1] + 100, 0], rig.measured(), rig.t_ns, STEP_NS
+    )
     assert decision.refused == RISK
     u_to = rig.risk.asked[-3][1]
     # 500 and 100 a step come to rest 1000 and 200 further, of 2 counts per unit.
