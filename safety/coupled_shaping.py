@@ -1,8 +1,9 @@
 """How far several axes may go together in one step, so that they can stop inside coupled limits.
 
-Axes that are coupled brake together: each at such a rate that all come to rest at the same time, on
-the straight line that they move on. So whoever is inside where a step begins, where it ends and
-where braking from there ends, is inside all the way; and braking along that line, step by step and
+Far from all limits each axis brakes by itself: wherever all are on their ways, they are inside.
+Near one they brake together, each at such a rate that all come to rest at the same time, on the
+straight line that they move on. So whoever is inside where a step begins, where it ends and where
+braking from there ends, is inside all the way; and braking along that line, step by step and
 whenever a frame comes, stays on it: it is always possible.
 
 Only what leads out is taken away: of the axes that make a sum grow beyond its bound, all the same
@@ -15,8 +16,9 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from safety import shaping
-from safety.coupling import CoupledLimit, Range, kept, ranges
+from safety.coupling import CoupledLimit, Range, kept, kept_apart, ranges
 from safety.limits import CountLimits, at_rest, braking_together_s
+from safety.permit import rests_apart
 from safety.shaping import AxisMotion
 
 _PASSES_PER_LIMIT: Final = 2
@@ -67,8 +69,39 @@ class CoupledStep:
         ]
         return Course(list(changes), end, rest, 1.0 + lasts_s / (2.0 * duration_s))
 
+    def rest(self, changes: Sequence[int]) -> Sequence[int]:
+        """Where the axes come to rest after a step with these changes."""
+        course = self.course(changes)
+        apart = self._rests_apart(course)
+        return apart if self._all_kept_apart(apart) else course.rest
+
     def braking(self) -> list[int]:
-        """The changes of braking together, as hard as it goes on a straight line."""
+        """The changes of braking: each axis as hard as it may, or else all on one line."""
+        apart = [self._possible(axis, 0.0) for axis in range(len(self._motions))]
+        return apart if self._keeps(apart) else self._braking_together()
+
+    def shaped(self, changes: Sequence[int], limited: list[str]) -> list[int]:
+        """The nearest changes with which all limits are kept, of those between these and braking.
+
+        Appends to `limited` what was cut, and by what.
+        """
+        if self._keeps(changes):
+            return list(changes)
+        cut = self._cut(changes, limited)
+        if self._keeps(cut):
+            return cut
+        safe = self.braking()
+        if not self._keeps(safe):
+            safe = self._cut(safe, [])
+        share, step = 0.0, 0.5
+        for _ in range(_HALVINGS):
+            if self._keeps(self._between(safe, cut, share + step)):
+                share += step
+            step /= 2.0
+        return self._between(safe, cut, share)
+
+    def _braking_together(self) -> list[int]:
+        """The changes of braking as hard as it goes on a straight line."""
         velocities = [motion.velocity for motion in self._motions]
         lasts_s = braking_together_s(velocities, self._limits)
         if lasts_s == 0.0:
@@ -79,27 +112,19 @@ class CoupledStep:
             self._possible(axis, motion.coasts * left) for axis, motion in enumerate(self._motions)
         ]
 
-    def shaped(self, changes: Sequence[int], limited: list[str]) -> list[int]:
-        """The nearest changes with which all limits are kept, of those between these and braking.
+    def _rests_apart(self, course: Course) -> list[int]:
+        return rests_apart(self._start, course.end, self._duration_s, self._limits)
 
-        Appends to `limited` what was cut, and by what.
-        """
-        cut = self._cut(changes, limited)
-        if self._keeps(cut):
-            return cut
-        safe = self._cut(self.braking(), [])
-        share, step = 0.0, 0.5
-        for _ in range(_HALVINGS):
-            if self._keeps(self._between(safe, cut, share + step)):
-                share += step
-            step /= 2.0
-        return self._between(safe, cut, share)
+    def _all_kept_apart(self, rests: Sequence[int]) -> bool:
+        return all(kept_apart(allowed, self._start, rests) for _, allowed in self._coupled)
 
     def _between(self, one: Sequence[int], other: Sequence[int], share: float) -> list[int]:
         return [a + int((b - a) * share) for a, b in zip(one, other, strict=True)]
 
     def _keeps(self, changes: Sequence[int]) -> bool:
         course = self.course(changes)
+        if self._all_kept_apart(self._rests_apart(course)):
+            return True
         return not any(self._overrun(axis, course) for axis in range(len(changes))) and all(
             kept(allowed, self._start, course.end, course.rest) for _, allowed in self._coupled
         )

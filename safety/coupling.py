@@ -31,6 +31,17 @@ class AxisSum(NamedTuple):
             value += factor * counts[axis]
         return value
 
+    def span(self, start: Sequence[int], rest: Sequence[int]) -> tuple[float, float]:
+        """Its lowest and highest value where each axis is anywhere between two places."""
+        low = high = self.at(start)
+        for axis, factor in self.terms:
+            way = factor * (rest[axis] - start[axis])
+            if way > 0.0:
+                high += way
+            else:
+                low += way
+        return low, high
+
     def stands(self, start: Sequence[int], end: Sequence[int]) -> bool:
         """Whether none of its axes moves."""
         return all(start[axis] == end[axis] for axis, _ in self.terms)
@@ -92,7 +103,7 @@ class CoupledLimit(NamedTuple):
 
 
 class Range(NamedTuple):
-    """Where the ends of a way must be: a sum between two values."""
+    """Where a way must end: a sum between two values."""
 
     sum: AxisSum
     start: float
@@ -103,6 +114,11 @@ class Range(NamedTuple):
     def keeps(self, counts: Sequence[int]) -> bool:
         """Whether a place of the axes is within."""
         return self.bottom <= self.sum.at(counts) <= self.top
+
+    def spans(self, start: Sequence[int], rest: Sequence[int]) -> bool:
+        """Whether all is within where each axis is anywhere between two places."""
+        low, high = self.sum.span(start, rest)
+        return self.bottom <= low and high <= self.top
 
 
 def ranges(limit: CoupledLimit, start: Sequence[int]) -> list[tuple[Range, ...]]:
@@ -135,14 +151,24 @@ def kept(
     rest: Sequence[int],
 ) -> bool:
     """Whether a way from `start` to `end`, and braking to `rest` on the same line, is allowed."""
-    for together in allowed:
-        if all(
+    return any(
+        all(
             (one.keeps(end) and one.keeps(rest))
             or (one.sum.stands(start, end) and one.sum.stands(start, rest))
             for one in together
-        ):
-            return True
-    return False
+        )
+        for together in allowed
+    )
+
+
+def kept_apart(
+    allowed: Sequence[tuple[Range, ...]], start: Sequence[int], rest: Sequence[int]
+) -> bool:
+    """Whether every place is allowed where each axis is anywhere between `start` and `rest`."""
+    return any(
+        all(one.sum.stands(start, rest) or one.spans(start, rest) for one in together)
+        for together in allowed
+    )
 
 
 def broken(

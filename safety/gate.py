@@ -79,8 +79,8 @@ class Gate:
         """One element per axis; a positive change of u pulls a tendon, whatever its counts do.
 
         threshold: the highest risk that may be taken. latest_after_s: what all answers about one
-        step may take together. coupled: what axes may not do together; axes that are coupled brake
-        together. Raises ValueError where these do not fit together.
+        step may take together. coupled: what axes may not do together. Raises ValueError where
+        these do not fit together.
         """
         if not len(limits) == len(counts_per_unit) == len(tension_limits_n):
             raise ValueError("the gate needs limits, a scale and tension limits for each axis")
@@ -310,7 +310,7 @@ class Gate:
     def _stops(self, changes: Sequence[int], start: _Start) -> Sequence[float]:
         """Where each axis comes to rest if it brakes after such a step."""
         if self._coupled:
-            return self._coupled_step(start).course(changes).rest
+            return self._coupled_step(start).rest(changes)
         return [
             shaping.stops_at(change, motion, limits)
             for change, motion, limits in zip(changes, start.motions, self._limits, strict=True)
@@ -349,7 +349,7 @@ class Gate:
         return _decision(step, 0.0 if refused else 1.0, limited, answer, refused)
 
     def _braking(self, start: _Start) -> list[int]:
-        """The changes of braking: to want none of each axis, or of all the same share."""
+        """The changes of braking: to want none, of each axis or of all the same share."""
         if self._coupled:
             return self._coupled_step(start).braking()
         return [0] * len(self._limits)

@@ -9,7 +9,7 @@ from math import copysign
 from typing import Final, NoReturn, final
 from weakref import WeakKeyDictionary
 
-from safety.coupling import CoupledLimit, broken
+from safety.coupling import CoupledLimit, broken, kept_apart, ranges
 from safety.limits import (
     HIGHEST_COUNT,
     LOWEST_COUNT,
@@ -77,8 +77,8 @@ class PermittedStep(_Sealed):
     """Targets for all axes, in counts, evenly reached between `begins_ns` and `ends_ns`.
 
     After its end an axis that is still told to move brakes at its highest acceleration, unless the
-    next step takes over: a late frame does not stop it at once. Axes that are coupled brake
-    together, on the straight line that they move on.
+    next step takes over: a late frame does not stop it at once. Near a coupled limit all axes
+    brake together, on the straight line that they move on.
     """
 
     __slots__ = ("begins_ns", "decelerations", "ends_ns", "from_counts", "rest_counts", "to_counts")
@@ -243,8 +243,9 @@ def permit(
     """The last check. For the gate alone: everything else gets its permits from there.
 
     from_counts, to_counts, measured_counts, limits: one per axis. velocities_before: counts/s that
-    each axis was last told to have. coupled: what they may not do together; where there is such a
-    limit, they brake together. Raises ValueError where the numbers do not fit together.
+    each axis was last told to have. coupled: what axes may not do together; they brake together
+    where they could come to it if each did by itself. Raises ValueError where the numbers do not
+    fit together.
     """
     count = len(limits)
     if not len(from_counts) == len(to_counts) == len(measured_counts) == count:
@@ -266,15 +267,43 @@ def permit(
             limits[axis],
         )
     ]
-    if coupled:
-        duration_s = duration_ns * 1e-9
+    duration_s = duration_ns * 1e-9
+    together = not _may_brake_apart(from_counts, to_counts, duration_s, limits, coupled)
+    if together:
         violations += _coupled_violations(from_counts, to_counts, duration_s, limits, coupled)
     if violations:
         return tuple(violations)
     ends_ns = begins_ns + duration_ns
     return PermittedStep(
-        _SEAL, tuple(from_counts), tuple(to_counts), begins_ns, ends_ns, limits, bool(coupled)
+        _SEAL, tuple(from_counts), tuple(to_counts), begins_ns, ends_ns, limits, together
     )
+
+
+def rests_apart(
+    from_counts: Sequence[int],
+    to_counts: Sequence[int],
+    duration_s: float,
+    limits: Sequence[CountLimits],
+) -> list[int]:
+    """Where each axis comes to rest that brakes by itself from the end of its step."""
+    return [
+        _rest(start, end, duration_s, one.max_acceleration, one)
+        for start, end, one in zip(from_counts, to_counts, limits, strict=True)
+    ]
+
+
+def _may_brake_apart(
+    from_counts: Sequence[int],
+    to_counts: Sequence[int],
+    duration_s: float,
+    limits: Sequence[CountLimits],
+    coupled: Sequence[CoupledLimit],
+) -> bool:
+    """Whether coupled limits are kept however far each axis is on its way until it is at rest."""
+    if not coupled:
+        return True
+    rests = rests_apart(from_counts, to_counts, duration_s, limits)
+    return all(kept_apart(ranges(one, from_counts), from_counts, rests) for one in coupled)
 
 
 def _coupled_violations(

@@ -38,7 +38,7 @@ FASTER = (
     ("max_velocity_rad_s: 1.0", "max_velocity_rad_s: 6.0"),
     ("max_velocity_mm_s: 5.0", "max_velocity_mm_s: 40.0"),
     ("max_acceleration_mm_s2: 50.0", "max_acceleration_mm_s2: 120.0"),
-    ("following_error_rad: 0.05", "following_error_rad: 2.0"),
+    ("following_error_rad: 0.08", "following_error_rad: 2.0"),
     ("following_error_mm: 0.5", "following_error_mm: 20.0"),
 )
 """A robot whose drives alone do not keep it from anything, and which takes long to stop."""

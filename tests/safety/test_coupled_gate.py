@@ -59,6 +59,15 @@ class CoupledRig:
         return [b - a for a, b in zip(step.from_counts, step.to_counts, strict=True)]
 
 
+def at_full_speed() -> CoupledRig:
+    """500 and 100 counts a step, along a limit that leaves little room beside that line."""
+    beside = CoupledLimit("beside", AxisSum(((0, 0.2), (1, -1.0))), -60.0, 60.0)
+    rig = CoupledRig(coupled=(beside,))
+    for change in (125, 250, 375, 500, 500):
+        assert rig.decide(rig.at[0] + change, rig.at[1] + change / 5, 0)[1] == ()
+    return rig
+
+
 def test_what_is_no_limit_of_these_axes_is_refused() -> None:
     for wrong in (
         ORDER._replace(sum=AxisSum(((3, 1.0),))),
@@ -113,26 +122,27 @@ def test_a_guard_stops_on_either_side_and_lets_through_once_it_is_kept_otherwise
 
 
 def test_a_hold_brakes_on_one_line() -> None:
-    rig = CoupledRig(coupled=(ORDER._replace(lowest=-1e6, highest=1e6),))
-    for _ in range(8):
-        rig.decide(rig.at[0] + 500, rig.at[1] + 100, 0)
+    rig = at_full_speed()
     first, second, _ = rig.hold()
     assert (first, second) == (375, 75)
     assert rig.hold()[:2] == [250, 50]
 
 
+def test_far_from_all_limits_each_axis_brakes_as_hard_as_it_may() -> None:
+    rig = CoupledRig(coupled=(ORDER._replace(lowest=-1e6, highest=1e6),))
+    for change in (125, 250, 375, 500, 500):
+        rig.decide(rig.at[0] + change, rig.at[1] + change / 5, 0)
+    assert rig.hold() == [375, 0, 0]
+
+
 @pytest.mark.parametrize("bad", [nan, inf, -inf])
 def test_what_is_not_finite_is_braked_on_one_line(bad: float) -> None:
-    rig = CoupledRig(coupled=(ORDER._replace(lowest=-1e6, highest=1e6),))
-    for _ in range(8):
-        rig.decide(rig.at[0] + 500, rig.at[1] + 100, 0)
+    rig = at_full_speed()
     assert rig.decide(bad, 0, 0)[0] == [375, 75, 0]
 
 
 def test_a_refused_risk_is_braked_on_one_line_and_asked_where_that_ends() -> None:
-    rig = CoupledRig(coupled=(ORDER._replace(lowest=-1e6, highest=1e6),))
-    for _ in range(8):
-        rig.decide(rig.at[0] + 500, rig.at[1] + 100, 0)
+    rig = at_full_speed()
     before = rig.at
     rig.risk.risk = lambda _from, _to: RiskReading(1.0, None, 0.001, "told", "")
     rig.t_ns += STEP_NS

@@ -55,7 +55,8 @@ def test_how_long_it_takes_to_brake_together() -> None:
 
 
 def test_axes_that_are_coupled_brake_on_one_line() -> None:
-    step = ask((0, 0), (400, 100))
+    beside = CoupledLimit("beside", AxisSum(((0, 0.25), (1, -1.0))), -60.0, 60.0)
+    step = ask((0, 0), (400, 100), coupled=(beside,))
     assert isinstance(step, PermittedStep)
     assert is_genuine(step)
     assert step.rest_counts == (1040, 260)  # 16,000 counts/s and 4,000 in 0.08 s
@@ -67,8 +68,14 @@ def test_axes_that_are_coupled_brake_on_one_line() -> None:
     assert step.unchanged_ns(1, STEP_NS + 100_000_000) == pytest.approx(STEP_NS + 20_000_000)
 
 
-def test_without_coupled_limits_each_brakes_as_hard_as_it_may() -> None:
-    step = ask((0, 0), (400, 100), coupled=())
+@pytest.mark.parametrize("highest", [None, 1043.9, 1044.1])
+def test_far_from_coupled_limits_each_brakes_as_hard_as_it_may(highest: float | None) -> None:
+    """Far is where a limit is kept wherever each axis is until it is at rest."""
+    ahead = CoupledLimit("ahead", AxisSum(((0, 1.0), (1, 1e-9))), -1000.0, highest or 0.0)
+    step = ask((0, 0), (400, 100), coupled=() if highest is None else (ahead,))
+    if highest == 1043.9:
+        assert step == ["coupled limit ahead: the way does not keep to it"]
+        return
     assert isinstance(step, PermittedStep)
     assert step.rest_counts == (1040, 140)
     assert list(step.decelerations) == [200_000, 200_000]
@@ -122,10 +129,12 @@ def test_all_that_is_broken_is_told() -> None:
 
 def test_braking_together_ends_inside_the_travel() -> None:
     narrow = replace(LIMITS, lowest=-300, highest=300)
-    loose = CoupledLimit("loose", ORDER.sum, -1e6, 1e6)
 
     def at(start: int, end: int) -> PermittedStep | list[str]:
-        return ask((0, start), (400, end), coupled=(loose,), limits=(LIMITS, narrow))
+        """Along a limit that leaves little room beside that line."""
+        share = (end - start) / 400
+        beside = CoupledLimit("beside", AxisSum(((0, share), (1, -1.0)), start), -60.0, 60.0)
+        return ask((0, start), (400, end), coupled=(beside,), limits=(LIMITS, narrow))
 
     # 100 a step, and in the time of the other axis 160 more.
     assert isinstance(at(40, 140), PermittedStep)

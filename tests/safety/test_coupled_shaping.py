@@ -87,14 +87,14 @@ def test_braking_takes_the_same_share_of_all(
     last: tuple[float, float], since: float, braked: list[int]
 ) -> None:
     one = step((0, 0), last, unchanged_ns=(since * STEP_NS,) * 2)
-    assert one.braking() == braked
+    assert one._braking_together() == braked
 
 
 def test_who_stands_does_not_tell_how_long_it_is_since_the_others_braked() -> None:
     one = step((0, 0), (500.0, 0.0), unchanged_ns=(STEP_NS, 0.0))
-    assert one.braking() == [375, 0]
+    assert one._braking_together() == [375, 0]
     one = step((0, 0), (500.0, 100.0), unchanged_ns=(STEP_NS, STEP_NS / 2))
-    assert one.braking() == [437, 87]
+    assert one._braking_together() == [437, 87]
 
 
 # What is cut.
@@ -166,23 +166,32 @@ def test_two_limits_are_kept_at_once() -> None:
 
 def test_the_end_of_travel_counts_for_braking_together() -> None:
     narrow = replace(WIDE, lowest=-1000, highest=1000)
-    loose = CoupledLimit("loose", ORDER.sum, -1e6, 1e6)
-    # Axis 0 brakes in 0.1 s: axis 1 with it, 3 changes from where it starts.
-    one = step((0, 850), (500.0, 50.0), (loose,), limits=(WIDE, narrow))
-    assert shaped(one, 500, 60) == ([500, 50], ["braking distance: axis 1"])
-    one = step((0, -850), (500.0, -50.0), (loose,), limits=(WIDE, narrow))
-    assert shaped(one, 500, -60) == ([500, -50], ["braking distance: axis 1"])
-    one = step((0, 850), (500.0, 50.0), (loose,), limits=(WIDE, narrow))
-    assert shaped(one, 500, 50) == ([500, 50], [])
+    for sign in (1, -1):
+        beside = CoupledLimit("beside", AxisSum(((0, 0.12 * sign), (1, -1.0))), -1e6, 1e6)
+        beside = beside._replace(lowest=-850 * sign - 60.0, highest=-850 * sign + 60.0)
+        limits = (WIDE, narrow)
+        # Axis 0 brakes in 0.1 s: axis 1 with it, 3 changes from where it starts.
+        one = step((0, 850 * sign), (500.0, 50.0 * sign), (beside,), limits=limits)
+        assert shaped(one, 500, 60 * sign) == ([500, 50 * sign], ["braking distance: axis 1"])
+        assert shaped(one, 500, 50 * sign) == ([500, 50 * sign], [])
+        # From beyond the end it may come back.
+        beside = beside._replace(lowest=-1500 * sign - 60.0, highest=-1500 * sign + 60.0)
+        out = step((0, 1500 * sign), (500.0, 0.0), (beside,), limits=limits)
+        assert shaped(out, 400, 60 * sign)[0][1] == 0
+        assert "braking distance: axis 1" in shaped(out, 400, 60 * sign)[1]
 
 
-def test_from_beyond_the_end_of_travel_an_axis_may_come_back() -> None:
-    narrow = replace(WIDE, lowest=-1000, highest=1000)
+def test_far_from_all_limits_axes_brake_by_themselves() -> None:
     loose = CoupledLimit("loose", ORDER.sum, -1e6, 1e6)
-    for start, change in ((1500, -100), (-1500, 100)):
-        one = step((0, start), None, (loose,), limits=(WIDE, narrow))
-        assert shaped(one, 0, change) == ([0, change], [])
-        assert shaped(one, 0, -change) == ([0, 0], ["braking distance: axis 1"])
+    far = step((0, 0), (500.0, 250.0), (loose,))
+    assert far.braking() == [375, 125]
+    assert far.rest([400, 100]) == [1040, 140]
+    near = step((0, 0), (400.0, 400.0))
+    assert near.rest([400, 400]) == [1040, 1040]
+    beside = CoupledLimit("beside", AxisSum(((0, 0.5), (1, -1.0))), -60.0, 60.0)
+    near = step((0, 0), (500.0, 250.0), (beside,))
+    assert near.braking() == [375, 187]
+    assert near.rest([400, 200]) == [1040, 520]
 
 
 def test_a_guard_is_kept_on_the_side_where_the_axes_are() -> None:
@@ -271,7 +280,7 @@ def test_however_it_is_driven_braking_is_always_possible(
         done = one.shaped(possible, [])
         for change, (lowest, highest) in zip(done, boxes, strict=True):
             assert lowest <= change <= highest
-        rest = one.course(done).rest
+        rest = one.rest(done)
         assert abs(rest[0] - rest[1]) <= 1000
         assert rest[1] >= 0 or not 1500 < rest[2] < 2500
         share = 1.0 - early[number % len(early)]
