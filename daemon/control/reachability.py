@@ -85,6 +85,11 @@ def _looks_of_model(
                 f"{where}, and the axes' travel ends {miss_mm:.1f} mm "
                 f"before it, by the controller's model"
             )
+        elif axes is not None and (broken := axes.coupled.first_broken(u)) is not None:
+            yield (
+                f"{where}, where by the controller's model the axes would have to be beyond the "
+                f"coupled limit {broken.name}: {broken.reason}"
+            )
         elif before is not None and axes is not None:
             yield _too_fast(axes, np.abs(u - before) / dt_s, where)
         else:

@@ -102,6 +102,10 @@ def sampling_with(base: SamplingSettings, options: Learner) -> SamplingSettings:
 # other motion.
 
 
+_DRAWN_AT_MOST = 60
+"""Until one is inside coupled limits: of a box round a corner of five of them one in 32 is."""
+
+
 class Babbling:
     """Proposes the steps until it has lasted as long as it should, pauses not counted."""
 
@@ -147,7 +151,11 @@ class Babbling:
         axes = self._axes
         reach = self._options.reach_share * axes.travel
         lowest = np.clip(home - reach, axes.lowest, axes.highest - 2.0 * reach)
-        return lowest + 2.0 * reach * self._random.uniform(0.0, 1.0, axes.count)
+        for _ in range(_DRAWN_AT_MOST):
+            goal = lowest + 2.0 * reach * self._random.uniform(0.0, 1.0, axes.count)
+            if axes.coupled.way_inside(home, goal):
+                return np.asarray(goal)
+        return home
 
 
 _UNKNOWN_BODY = SamplingSettings(lag_s=0.1)

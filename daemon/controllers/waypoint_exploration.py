@@ -218,8 +218,12 @@ class WaypointExplorationController:
         middle = 0.5 * (axes.lowest + axes.highest)
         half = 0.5 * self._options.travel_share * axes.travel
         best, best_mm = middle, np.inf
+        if not axes.coupled.way_inside(self._start, middle):
+            best = self._start
         for _ in range(_DRAWN_AT_MOST):
             goal = middle + half * self._random.uniform(-1.0, 1.0, axes.count)
+            if not axes.coupled.way_inside(self._start, goal):
+                continue
             line = self._start + _ALONG * (goal - self._start)
             outside_mm = self._outside_mm(self._guess.at(line))
             if outside_mm < best_mm:

@@ -1,10 +1,11 @@
 """What a controller knows of the axes: how far and how fast they go."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from config.robot import Robot
+from daemon.robot.coupled_axes import CoupledAxes
 from drivers.pose import Vector
 
 
@@ -19,13 +20,16 @@ class AxisRanges:
     scale: Vector
     """How far what an axis does to the tip is about the same: its range, in shares of which axes of
     different kinds are compared."""
+    coupled: CoupledAxes = field(default_factory=CoupledAxes)
+    """Where they may be together."""
 
     @classmethod
     def of(cls, robot: Robot) -> "AxisRanges":
         limits = [(*axis.travel, axis.max_velocity, axis.linear_range) for axis in robot.axes]
-        columns = zip(*limits, strict=True)
+        columns = (np.array(column, np.float64) for column in zip(*limits, strict=True))
         names = tuple(axis.name for axis in robot.axes)
-        return cls(names, *(np.array(column, np.float64) for column in columns))
+        lowest, highest, max_velocity, scale = columns
+        return cls(names, lowest, highest, max_velocity, scale, CoupledAxes.of(robot))
 
     @property
     def count(self) -> int:

@@ -71,6 +71,21 @@ class CoupledAxes:
             return True
         return bool(self.inside(start + _ALONG[1:] * (end - start)).all())
 
+    def way(self, start: Vector, end: Vector) -> list[Vector] | None:
+        """(m,) places to go to one after the other on straight lines, the last of them `end`.
+
+        Where the straight way leads out, it is tried by way of where the sums of the limits that
+        count only sometimes are as at zero, at the beginning as at the end. None: that leads out.
+        """
+        if self.way_inside(start, end):
+            return [end]
+        guarded = [limit.sum.factors != 0.0 for limit in self.limits if limit.only_while]
+        moved = np.logical_or.reduce(guarded) if guarded else np.zeros(len(end), np.bool_)
+        places = [np.where(moved, 0.0, start), np.where(moved, 0.0, end), end]
+        before = [start, *places[:-1]]
+        straight = all(self.way_inside(a, b) for a, b in zip(before, places, strict=True))
+        return places if straight else None
+
     def first_broken(self, u: Vector) -> AxesLimit | None:
         """The first limit that (m,) axes do not keep."""
         return next((limit for limit in self.limits if not bool(limit.kept(u))), None)

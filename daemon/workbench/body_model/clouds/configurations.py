@@ -131,6 +131,8 @@ class Candidates:
         """Whether the body can hold (m,) u, come to from rest."""
         if not ((u >= self._ranges.lowest) & (u <= self._ranges.highest)).all():
             return False
+        if not bool(self._ranges.coupled.inside(u)):
+            return False
         self._plant.reset()
         try:
             state = self._plant.step(u, self._load, _AT_REST_S)

@@ -43,10 +43,22 @@ class EmulatedBody:
         self._at = np.zeros(self._ranges.count)
 
     def go(self, target: FloatArray) -> BodyState:
-        """To (m,) target on a straight line, as fast as the axes can, and wait a little there.
+        """To (m,) target as fast as the axes can, and wait a little there: on a straight line, or
+        on several where that keeps to coupled limits.
 
         Raises UnreachableError.
         """
+        ways = self._ranges.coupled.way(self._at, target)
+        if ways is None:
+            raise UnreachableError("no way there keeps to the coupled limits")
+        for place in ways:
+            self._go_straight(place)
+        try:
+            return self._plant.step(target, self._load, _SETTLE_S)
+        except PlantError as error:
+            raise UnreachableError(str(error)) from None
+
+    def _go_straight(self, target: FloatArray) -> None:
         step = 1.0
         while np.abs(target - self._at).max() > 0.0:
             most_s = float((np.abs(target - self._at) / self._ranges.max_velocity).max())
@@ -60,7 +72,3 @@ class EmulatedBody:
                     raise UnreachableError(str(error)) from None
                 continue
             self._at = there
-        try:
-            return self._plant.step(target, self._load, _SETTLE_S)
-        except PlantError as error:
-            raise UnreachableError(str(error)) from None
