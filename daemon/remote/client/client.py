@@ -255,10 +255,11 @@ class RobotClient:
         position_mm: Sequence[float],
         valid_s: float = 0.2,
         velocity_mm_s: Sequence[float] | None = None,
-    ) -> None:
+    ) -> int:
         """Where the tip shall be now, after `teleoperate`. Refusals are published as `event`.
 
-        Raises DisconnectedError; whether it has arrived is not known.
+        Returns the set-point's number, by which they name it. Raises DisconnectedError; whether it
+        has arrived is not known.
         """
         if not self.connected:
             raise DisconnectedError("the daemon has gone")
@@ -278,6 +279,7 @@ class RobotClient:
             congestion_control=zenoh.CongestionControl.DROP,
             express=True,
         )
+        return setpoint.sequence
 
     async def _command(self, command: Command, within_s: float = ANSWERS_WITHIN_S) -> Answer:
         signed = self._signed(command)
