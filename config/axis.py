@@ -201,6 +201,12 @@ class AxisBase(ConfigModel, ABC):
         return highest - lowest
 
     @property
+    def period(self) -> float | None:
+        """After how much the body is where it was; None: never. Models of the body take positions
+        modulo this, and nothing else does."""
+        return None
+
+    @property
     def piston_area_mm2(self) -> float | None:
         """Area of the cylinder's piston, where the axis drives a cylinder."""
         return None
@@ -305,6 +311,10 @@ class RotaryAxis(AxisBase):
     @property
     def linear_range(self) -> float:
         return min(super().linear_range, _RANGE_RAD)
+
+    @property
+    def period(self) -> float | None:
+        return _TURN_RAD
 
     @property
     def multi_turn(self) -> bool:

@@ -1,6 +1,7 @@
 """What stands in for the hardware when there is none. A real rig ignores this part."""
 
-from typing import Annotated, Literal
+from collections.abc import Sequence
+from typing import Annotated, Final, Literal, NamedTuple
 
 from pydantic import AfterValidator, Field, StringConstraints, model_validator
 
@@ -48,6 +49,24 @@ class EmulatedDrives(ConfigModel):
 
 
 # The bodies that the emulated lab can hold.
+
+
+class BodyExtent(NamedTuple):
+    """How much of a body there is before anybody has looked.
+
+    begin_mm: where it begins, along z of the base frame. length_mm: from there to its tip. stretch:
+    standard deviation of the logarithm of how much longer it may be.
+    """
+
+    begin_mm: float
+    length_mm: float
+    stretch: float
+
+
+_SILICONE_STRETCH: Final = 0.25
+"""Gas stretches a soft arm by up to a quarter; a printed arm is seldom as long as its drawing."""
+_METAL_STRETCH: Final = 0.003
+"""Collars are clamped to some tenths of a millimetre, and metal does not stretch."""
 
 
 PerChamber = Annotated[
@@ -138,6 +157,11 @@ class SoftArmPlant(ConfigModel):
     def _figures_of_the_body(cls, given: object) -> object:
         return with_body(given)
 
+    def extent(self, actuators: Sequence[float]) -> BodyExtent:
+        """As `BodyExtent` says; (m,) actuators do not change it."""
+        del actuators
+        return BodyExtent(0.0, self.length_mm, _SILICONE_STRETCH)
+
 
 class TendonRoute(ConfigModel):
     """Where a tendon runs: through a hole in every plate."""
@@ -209,6 +233,11 @@ class TendonArmPlant(ConfigModel):
     @classmethod
     def _figures_of_the_body(cls, given: object) -> object:
         return with_body(given)
+
+    def extent(self, actuators: Sequence[float]) -> BodyExtent:
+        """As `BodyExtent` says; (m,) actuators do not change it."""
+        del actuators
+        return BodyExtent(0.0, self.length_mm, _SILICONE_STRETCH)
 
 
 class TubeSection(ConfigModel):
@@ -313,6 +342,18 @@ class ConcentricTubesPlant(ConfigModel):
     def body_radius_mm(self) -> float:
         """Of what the body may touch with."""
         return self.tubes[0].outer_radius_mm
+
+    def extent(self, actuators: Sequence[float]) -> BodyExtent:
+        """As `BodyExtent` says: tubes come out of the mouth as far as (m,) actuators push them."""
+        pushed_mm = actuators[len(self.tubes) :]
+        begin_mm = pushed_mm[0] if self.mouth == "first_collar" else 0.0
+        ends_mm = [
+            tube.collar_mm
+            + pushed_mm[tube.carriage]
+            + sum(section.length_mm for section in tube.sections)
+            for tube in self.tubes
+        ]
+        return BodyExtent(begin_mm, max(ends_mm) - begin_mm, _METAL_STRETCH)
 
     @property
     def length_mm(self) -> float:

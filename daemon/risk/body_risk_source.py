@@ -189,7 +189,7 @@ def make_risk_source(
     tip = TipModel(read.model, settings.tip_accuracy_mm)
     mesh = Mesh(environment.vertices_mm, environment.triangles)
     source = BodyRiskSource(risk, name, clock, until_ns, tip, mesh)
-    _compile(source, tip, read.model.known[0] / read.model.scale)
+    _compile(source, tip, read.model.known[0])
     return source
 
 

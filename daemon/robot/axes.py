@@ -11,7 +11,7 @@ from drivers.pose import Vector
 
 @dataclass(frozen=True)
 class AxisRanges:
-    """Limits of all axes, each (m,) in mm or rad and per second."""
+    """Limits of all axes, each (m,) in mm or rad and per second; and when they come round."""
 
     names: tuple[str, ...]
     lowest: Vector
@@ -20,16 +20,21 @@ class AxisRanges:
     scale: Vector
     """How far what an axis does to the tip is about the same: its range, in shares of which axes of
     different kinds are compared."""
+    period: Vector
+    """After how much the body is where it was; 0: never."""
     coupled: CoupledAxes = field(default_factory=CoupledAxes)
     """Where they may be together."""
 
     @classmethod
     def of(cls, robot: Robot) -> "AxisRanges":
-        limits = [(*axis.travel, axis.max_velocity, axis.linear_range) for axis in robot.axes]
+        limits = [
+            (*axis.travel, axis.max_velocity, axis.linear_range, axis.period or 0.0)
+            for axis in robot.axes
+        ]
         columns = (np.array(column, np.float64) for column in zip(*limits, strict=True))
         names = tuple(axis.name for axis in robot.axes)
-        lowest, highest, max_velocity, scale = columns
-        return cls(names, lowest, highest, max_velocity, scale, CoupledAxes.of(robot))
+        lowest, highest, max_velocity, scale, period = columns
+        return cls(names, lowest, highest, max_velocity, scale, period, CoupledAxes.of(robot))
 
     @property
     def count(self) -> int:
@@ -39,6 +44,17 @@ class AxisRanges:
     def travel(self) -> Vector:
         """(m,) from lowest to highest."""
         return self.highest - self.lowest
+
+    @property
+    def one_round(self) -> tuple[Vector, Vector]:
+        """(m,) lowest and highest, but of an axis that comes round no more than one period, in the
+        middle of its travel: beyond that the body does nothing that it has not done there."""
+        comes_round = (self.period > 0.0) & (self.travel > self.period)
+        middle, half = 0.5 * (self.lowest + self.highest), 0.5 * self.period
+        return (
+            np.where(comes_round, middle - half, self.lowest),
+            np.where(comes_round, middle + half, self.highest),
+        )
 
     def step_range(self, targets: Vector) -> tuple[Vector, Vector]:
         """(m,) lowest and highest step within the travel; an axis outside may only come back."""

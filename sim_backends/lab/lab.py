@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from config.axis import Axis
-from config.emulation import ConcentricTubesPlant, Emulation, TendonArmPlant
+from config.emulation import ConcentricTubesPlant, Emulation, SoftArmPlant, TendonArmPlant
 from config.paths import eds_path
 from config.robot import Robot
 from drivers.clock import Clock
@@ -29,10 +29,13 @@ from sim_backends.faults import FaultyDevice, inject
 from sim_backends.lab.body import Body
 from sim_backends.lab.play import PLAYS
 from sim_backends.plants.concentric.concentric_tubes import ConcentricTubes
+from sim_backends.plants.concentric.concentric_tubes import variation as other_tubes
 from sim_backends.plants.plant import Plant, PlantError, TipLoad
+from sim_backends.plants.plant import variation as another_soft_arm
 from sim_backends.plants.shooting import warm_up
 from sim_backends.plants.soft_arm.soft_arm import SoftArm
 from sim_backends.plants.tendon_arm.tendon_arm import TendonArm
+from sim_backends.plants.tendon_arm.tendon_arm import variation as another_tendon_arm
 
 _BEYOND_TRAVEL = 0.02
 """End stops and their switches lie this share of the travel beyond its ends."""
@@ -191,6 +194,20 @@ def plant_of(emulation: Emulation, robot: Robot) -> Plant:
         return SoftArm(emulation.plant, [area for area in pistons_mm2 if area is not None])
     except (ValueError, PlantError) as error:
         raise LabError(f"this soft arm cannot be at rest: {error}") from None
+
+
+def another_body(emulation: Emulation, seed: int) -> Emulation:
+    """The same lab with another body of the same design in it, as one made body differs from the
+    next; the same seed gives the same body."""
+    plant = emulation.plant
+    other: SoftArmPlant | TendonArmPlant | ConcentricTubesPlant
+    if isinstance(plant, SoftArmPlant):
+        other = another_soft_arm(plant, seed)
+    elif isinstance(plant, TendonArmPlant):
+        other = another_tendon_arm(plant, seed)
+    else:
+        other = other_tubes(plant, seed)
+    return emulation.model_copy(update={"plant": other})
 
 
 def _tendon_arm(plant: TendonArmPlant, robot: Robot) -> Plant:

@@ -95,7 +95,7 @@ def _torch_eager(inputs: Sequence[FloatArray], repeats: int) -> Figures:
     )
 
     torch.set_num_threads(1)
-    scaling = Scaling(np.zeros(4), np.ones(4), np.zeros(3), 40.0, (-2.0, 4.0))
+    scaling = Scaling(np.zeros(4), np.ones(4), np.zeros(3), 40.0, (-2.0, 4.0), np.zeros(4))
     beginning = Beginning(np.zeros((5, 3)), np.tile(100.0 * np.eye(3), (5, 1, 1)))
     network = MixtureDensityNetwork(NetworkShape(5), scaling, beginning)
     with torch.inference_mode():

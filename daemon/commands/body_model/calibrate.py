@@ -22,6 +22,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ("obstacles", 4, "put near the body at each configuration, one after the other"),
         ("samples", 1000, "shapes that contact_risk tries"),
         ("seed", 1, "of all of it"),
+        (
+            "bodies",
+            0,
+            "of the same design, one by chance for each rollout; 0: the robot file's own",
+        ),
         ("processes", 2, "that roll out"),
     ):
         help_text = f"{purpose} (default: %(default)s)"
@@ -66,6 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
                 arguments.seed,
                 workers,
                 bar,
+                arguments.bodies,
             )
             bar.begin("contacts", len(rollouts.u), 0)
             found = contact_calibration(

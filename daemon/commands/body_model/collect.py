@@ -43,6 +43,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--processes", type=int, default=2, metavar="N", help="default: %(default)s"
     )
+    parser.add_argument(
+        "--bodies",
+        type=int,
+        default=0,
+        metavar="N",
+        help="of the same design, one by chance for each start: the model is then of any of them "
+        "(default: the robot file's own alone)",
+    )
     real = parser.add_argument_group(
         "clouds of a real body",
         "PLY or NPZ files in the base frame, with a table configurations.csv of the columns file, "
@@ -161,6 +169,7 @@ def _emulated(arguments: argparse.Namespace) -> int:
             _STARTS if starts is None else starts,
             arguments.points,
             arguments.seed,
+            arguments.bodies,
         )
         if arguments.processes < 1:
             raise ValueError("there must be a process")

@@ -166,6 +166,7 @@ def _commands(arguments: argparse.Namespace, collected: Mapping[str, Any]) -> li
             f"tentacled mdn collect {arguments.robot.name} --out {arguments.data.name} "
             f"--configurations {how['training'] + how['test']} --starts {how['starts']} "
             f"--points {how['points']} --seed {how['seed']}"
+            + (f" --bodies {how['bodies']}" if how.get("bodies") else "")
         )
     if (how := collected.get("imported")) is not None:
         body = how["surface"]

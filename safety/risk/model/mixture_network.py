@@ -2,12 +2,14 @@
 
 It is made of named arrays, as a weights file holds them. All are float32 or float64:
 
-    trunk.0.weight (outputs, inputs), trunk.0.bias (outputs,), trunk.1.weight, …
+    trunk.0.weight (outputs, features), trunk.0.bias (outputs,), trunk.1.weight, …
     means.0.weight, means.0.bias, …      last: (K·d) means, component by component
     factors.0.weight, factors.0.bias, …  last: (K·d(d+1)/2) entries of Ū by rows, the diagonal's
                                          logarithms in their places
     weights.0.weight, weights.0.bias, …  last: (K) logits
     input_offset (m,), input_scale (m,)  the network sees (u − offset) / scale
+    input_period (m,)  may be left out. Of an input that has one, not 0, the network sees the cosine
+                       and the sine of how far it is in its period, one after the other, instead
     output_offset_mm (d,), output_scale_mm ()  a mean is offset + scale · output; Ū is over scale
     log_diagonal_limits (2,)             the logarithms are kept between these
 
@@ -21,7 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from safety.risk.model.mixture import MOST_COMPONENTS, FloatArray, Mixture
-from safety.risk.model.mixture_network_kernels import RELU, SILU, TANH, backward, forward
+from safety.risk.model.mixture_network_kernels import (
+    RELU,
+    SILU,
+    TANH,
+    backward,
+    feature_count,
+    forward,
+)
 
 ACTIVATIONS: Final = {"relu": RELU, "tanh": TANH, "silu": SILU}
 _STACKS: Final = ("trunk", "means", "factors", "weights")
@@ -29,6 +38,7 @@ _SCALING: Final = (
     *("input_offset", "input_scale", "output_offset_mm", "output_scale_mm"),
     "log_diagonal_limits",
 )
+_PERIOD: Final = "input_period"
 
 
 class NetworkError(ValueError):
@@ -45,10 +55,13 @@ class MixtureNetwork:
             if array.dtype.kind != "f" or not np.isfinite(array).all():
                 raise NetworkError(f"{name}: must be finite numbers")
         stacks = [_stack(arrays, name) for name in _STACKS]
-        known = {name for stack in stacks for pair in stack for name in pair} | set(_SCALING)
+        known = {name for stack in stacks for pair in stack for name in pair}
+        known |= {*_SCALING, _PERIOD}
         if strange := sorted(set(arrays) - known):
             raise NetworkError(f"{strange[0]}: belongs to no layer")
         self._scaling = _scaling(arrays)
+        self.period = self._scaling[-arrays["input_offset"].size :]
+        """(m,) of the inputs, 0: none."""
         self._parameters, self._plan = _layers(arrays, stacks, ACTIVATIONS[activation])
         self._inputs = arrays["input_offset"].size
         self._dimensions = arrays["output_offset_mm"].size
@@ -105,8 +118,10 @@ class MixtureNetwork:
         d, components = self._dimensions, self._components
         if not 1 <= components <= MOST_COMPONENTS:
             raise NetworkError(f"weights: {components} components; 1 to {MOST_COMPONENTS} can be")
-        if self._plan[1, 0] != self._inputs:
-            raise NetworkError(f"trunk.0.weight: must take {self._inputs} inputs, as input_offset")
+        if self._plan[1, 0] != (features := feature_count(self.period)):
+            raise NetworkError(
+                f"trunk.0.weight: must take {features} inputs, as input_offset and input_period say"
+            )
         wanted = (components * d, components * d * (d + 1) // 2)
         for stack, end, count in zip(stacks[1:3], self._plan[0, 2:], wanted, strict=True):
             outputs = self._plan[end, 1]
@@ -145,7 +160,10 @@ def _scaling(arrays: Mapping[str, NDArray[Any]]) -> FloatArray:
         raise NetworkError("output_scale_mm: must be one positive number")
     if limits.shape != (2,) or not limits[0] < limits[1]:
         raise NetworkError("log_diagonal_limits: must be two numbers, lowest first")
-    return np.concatenate([offset, scale, offset_mm, scale_mm.ravel(), limits])
+    period = arrays.get(_PERIOD, np.zeros_like(offset)).astype(np.float64)
+    if period.shape != offset.shape or not (period >= 0.0).all():
+        raise NetworkError(f"{_PERIOD}: must be one per input, as input_offset, and not below 0")
+    return np.concatenate([offset, scale, offset_mm, scale_mm.ravel(), limits, period])
 
 
 def _sized(scale: NDArray[Any]) -> bool:

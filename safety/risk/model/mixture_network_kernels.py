@@ -3,15 +3,19 @@
 Every function that is cached on disk stands in this one file: numba notices a change only in the
 file of the cached function itself.
 
-m inputs, K components over d coordinates. A network comes as three flat things, because every
-array that is handed to compiled code costs a tenth of a microsecond:
+m inputs, f features of them that the first layer sees, K components over d coordinates. A network
+comes as three flat things, because every array that is handed to compiled code costs a tenth of a
+microsecond:
 
 parameters: all matrices (outputs, inputs) and biases; float32 as a rule.
 plan: (1 + layers, 4) int64. The first row is the activation, then where trunk, means and factors
     end. The others are inputs, outputs, where the matrix begins, where the biases begin.
 scaling: float64. (m,) offset and (m,) scale of the inputs, (d,) offset_mm of the means, and the
-    three numbers scale_mm, lowest and highest logarithm of a factor's diagonal.
+    three numbers scale_mm, lowest and highest logarithm of a factor's diagonal; then (m,) periods
+    of the inputs, 0: none.
 """
+
+from math import cos, pi, sin
 
 import numpy as np
 from numba import njit
@@ -24,6 +28,31 @@ _SATURATED = 9.0
 _kernel = njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract", "reassoc"})
 """fastmath: sums may be reordered, so that they run in parallel lanes; NaN and inf stay what they
 are. error_model: a division by zero gives inf, and no exception."""
+
+
+@_kernel
+def feature_count(period):  # type: ignore[no-untyped-def]
+    """How many numbers say where (m,) inputs are, of these periods; 0: none."""
+    count = period.size
+    for i in range(period.size):
+        if period[i] > 0.0:
+            count += 1
+    return count
+
+
+@_kernel
+def write_features(u, offset, scale, period, out):  # type: ignore[no-untyped-def]
+    """Write (f,) of (m,) u: of an input without a period (u − offset) / scale, of another one the
+    cosine and the sine of how far it is in its period."""
+    place = 0
+    for i in range(u.size):
+        if period[i] > 0.0:
+            angle = 2.0 * pi / period[i] * u[i]
+            out[place], out[place + 1] = cos(angle), sin(angle)
+            place += 2
+        else:
+            out[place] = (u[i] - offset[i]) / scale[i]
+            place += 1
 
 
 @_kernel
@@ -51,29 +80,30 @@ def backward(parameters, plan, scaling, u, by_weights, by_means, by_factors):  #
     heads = _run(parameters, plan, scaling, u, values)
     slopes = np.zeros_like(values)
     _from_mixture(values, heads, scaling, u.size, by_weights, by_means, by_factors, slopes)
-    return _back(parameters, plan, scaling, values, slopes)
+    _back(parameters, plan, values, slopes)
+    return _by_inputs(values, slopes, scaling, u.size)
 
 
 @_kernel
 def _width(plan):  # type: ignore[no-untyped-def]
-    """Numbers of the inputs and all layers together."""
+    """Numbers of the features and all layers together."""
     return plan[1, 0] + plan[1:, 1].sum()
 
 
 @_kernel
 def _run(parameters, plan, scaling, u, values):  # type: ignore[no-untyped-def]
-    """Fill `values` with the inputs and what each layer has before its activation.
+    """Fill `values` with the features and what each layer has before its activation.
 
     Returns where in it the results of the three heads begin.
     """
-    m, layers = u.size, plan.shape[0] - 1
+    m, features, layers = u.size, plan[1, 0], plan.shape[0] - 1
     heads = (0, 0, 0)
-    active = np.empty(max(m, plan[1:, 1].max()), values.dtype)
-    for i in range(m):
-        values[i] = (u[i] - scaling[i]) / scaling[m + i]
+    active = np.empty(max(features, plan[1:, 1].max()), values.dtype)
+    write_features(u, scaling[:m], scaling[m : 2 * m], scaling[scaling.size - m :], values)
+    for i in range(features):
         active[i] = values[i]
     trunk = active
-    place, stack = m, 0
+    place, stack = features, 0
     for layer in range(layers):
         inputs, outputs, matrix, bias = plan[1 + layer]
         out = values[place : place + outputs]
@@ -222,11 +252,27 @@ def _from_mixture(  # type: ignore[no-untyped-def]
 
 
 @_kernel
-def _back(parameters, plan, scaling, values, slopes):  # type: ignore[no-untyped-def]
-    """Carry `slopes` of the heads' results back through all layers. Returns (m,) those by u."""
-    m, layers = plan[1, 0], plan.shape[0] - 1
+def _by_inputs(values, slopes, scaling, m):  # type: ignore[no-untyped-def]
+    """(m,) slopes by u, of those by its features."""
+    period = scaling[scaling.size - m :]
+    result, place = np.empty(m), 0
+    for i in range(m):
+        if period[i] > 0.0:
+            across = values[place] * slopes[place + 1] - values[place + 1] * slopes[place]
+            result[i] = 2.0 * pi / period[i] * across
+            place += 2
+        else:
+            result[i] = slopes[place] / scaling[m + i]
+            place += 1
+    return result
+
+
+@_kernel
+def _back(parameters, plan, values, slopes):  # type: ignore[no-untyped-def]
+    """Carry `slopes` of the heads' results back through all layers, to those of the features."""
+    features, layers = plan[1, 0], plan.shape[0] - 1
     end, trunk_end = values.size, plan[0, 1]
-    trunk = m + plan[1:trunk_end, 1].sum()
+    trunk = features + plan[1:trunk_end, 1].sum()
     for layer in range(layers - 1, -1, -1):
         inputs, outputs, matrix, _ = plan[1 + layer]
         begins_head = layer == trunk_end or layer == plan[0, 2] or layer == plan[0, 3]
@@ -242,7 +288,3 @@ def _back(parameters, plan, scaling, values, slopes):  # type: ignore[no-untyped
                 by_input[i] *= _slope(plan[0, 0], values[start + i])
             below[i] += by_input[i]
         end -= outputs
-    result = np.empty(m)
-    for i in range(m):
-        result[i] = slopes[i] / scaling[m + i]
-    return result

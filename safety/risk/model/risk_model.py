@@ -11,7 +11,7 @@ The arrays of a file have these names:
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import sqrt
+from math import pi, sqrt
 from typing import Any, Final
 
 import numpy as np
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from safety.risk.model.mixture import FloatArray
 from safety.risk.model.mixture_network import MixtureNetwork, NetworkError
+from safety.risk.model.mixture_network_kernels import feature_count, write_features
 from safety.risk.model.shape_basis import ShapeBasis, ShapeBasisError
 
 # The nearest of many vectors, compiled.
@@ -27,7 +28,7 @@ from safety.risk.model.shape_basis import ShapeBasis, ShapeBasisError
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def nearest_distance(known, place):  # type: ignore[no-untyped-def]
-    """From (m,) place to the nearest of (n, m) known vectors; not finite where the place is not."""
+    """From (f,) place to the nearest of (n, f) known vectors; not finite where the place is not."""
     nearest = np.inf
     for i in range(known.shape[0]):
         square = 0.0
@@ -57,9 +58,12 @@ class RiskModel:
     """Which coefficients the body's shape has: for contact_risk."""
     basis: ShapeBasis
     known: FloatArray
-    """(n, m) the actuation vectors of the training, over the networks' input scale."""
+    """(n, m) the actuation vectors of the training."""
+    known_features: FloatArray
+    """(n, f) the same as `features` of them."""
     scale: FloatArray
-    """(m,) one over the input scale."""
+    """(m,) how far one unit of an input leads in the features: one over the input scale; of an
+    input with a period, the angle."""
     reach: float
 
     @property
@@ -69,7 +73,14 @@ class RiskModel:
 
     def distance(self, u: Sequence[float] | FloatArray) -> float:
         """From (m,) u to the nearest vector of the training, in the networks' own inputs."""
-        return float(nearest_distance(self.known, np.asarray(u, np.float64) * self.scale))
+        return float(nearest_distance(self.known_features, self.features(u)))
+
+    def features(self, u: Sequence[float] | FloatArray) -> FloatArray:
+        """(f,) what the networks see of (m,) u, but for an offset that is the same everywhere."""
+        place: FloatArray = features_of(
+            np.asarray(u, np.float64)[None], self.scale, self.points.period
+        )[0]
+        return place
 
     def knows(self, u: Sequence[float] | FloatArray) -> bool:
         """Whether it may be asked there; never where u is not finite."""
@@ -102,9 +113,27 @@ def risk_model(
         )
     if shapes.inputs != points.inputs:
         raise RiskModelError(f"shapes/: takes {shapes.inputs} inputs, points/ {points.inputs}")
+    if not np.array_equal(shapes.period, points.period):
+        raise RiskModelError("shapes/: other inputs come round than in points/, or after more")
     inputs, reach = _training(parts[_TRAINING], points.inputs)
     scale = 1.0 / arrays["points/input_scale"].astype(np.float64)
-    return RiskModel(points, shapes, basis, np.ascontiguousarray(inputs * scale), scale, reach)
+    period = points.period
+    scale[period > 0.0] = 2.0 * pi / period[period > 0.0]
+    features = features_of(inputs, scale, period)
+    return RiskModel(points, shapes, basis, inputs, features, scale, reach)
+
+
+def features_of(u: FloatArray, scale: FloatArray, period: FloatArray) -> FloatArray:
+    """(n, f) what networks of this (m,) scale and (m,) period see of (n, m) u, but for an offset.
+
+    Raises ValueError where u has not m columns.
+    """
+    if u.shape[1:] != scale.shape:
+        raise ValueError(f"the networks take {scale.size} numbers, not {u.shape[1:]}")
+    found, nowhere, wide = np.empty((len(u), feature_count(period))), 0.0 * scale, 1.0 / scale
+    for place, row in zip(u, found, strict=True):
+        write_features(place, nowhere, wide, period, row)
+    return found
 
 
 def _network(prefix: str, arrays: Mapping[str, NDArray[Any]], activation: str) -> MixtureNetwork:

@@ -11,15 +11,18 @@ where the body truly was. Both sides together are off by half of what they diffe
 With a single camera there is nothing to compare, and less is stated than is wrong.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daemon.workbench.body_model.clouds.centreline_fit import (
+    ALIGNED,
     AS_SEEN,
     LEAST_POINTS,
+    Clamp,
     FittedCentreline,
     VisibleSurface,
     fit_centreline,
@@ -62,54 +65,60 @@ class CameraAlignment:
         )
 
 
+class _Seen(NamedTuple):
+    """A cloud, what is known of the body in it, and what was fitted to it."""
+
+    cloud_mm: FloatArray
+    surface: VisibleSurface
+    fit: FittedCentreline
+
+    def again(self, shift_mm: FloatArray, clamp: Clamp) -> "_Seen":
+        """With the cloud moved; the one that is kept is not."""
+        moved = self.cloud_mm + shift_mm
+        return self._replace(fit=refined(moved, self.surface, self.fit, clamp))
+
+
 def alignment_of(
-    clouds_mm: NDArray[Any], surface: VisibleSurface, nodes: int
+    clouds_mm: NDArray[Any], surfaces: Sequence[VisibleSurface], nodes: int
 ) -> CameraAlignment | None:
-    """From some of (k, p, 3) clouds, spread over all. None: a body lies in none of them."""
+    """From some of (k, p, 3) clouds, spread over all. None: a body lies in none of them.
+
+    surfaces: (k,) of the body in each.
+    """
     which = np.unique(np.linspace(0, len(clouds_mm) - 1, min(_CLOUDS, len(clouds_mm))).astype(int))
-    some = clouds_mm[which].astype(np.float64)
-    found = [fit_centreline(cloud, surface, nodes, AS_SEEN) for cloud in some]
-    sure = np.array([not fit.doubt for fit in found])
-    if not sure.any():
+    found = []
+    for number in which.tolist():
+        cloud, surface = clouds_mm[number].astype(np.float64), surfaces[number]
+        found.append(_Seen(cloud, surface, fit_centreline(cloud, surface, nodes, AS_SEEN)))
+    sure = [one for one in found if not one.fit.doubt]
+    if not sure:
         return None
-    some, fits = some[sure], [fit for fit, one in zip(found, sure, strict=True) if one]
     shift = np.zeros(3)
     for _ in range(_ROUNDS):
-        shift = shift - np.median([fit.begin_mm for fit in fits], axis=0)
-        fits = [
-            refined(cloud + shift, surface, fit, AS_SEEN)
-            for cloud, fit in zip(some, fits, strict=True)
-        ]
-    aligned = [
-        (cloud + shift, refined(cloud + shift, surface, fit))
-        for cloud, fit in zip(some, fits, strict=True)
-    ]
-    return CameraAlignment(shift, _errors(aligned, surface), len(fits))
+        shift = shift - np.median([one.fit.begin_mm for one in sure], axis=0)
+        sure = [one.again(shift, AS_SEEN) for one in sure]
+    aligned = [one.again(shift, ALIGNED)._replace(cloud_mm=one.cloud_mm + shift) for one in sure]
+    return CameraAlignment(shift, _errors(aligned), len(aligned))
 
 
-def _errors(fits: list[tuple[FloatArray, FittedCentreline]], surface: VisibleSurface) -> FloatArray:
+def _errors(seen: list[_Seen]) -> FloatArray:
     """(nodes,) by where both sides differ most: that is how the cameras look at the body."""
-    nodes = len(fits[0][1].nodes_mm)
+    nodes = len(seen[0].fit.nodes_mm)
     largest = np.zeros(nodes)
     for azimuth in np.pi * np.arange(_AZIMUTHS) / _AZIMUTHS:
         towards = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
-        squares = [
-            square
-            for cloud, fit in fits
-            if (square := _between_sides(cloud, fit, towards, surface)) is not None
-        ]
+        squares = [square for one in seen if (square := _between_sides(one, towards)) is not None]
         if squares:
             largest = np.maximum(largest, np.mean(squares, axis=0))
     return np.asarray(0.5 * np.sqrt(largest))
 
 
-def _between_sides(
-    cloud: FloatArray, fit: FittedCentreline, towards: FloatArray, surface: VisibleSurface
-) -> FloatArray | None:
+def _between_sides(seen: _Seen, towards: FloatArray) -> FloatArray | None:
     """(nodes,) squares of how far both sides' centrelines are apart, across the body.
 
     None: one side is not seen.
     """
+    cloud, surface, fit = seen
     nodes = fit.nodes_mm
     nearest = np.square(cloud[:, None] - nodes).sum(axis=2).argmin(axis=1)
     beyond = (cloud - nodes[nearest]) @ towards > 0.0

@@ -5,11 +5,11 @@ about the curve, are polynomials of the arc length. Of all such curves that one 
 the body's surface lies nearest to the points, those far from it counting next to nothing
 (Geman and McClure 1985). What is not seen, the curve's smoothness fills in.
 
-Points are in the base frame: the body begins at its origin and goes along z there, as well as a
-`Clamp` says.
+Points are in the base frame: the body begins on its z axis, where its `VisibleSurface` says, and
+goes along z there, as well as a `Clamp` says.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from itertools import product
@@ -35,8 +35,6 @@ _BENDS: Final = (2.0, 2.0, 2.0, 2.0, 1.5, 1.2, 1.0, 0.8, 0.8)
 _TERMS: Final = len(_BENDS)
 """Of the polynomials, Legendre's, for each of the two curvatures: so many follow a tendon that goes
 round the body one and a half times, and the step from one of two segments to the other."""
-_STRETCH: Final = 0.25
-"""The same of the logarithm of the length."""
 _LOG_STRETCH: Final = 2 * _TERMS + 2
 _COUNT: Final = 2 * _TERMS + 6
 _SCALES_MM: Final = (40.0, 10.0, 4.0, 1.5)
@@ -87,25 +85,37 @@ class VisibleSurface:
     disks: int = 0
     disk_radius_mm: float = 0.0
     disk_thickness_mm: float = 3.0
+    begin_mm: float = 0.0
+    """Where the body begins, along z of the base frame."""
+    stretch: float = 0.25
+    """Standard deviation of the logarithm of how long it is, against length_mm."""
 
     def __post_init__(self) -> None:
         sizes = [self.length_mm, self.tube_radius_mm]
         if self.disks:
             sizes += [self.disk_radius_mm, self.disk_thickness_mm]
+        sizes.append(self.stretch)
         if self.disks < 0 or not all(0.0 < size < np.inf for size in sizes):
             raise ValueError("lengths, radii and thicknesses of a body must be positive")
 
     @classmethod
-    def of(cls, plant: Plant) -> "VisibleSurface":
-        """What cameras see of an emulated body."""
-        seen = BodySurface.of(plant)
+    def of(cls, plant: Plant, actuators: Sequence[float] | FloatArray) -> "VisibleSurface":
+        """What cameras see of an emulated body with its axes at (m,) actuators."""
+        seen, extent = BodySurface.of(plant), plant.extent([float(at) for at in actuators])
         return cls(
-            plant.length_mm,
+            extent.length_mm,
             seen.tube_radius_mm,
             seen.disks,
             seen.disk_radius_mm,
             seen.disk_thickness_mm,
+            extent.begin_mm,
+            extent.stretch,
         )
+
+    @property
+    def begin(self) -> FloatArray:
+        """(3,) mm, where the body begins."""
+        return np.array([0.0, 0.0, self.begin_mm])
 
     @property
     def numbers(self) -> FloatArray:
@@ -147,7 +157,7 @@ class FittedCentreline:
 
     @property
     def begin_mm(self) -> FloatArray:
-        """(3,) where the curve begins."""
+        """(3,) where the curve begins, from where the body should."""
         return self.parameters[-3:]
 
     @property
@@ -172,10 +182,10 @@ def fit_centreline(
 
     begun: of nearly the same body: where that leads to a good fit, nothing else is tried.
     """
-    points = np.ascontiguousarray(points_mm, np.float64)
+    points = np.ascontiguousarray(points_mm, np.float64) - surface.begin
     if len(points) < LEAST_POINTS or not np.isfinite(points).all():
         raise ValueError(f"a centreline needs {LEAST_POINTS} points, all of them finite")
-    prior = _prior(clamp)
+    prior = _prior(clamp, surface.stretch)
     fit = _Fit(points, surface, prior)
     found: list[FittedCentreline] = []
     for beginnings, first in _beginnings(points, surface, prior, begun):
@@ -204,16 +214,16 @@ def refined(
     clamp: Clamp = ALIGNED,
 ) -> FittedCentreline:
     """Of other (p, 3) points of the very body that `begun` is of: nothing else is tried."""
-    points = np.ascontiguousarray(points_mm, np.float64)
-    fit = _Fit(points, surface, _prior(clamp))
+    points = np.ascontiguousarray(points_mm, np.float64) - surface.begin
+    fit = _Fit(points, surface, _prior(clamp, surface.stretch))
     return fit.fitted(fit.best([begun.parameters], _CLOSE), len(begun.nodes_mm))
 
 
 @cache
-def _prior(clamp: Clamp) -> FloatArray:
+def _prior(clamp: Clamp, stretch: float) -> FloatArray:
     """(q,) standard deviations of all parameters before anything is seen."""
     tilt, begin = [clamp.tilt_rad] * 2, [clamp.begin_mm] * 3
-    return np.array([*_BENDS, *_BENDS, *tilt, _STRETCH, *begin])
+    return np.array([*_BENDS, *_BENDS, *tilt, stretch, *begin])
 
 
 class _Fit:
@@ -245,7 +255,7 @@ class _Fit:
         fine = np.empty((4 * (nodes - 1) + 1, 3))
         _place(parameters, self._surface.length_mm, fine)
         return FittedCentreline(
-            fine[::4].copy(),
+            fine[::4] + self._surface.begin,
             parameters,
             float(np.median(off)),
             float((off < _NEAR_MM).mean()),

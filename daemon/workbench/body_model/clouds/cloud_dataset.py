@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from config.robot import Robot
-from daemon.array_files import ArrayFile, in_a_line, load_npz, misfit_of
+from daemon.array_files import ArrayFile, in_a_line, load_npz, misfit_of, whose
+from daemon.robot.axes import AxisRanges
 from safety.risk.model.mixture import FloatArray
 
 SingleArray = NDArray[np.float32]
@@ -24,6 +25,7 @@ _KIND: Final = "tentacled clouds/3"
 _PROVENANCE: Final = "provenance"
 _MOST_BYTES: Final = 1 << 36
 _TRUE: Final = "true_centrelines_mm"
+_PERIOD: Final = "period"
 _DIGITS: Final = 16
 """Of a hash: none of some thousand others is the same by chance."""
 _FARTHEST: Final = 2.0
@@ -74,6 +76,7 @@ class CloudDataset:
         parts["radius_mm"] = float(parts["radius_mm"])
         made = cls(**parts, provenance=provenance)
         _check_shapes(made)
+        _check_period(made)
         _check_values(made)
         return made
 
@@ -124,6 +127,12 @@ class CloudDataset:
             found.append(hashlib.sha256(b"".join(each)).hexdigest()[:_DIGITS])
         return found
 
+    @property
+    def period(self) -> FloatArray:
+        """(m,) after how much of each axis the body is where it was; 0: never."""
+        none = [0.0] * self.configurations.shape[1]
+        return np.array(self.provenance.get(_PERIOD, none), np.float64)
+
     def __len__(self) -> int:
         return len(self.configurations)
 
@@ -131,6 +140,12 @@ class CloudDataset:
         """(k, s·p, 3) the clouds of each chosen configuration, from all its starts."""
         clouds = self.clouds_mm[chosen]
         return clouds.reshape(len(clouds), -1, 3)
+
+
+def origin(robot: Robot) -> dict[str, Any]:
+    """What the provenance of all clouds of this robot begins with: whose they are."""
+    period = AxisRanges.of(robot).period
+    return {**whose(robot), **({_PERIOD: period.tolist()} if period.any() else {})}
 
 
 def _check_shapes(made: CloudDataset) -> None:
@@ -156,6 +171,15 @@ def _check_shapes(made: CloudDataset) -> None:
     for name in ("test", "block"):
         if getattr(made, name).dtype != np.bool_:
             raise CloudDatasetError(f"{name} must be true or false")
+
+
+def _check_period(made: CloudDataset) -> None:
+    try:
+        right = made.period.shape == made.configurations.shape[1:] and (made.period >= 0.0).all()
+    except (TypeError, ValueError):
+        right = False
+    if not right:
+        raise CloudDatasetError("period must be one number for each axis, and not below 0")
 
 
 def _check_values(made: CloudDataset) -> None:

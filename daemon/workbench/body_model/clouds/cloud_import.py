@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from config.robot import Robot
-from daemon.array_files import in_a_line, whose
+from daemon.array_files import in_a_line
 from daemon.host.progress import Progress
 from daemon.robot.axes import AxisRanges
 from daemon.workbench.body_model.clouds.camera_alignment import CameraAlignment, alignment_of
@@ -26,7 +26,7 @@ from daemon.workbench.body_model.clouds.centreline_fit import (
     VisibleSurface,
     fit_centreline,
 )
-from daemon.workbench.body_model.clouds.cloud_dataset import BoolArray, CloudDataset
+from daemon.workbench.body_model.clouds.cloud_dataset import BoolArray, CloudDataset, origin
 from daemon.workbench.body_model.clouds.cloud_table import CloudImportError, CloudTable, read_table
 from daemon.workbench.body_model.clouds.collection import FITTED, block_of
 from safety.risk.model.mixture import FloatArray
@@ -144,7 +144,7 @@ def surface_of(robot: Robot) -> tuple[VisibleSurface, float] | None:
     if robot.emulation is None:
         return None
     plant = robot.emulation.plant
-    return VisibleSurface.of(plant), plant.body_radius_mm
+    return VisibleSurface.of(plant, np.zeros(len(robot.axes))), plant.body_radius_mm
 
 
 def import_clouds(
@@ -176,7 +176,7 @@ def import_clouds(
     how = asdict(settings)
     load_g, seen_on = how.pop("tip_load_g"), how.pop("seen_on")
     provenance = {
-        **whose(robot),
+        **origin(robot),
         "centrelines": FITTED,
         "clouds_moved_by_mm": alignment.shift_mm.round(4).tolist(),
         "tip_load_g": load_g,
@@ -294,7 +294,7 @@ def _refuse(faults: list[tuple[int, str]], folder: Path) -> None:
 
 def _alignment(clouds_mm: SingleArray, folder: Path, surface: VisibleSurface) -> CameraAlignment:
     """Raises CloudImportError."""
-    found = alignment_of(clouds_mm, surface, _NODES)
+    found = alignment_of(clouds_mm, [surface] * len(clouds_mm), _NODES)
     if found is None:
         # Every one will be told by its own row.
         return CameraAlignment(np.zeros(3), np.zeros(_NODES), 0)

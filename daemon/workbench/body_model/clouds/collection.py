@@ -24,13 +24,13 @@ from daemon.workbench.body_model.clouds.centreline_fit import (
     fit_centreline,
 )
 from daemon.workbench.body_model.clouds.configurations import Candidates
-from daemon.workbench.body_model.clouds.emulated_body import EmulatedBody
+from daemon.workbench.body_model.clouds.emulated_body import Bodies
 from safety.risk.model.mixture import FloatArray, IndexArray
 from sim_backends.devices.body_surface import BodySurface
 from sim_backends.devices.depth_cameras import DepthCameras
 from sim_backends.plants.shooting import warm_up
 
-_CAMERAS, _STARTS, _NOISE, _SPLIT = range(4)
+_CAMERAS, _STARTS, _NOISE, _SPLIT, _BODIES = range(5)
 """Of the seeds."""
 _BLOCK: Final = (0.35, 0.65)
 """Quantiles of the first two parameters, between which configurations can be kept back as a whole:
@@ -57,8 +57,12 @@ class CollectionSettings:
     points: int = 256
     """Kept of each cloud, by chance."""
     seed: int = 1
+    bodies: int = 0
+    """Of the same design, one by chance for each start; 0: the robot file's own alone."""
 
     def __post_init__(self) -> None:
+        if self.bodies < 0:
+            raise ValueError("there are not fewer than no other bodies")
         if self.training < 2 or self.test < 1 or self.starts < 1:
             raise ValueError("there must be 2 configurations, and one to test, of 1 start or more")
         if self.points < LEAST_POINTS:
@@ -127,12 +131,15 @@ def seen_at(
     clouds, lines, forces = [], [], []
     for index, target, origins in zip(indices.tolist(), u, starts, strict=True):
         random = np.random.default_rng([settings.seed, _NOISE, index])
-        rig.body.rest()
-        for start in origins:
-            rig.body.go(start)
-            state = rig.body.go(target)
+        made = np.random.default_rng([settings.seed, _BODIES, index])
+        body = rig.bodies.rested(made)
+        for number, start in enumerate(origins):
+            if number and settings.bodies:
+                body = rig.bodies.rested(made)
+            body.go(start)
+            state = body.go(target)
             line_mm = state.centreline_mm.astype(np.float32)
-            clouds.append(rig.cloud(line_mm, random))
+            clouds.append(rig.cloud(line_mm, target, random))
             lines.append(line_mm)
             forces.append(state.actuator_forces.astype(np.float32))
     shape = starts.shape[:2]
@@ -152,11 +159,11 @@ def fitted_at(
     Of (k, s, p, 3) clouds at (k, m) u. Raises CollectionError.
     """
     assert robot.emulation is not None
-    surface = VisibleSurface.of(robot.emulation.plant)
+    plant = robot.emulation.plant
     moved = (clouds_mm + shift_mm).astype(np.float32)
     lines = np.empty((*moved.shape[:2], nodes, 3), np.float32)
     for place, clouds, mine in zip(u, moved, lines, strict=True):
-        fit = None
+        fit, surface = None, VisibleSurface.of(plant, place)
         for i, cloud in enumerate(clouds):
             fit = fit_centreline(cloud, surface, nodes, begun=fit)
             if fit.doubt:
@@ -173,19 +180,22 @@ class _Rig:
 
     def __init__(self, robot: Robot, settings: CollectionSettings) -> None:
         assert robot.emulation is not None
-        self.body = EmulatedBody(robot)
+        self.bodies = Bodies(robot, settings.bodies)
         self._settings = settings
         plant = robot.emulation.plant
         rig_seed = int(np.random.default_rng([settings.seed, _CAMERAS]).integers(2**31))
         self._cameras = DepthCameras(BodySurface.of(plant), plant.length_mm, rig_seed)
 
-    def cloud(self, centreline_mm: SingleArray, random: Generator) -> SingleArray:
-        """(p, 3) of what the cameras see. Of what is kept of the body: it could be seen again."""
+    def cloud(self, centreline_mm: SingleArray, at: FloatArray, random: Generator) -> SingleArray:
+        """(p, 3) of what the cameras see. Of what is kept of the body: it could be seen again.
+
+        at: (m,) where the axes are.
+        """
         cloud = self._cameras.cloud(centreline_mm.astype(np.float64), random)
         wanted = self._settings.points
         if len(cloud) < wanted:
             raise CollectionError(
-                f"the cameras see {len(cloud)} points with the axes at {self.body.at.round(2)}: "
+                f"the cameras see {len(cloud)} points with the axes at {at.round(2)}: "
                 f"{wanted} are wanted"
             )
         return cloud[random.choice(len(cloud), wanted, replace=False)].astype(np.float32)

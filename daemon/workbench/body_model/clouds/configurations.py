@@ -41,7 +41,10 @@ class Manifold(Protocol):
 
 @dataclass(frozen=True)
 class BoxManifold:
-    """Every axis by itself: right where actuators do not pull against each other."""
+    """Every axis by itself: right where actuators do not pull against each other.
+
+    Of an axis that comes round to the same body again, one round.
+    """
 
     ranges: AxisRanges
 
@@ -50,7 +53,8 @@ class BoxManifold:
         return self.ranges.count
 
     def actuation(self, parameters: FloatArray) -> FloatArray:
-        return self.ranges.lowest + parameters * self.ranges.travel
+        lowest, highest = self.ranges.one_round
+        return np.asarray(lowest + parameters * (highest - lowest))
 
 
 @dataclass(frozen=True)

@@ -18,11 +18,11 @@ import numpy as np
 
 from config.loader import RobotFile
 from config.robot import Robot
-from daemon.array_files import load_npz, save_npz, whose
+from daemon.array_files import load_npz, save_npz
 from daemon.host.progress import Progress
 from daemon.workbench.body_model.clouds.camera_alignment import CameraAlignment, alignment_of
 from daemon.workbench.body_model.clouds.centreline_fit import VisibleSurface
-from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset
+from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset, origin
 from daemon.workbench.body_model.clouds.collection import (
     FITTED,
     Arrays,
@@ -68,10 +68,10 @@ def collect(
     plan = planned(robot, settings, parameters)
     work = _Work(robot, settings, plan, workers, folder / key, progress)
     seen = work.clouds()
-    alignment = _alignment(robot, seen)
+    alignment = _alignment(robot, plan["configurations"], seen)
     fitted = work.fitted(seen, alignment)
     provenance = {
-        **whose(robot),
+        **origin(robot),
         "centrelines": FITTED,
         "clouds_moved_by_mm": alignment.shift_mm.round(4).tolist(),
         "settings": asdict(settings),
@@ -91,13 +91,15 @@ def collect(
     return dataset
 
 
-def _alignment(robot: Robot, seen: list[Arrays]) -> CameraAlignment:
-    """Raises CollectionError."""
+def _alignment(robot: Robot, u: FloatArray, seen: list[Arrays]) -> CameraAlignment:
+    """Of all clouds at (n, m) u. Raises CollectionError."""
     assert robot.emulation is not None
+    plant = robot.emulation.plant
     clouds = np.concatenate([part["clouds_mm"] for part in seen])
     nodes = seen[0]["true_centrelines_mm"].shape[2]
     each = clouds.reshape(-1, *clouds.shape[2:])
-    found = alignment_of(each, VisibleSurface.of(robot.emulation.plant), nodes)
+    surfaces = [VisibleSurface.of(plant, at) for at in u for _ in range(clouds.shape[1])]
+    found = alignment_of(each, surfaces, nodes)
     if found is None:
         raise CollectionError("no body lies in any of the clouds: keep more points of each")
     if found.doubt:

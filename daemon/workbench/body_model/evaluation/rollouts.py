@@ -16,7 +16,7 @@ from config.robot import Robot
 from daemon.host.progress import Progress
 from daemon.workbench.body_model.clouds.collection import CollectionError, others_of
 from daemon.workbench.body_model.clouds.configurations import Candidates
-from daemon.workbench.body_model.clouds.emulated_body import EmulatedBody
+from daemon.workbench.body_model.clouds.emulated_body import Bodies
 from daemon.workbench.body_model.clouds.parallel_collection import first_possible
 from safety.risk.model.mixture import FloatArray
 from sim_backends.plants.shooting import warm_up
@@ -39,11 +39,19 @@ class Rollouts:
 
 
 def roll_out(
-    robot: Robot, configurations: int, starts: int, seed: int, workers: Executor, progress: Progress
+    robot: Robot,
+    configurations: int,
+    starts: int,
+    seed: int,
+    workers: Executor,
+    progress: Progress,
+    bodies: int = 0,
 ) -> Rollouts:
     """The first configurations that the body can hold, each come to from `starts` of the others.
 
-    workers: such as `worker_processes` gives. Raises CollectionError, UnreachableError, LabError.
+    workers: such as `worker_processes` gives. bodies: of the same design, one by chance for each
+    start, and none that a collection has; 0: the robot file's own alone. Raises CollectionError,
+    UnreachableError, LabError.
     """
     if robot.emulation is None:
         raise CollectionError("there is no 'emulation' in this robot file")
@@ -57,7 +65,9 @@ def roll_out(
     begins = range(0, configurations, _PART)
     progress.begin("rollouts", configurations * starts, 0)
     tasks = [
-        workers.submit(arrived, robot, u, range(begin, min(begin + _PART, configurations)), starts)
+        workers.submit(
+            arrived, robot, u, range(begin, min(begin + _PART, configurations)), starts, bodies
+        )
         for begin in begins
     ]
     parts = []
@@ -68,17 +78,19 @@ def roll_out(
 
 
 def arrived(
-    robot: Robot, u: FloatArray, which: Sequence[int], starts: int
+    robot: Robot, u: FloatArray, which: Sequence[int], starts: int, bodies: int = 0
 ) -> tuple[NDArray[np.float32], float]:
     """(k, starts, n, 3) centrelines at those of (all, m) u that are asked for, and the radius."""
     warm_up()
-    body = EmulatedBody(robot)
+    made = Bodies(robot, bodies, _OTHER_SEQUENCE)
     found: list[list[NDArray[Any]]] = []
     for i in which:
         random = np.random.default_rng([_OTHER_SEQUENCE, i])
-        body.rest()
+        body = made.rested(random)
         found.append([])
-        for start in others_of(u, i, starts, random):
+        for number, start in enumerate(others_of(u, i, starts, random)):
+            if number and bodies:
+                body = made.rested(random)
             body.go(start)
             state = body.go(u[i])
             found[-1].append(state.centreline_mm.astype(np.float32))

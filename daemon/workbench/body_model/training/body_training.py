@@ -5,7 +5,7 @@ Also the file's word on where it all comes from, so that a model is never taken 
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
-from math import log
+from math import log, pi
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -19,6 +19,7 @@ from daemon.workbench.body_model.training.recalibration import MOST_DOUBLED, rec
 from daemon.workbench.body_model.training.shape_fit import ShapeFit, coefficients_of, fit_shapes
 from daemon.workbench.body_model.training.training import Check, Trained, TrainingSettings, train
 from safety.risk.model.mixture import FloatArray
+from safety.risk.model.risk_model import features_of
 from safety.risk.model.shape_basis import ShapeBasis
 
 Arrays = dict[str, NDArray[Any]]
@@ -90,7 +91,7 @@ def train_body(dataset: CloudDataset, settings: BodySettings, heard: Heard) -> T
     u = dataset.configurations[learnt_from]
     points = train_points(dataset, learnt_from, settings.points, settings.training, "arc", heard)
     fit = _fitted(dataset, learnt_from, settings.coefficients)
-    shapes = _train_shapes(u, fit, settings, heard)
+    shapes = _train_shapes(u, dataset.period, fit, settings, heard)
     kept = shapes.kept_back
     of_shapes, widths = recalibrated(
         shapes.arrays, shapes.activation, u[kept], fit.coefficients_mm[kept]
@@ -104,7 +105,7 @@ def train_body(dataset: CloudDataset, settings: BodySettings, heard: Heard) -> T
         "basis/left_out_mm": fit.basis.left_out_mm,
         "basis/arc_mm": fit.basis.arc_mm,
         "training/inputs": u.astype(np.float32),
-        "training/reach": np.array(_reach(u, points.arrays["input_scale"])),
+        "training/reach": np.array(_reach(u, points.arrays["input_scale"], dataset.period)),
     }
     provenance = {
         name: dataset.provenance[name] for name in sorted(dataset.provenance) if name != "kind"
@@ -143,21 +144,23 @@ def train_points(
     middle = clouds.reshape(-1, 3).mean(axis=0, dtype=np.float64)
     scale_mm = float(np.sqrt(np.square(clouds - middle, dtype=np.float64).mean()))
     limits = (-log(_WIDEST), log(scale_mm / _THINNEST_MM))
-    scaling = _scaling(u, middle, scale_mm, limits)
+    scaling = _scaling(u, dataset.period, middle, scale_mm, limits)
     beginning = _along_arc(dataset, chosen, shape.components) if start == "arc" else None
     return train(
         u, clouds, shape, scaling, beginning, settings, lambda check: heard("points", check)
     )
 
 
-def _train_shapes(u: FloatArray, fit: ShapeFit, settings: BodySettings, heard: Heard) -> Trained:
+def _train_shapes(
+    u: FloatArray, period: FloatArray, fit: ShapeFit, settings: BodySettings, heard: Heard
+) -> Trained:
     samples = fit.coefficients_mm
     spread = np.sqrt(samples.reshape(-1, fit.basis.coefficients).var(axis=0))
     usual = float(np.sqrt(np.square(spread).mean()))
     # Half way between how wide they are at one configuration, which is 1, and over all of them.
     scale_mm = usual**0.5
     limits = (-log(_WIDEST * usual / scale_mm), log(scale_mm / _LEAST_SPREAD))
-    scaling = _scaling(u, np.zeros(spread.size), scale_mm, limits)
+    scaling = _scaling(u, period, np.zeros(spread.size), scale_mm, limits)
     beginning = Beginning(np.zeros((1, spread.size)), np.diag(np.square(0.5 * spread))[None])
     own = replace(settings.shapes_training, samples=samples.shape[1])
     return train(
@@ -177,9 +180,16 @@ def coefficients_at(centrelines_mm: NDArray[Any], basis: ShapeBasis) -> FloatArr
 
 
 def _scaling(
-    u: FloatArray, offset_mm: FloatArray, scale_mm: float, limits: tuple[float, float]
+    u: FloatArray,
+    period: FloatArray,
+    offset_mm: FloatArray,
+    scale_mm: float,
+    limits: tuple[float, float],
 ) -> Scaling:
-    return Scaling(u.mean(axis=0), u.std(axis=0), offset_mm, scale_mm, limits)
+    """Of an axis that comes round, the scale is that of its angle."""
+    offset = np.where(period > 0.0, 0.0, u.mean(axis=0))
+    scale = np.where(period > 0.0, period / (2.0 * pi), u.std(axis=0))
+    return Scaling(offset, scale, offset_mm, scale_mm, limits, period)
 
 
 def _along_arc(dataset: CloudDataset, chosen: BoolArray, components: int) -> Beginning:
@@ -197,8 +207,8 @@ def _along_arc(dataset: CloudDataset, chosen: BoolArray, components: int) -> Beg
     return Beginning(np.array(means), np.array(covariances))
 
 
-def _reach(u: FloatArray, scale: NDArray[Any]) -> float:
-    """How far from a configuration of the training the model may be asked, over the input scale."""
-    tree = cKDTree(u / scale)
-    nearest = tree.query(u / scale, k=2)[0][:, 1]
+def _reach(u: FloatArray, scale: NDArray[Any], period: FloatArray) -> float:
+    """How far from a configuration of the training the model may be asked, in its features."""
+    there = features_of(u, 1.0 / scale, period)
+    nearest = cKDTree(there).query(there, k=2)[0][:, 1]
     return _ASKED * float(np.quantile(nearest, _APART))

@@ -4,7 +4,8 @@ A trunk, and three heads for the means, the factors of the precisions and the we
 Thompson et al. Nothing that a head gives is out of bounds (Kruse 2020): of Ū the logarithms of its
 diagonal are learnt, so that Σ⁻¹ = ŪᵀŪ is always positive definite, and ln|Σ⁻¹|^½ is their sum.
 
-It learns in its own units: inputs are (u − offset) / scale, places are (x − offset) / scale with
+It learns in its own units: inputs are (u − offset) / scale, or where an axis comes round the cosine
+and sine of where it is in its period; places are (x − offset) / scale with
 one scale for all directions. Only programs that train import this file: torch is large and slow.
 """
 
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from safety.risk.model.mixture import MOST_COMPONENTS, FloatArray
+from safety.risk.model.mixture_network_kernels import feature_count, write_features
 
 _ACTIVATIONS: Final = {"relu": nn.ReLU, "tanh": nn.Tanh, "silu": nn.SiLU}
 _SMALL: Final = 0.1
@@ -57,10 +59,21 @@ class Scaling:
     output_scale_mm: float
     log_diagonal_limits: tuple[float, float]
     """Of Ū over the scale: a cloud thinner than its noise would make it explode."""
+    input_period: FloatArray
+    """(m,) after how much the body is where it was; 0: never."""
+
+    @property
+    def features(self) -> int:
+        """How many numbers the network sees."""
+        return int(feature_count(self.input_period))
 
     def inputs(self, u: NDArray[Any]) -> Tensor:
-        """(n, m) of the actuation vectors."""
-        return torch.from_numpy(((u - self.input_offset) / self.input_scale).astype(np.float32))
+        """(n, features) of (n, m) actuation vectors."""
+        there = np.empty((len(u), self.features))
+        scaling = self.input_offset, self.input_scale, self.input_period
+        for place, row in zip(np.asarray(u, np.float64), there, strict=True):
+            write_features(place, *scaling, row)
+        return torch.from_numpy(there.astype(np.float32))
 
     def places(self, samples_mm: NDArray[Any]) -> Tensor:
         """(…, d) of places or coefficients."""
@@ -99,7 +112,7 @@ class MixtureDensityNetwork(nn.Module):
         self._dimensions = d = scaling.output_offset_mm.size
         k, wide = shape.components, shape.trunk[-1]
         self._rows, self._columns = torch.triu_indices(d, d)
-        self.trunk = _stack((scaling.input_offset.size, *shape.trunk))
+        self.trunk = _stack((scaling.features, *shape.trunk))
         self.means = _stack((wide, *shape.heads, k * d))
         self.factors = _stack((wide, *shape.heads, k * d * (d + 1) // 2))
         self.weights = _stack((wide, *shape.heads, k))
@@ -125,7 +138,7 @@ class MixtureDensityNetwork(nn.Module):
                 last.bias.copy_(torch.from_numpy(values.astype(np.float32)))
 
     def forward(self, inputs: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """The mixtures at (b, m) scaled inputs, in scaled units.
+        """The mixtures at (b, features) inputs, in scaled units.
 
         Returns ln w (b, K), means (b, K, d), Ū (b, K, d, d), and the sum of the logarithms of its
         diagonal (b, K).
@@ -146,7 +159,7 @@ class MixtureDensityNetwork(nn.Module):
         return torch.log_softmax(logits, dim=1), means, upper, logarithms.sum(dim=2)
 
     def negative_log_likelihood(self, inputs: Tensor, places: Tensor) -> Tensor:
-        """(b, p) of (b, p, d) scaled places at (b, m) scaled inputs, with its constant.
+        """(b, p) of (b, p, d) scaled places at (b, features) inputs, with its constant.
 
         In nats, of a density per scaled unit^d: `in_mm` makes it one per mm^d.
         """
@@ -168,6 +181,8 @@ class MixtureDensityNetwork(nn.Module):
         arrays: dict[str, NDArray[Any]] = {
             name: value.detach().cpu().numpy().copy() for name, value in self.state_dict().items()
         }
+        if scaling.input_period.any():
+            arrays["input_period"] = scaling.input_period
         return arrays | {
             "input_offset": scaling.input_offset,
             "input_scale": scaling.input_scale,

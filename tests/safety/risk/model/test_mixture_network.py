@@ -153,3 +153,78 @@ def test_too_many_components_and_an_unknown_activation_are_refused() -> None:
         MixtureNetwork(random_arrays(components=17), "relu")
     with pytest.raises(NetworkError, match="'gelu' is none of relu, tanh, silu"):
         MixtureNetwork(random_arrays(), "gelu")
+
+
+# Inputs that come round.
+
+
+TURN = np.array([0.0, 2.0 * np.pi, 0.0, 5.0])
+
+
+def coming_round() -> tuple[Arrays, Arrays]:
+    """A network whose second and fourth inputs come round; and one over all six features."""
+    wide = random_arrays(6, (23, 11), (7,), 3, 4)
+    wide["input_offset"][[1, 2, 4, 5]], wide["input_scale"][[1, 2, 4, 5]] = 0.0, 1.0
+    arrays = dict(wide)
+    for name in ("input_offset", "input_scale"):
+        arrays[name] = np.array([wide[name][0], 0.0, wide[name][3], 0.0])
+    arrays["input_scale"][[1, 3]] = 1.0
+    return arrays | {"input_period": TURN}, wide
+
+
+def features(u: FloatArray) -> FloatArray:
+    turn, other = u[1], 2.0 * np.pi / 5.0 * u[3]
+    return np.array([u[0], np.cos(turn), np.sin(turn), u[2], np.cos(other), np.sin(other)])
+
+
+def test_an_input_that_comes_round_is_seen_as_its_cosine_and_sine() -> None:
+    arrays, wide = coming_round()
+    found = MixtureNetwork(arrays, "silu").mixture(U)
+    wanted = MixtureNetwork(wide, "silu").mixture(features(U))
+    assert found is not None
+    assert wanted is not None
+    for one, other in zip(
+        (found.weights, found.means_mm, found.factors_per_mm),
+        (wanted.weights, wanted.means_mm, wanted.factors_per_mm),
+        strict=True,
+    ):
+        np.testing.assert_allclose(one, other, rtol=1e-6)
+
+
+def test_after_a_period_the_mixture_is_the_same() -> None:
+    network = MixtureNetwork(coming_round()[0], "silu")
+    found, again = network.mixture(U), network.mixture(U + np.array([0.0, 1.0, 0.0, -2.0]) * TURN)
+    assert found is not None
+    assert again is not None
+    np.testing.assert_allclose(found.means_mm, again.means_mm, atol=1e-4)
+
+
+def test_the_derivative_by_an_input_that_comes_round_is_that_of_differences() -> None:
+    arrays = {name: array.astype(np.float64) for name, array in coming_round()[0].items()}
+    network = MixtureNetwork(arrays, "silu")
+    random = np.random.default_rng(2)
+    by = random.normal(size=3), random.normal(size=(3, 4)), np.triu(random.normal(size=(3, 4, 4)))
+
+    def value(u: FloatArray) -> float:
+        mixture = network.mixture(u)
+        assert mixture is not None
+        parts = mixture.weights, mixture.means_mm, mixture.factors_per_mm
+        return float(sum((a * b).sum() for a, b in zip(by, parts, strict=True)))
+
+    steps = 1e-5 * np.eye(4)
+    wanted = [(value(U + step) - value(U - step)) / 2e-5 for step in steps]
+    np.testing.assert_allclose(network.gradient(U, *by), wanted, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("period", "told"),
+    [
+        (np.zeros(3), "input_period: must be one per input"),
+        (np.array([0.0, -1.0, 0.0, 0.0]), "not below 0"),
+        (np.array([1.0, 1.0, 1.0, 1.0]), "must take 8 inputs"),
+        (np.zeros(4), "must take 4 inputs"),
+    ],
+)
+def test_periods_that_do_not_fit_are_refused(period: FloatArray, told: str) -> None:
+    with pytest.raises(NetworkError, match=told):
+        MixtureNetwork(coming_round()[0] | {"input_period": period}, "relu")

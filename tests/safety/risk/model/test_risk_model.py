@@ -59,3 +59,37 @@ def without(name: str) -> Arrays:
 def test_parts_that_do_not_fit_are_refused_by_name(arrays: Arrays, told: str) -> None:
     with pytest.raises(RiskModelError, match=told):
         risk_model(arrays, "relu", "relu")
+
+
+def coming_round(period: float = 6.0) -> Arrays:
+    """The second of four inputs comes round."""
+    arrays = model_arrays()
+    for prefix, wide in (("points/", 5), ("shapes/", 5)):
+        weight = arrays[f"{prefix}trunk.0.weight"]
+        arrays[f"{prefix}trunk.0.weight"] = np.resize(weight, (len(weight), wide))
+        arrays[f"{prefix}input_period"] = np.array([0.0, period, 0.0, 0.0])
+    return arrays
+
+
+def test_what_comes_round_is_known_in_every_round() -> None:
+    arrays = coming_round()
+    model = risk_model(arrays, "relu", "relu")
+    known, round_after_round = arrays["training/inputs"], np.array([0.0, 6.0, 0.0, 0.0])
+    assert model.features(known[0]).shape == (5,)
+    for one in known[:9]:
+        for rounds in (-3, 1, 40):
+            assert model.distance(one + rounds * round_after_round) == pytest.approx(0.0, abs=1e-6)
+    opposite = known[5] + 0.5 * round_after_round
+    assert model.distance(opposite) > 0.2
+    assert model.scale[1] == pytest.approx(2.0 * np.pi / 6.0)
+
+
+def test_both_networks_come_round_after_the_same() -> None:
+    arrays = coming_round() | {"shapes/input_period": np.array([0.0, 7.0, 0.0, 0.0])}
+    with pytest.raises(RiskModelError, match="other inputs come round"):
+        risk_model(arrays, "relu", "relu")
+
+
+def test_a_place_of_another_length_is_an_error() -> None:
+    with pytest.raises(ValueError, match="take 4 numbers"):
+        risk_model(coming_round(), "relu", "relu").knows([0.0, 1.0])

@@ -28,7 +28,7 @@ CLOUDS = np.array([turned(skin(bent(*bend), 250, k), k) for k, bend in enumerate
 @pytest.fixture(scope="module")
 def unmoved() -> CameraAlignment:
     """Of cameras that stand where they should."""
-    found = alignment_of(CLOUDS, TUBE, NODES)
+    found = alignment_of(CLOUDS, [TUBE] * len(CLOUDS), NODES)
     assert found is not None
     return found
 
@@ -38,7 +38,7 @@ def rms(off: FloatArray) -> float:
 
 
 def test_clouds_are_moved_back_to_where_bodies_begin(unmoved: CameraAlignment) -> None:
-    found = alignment_of(CLOUDS + OFF, TUBE, NODES)
+    found = alignment_of(CLOUDS + OFF, [TUBE] * len(CLOUDS), NODES)
     assert found is not None
     assert found.doubt == ""
     assert found.clouds == len(CLOUDS)
@@ -51,7 +51,7 @@ def test_clouds_are_moved_back_to_where_bodies_begin(unmoved: CameraAlignment) -
 def test_one_body_that_is_torn_off_does_not_move_the_others(unmoved: CameraAlignment) -> None:
     torn = CLOUDS.copy()
     torn[3] += np.array([4.0, 3.0, 0.0])
-    found = alignment_of(torn, TUBE, NODES)
+    found = alignment_of(torn, [TUBE] * len(torn), NODES)
     assert found is not None
     np.testing.assert_allclose(found.shift_mm, unmoved.shift_mm, atol=0.1)
 
@@ -65,7 +65,7 @@ def test_two_cameras_that_do_not_agree_show_in_the_stated_error(
     for cloud, line in zip(apart, LINES, strict=True):
         nearest = np.square(cloud[:, None] - line).sum(axis=2).argmin(axis=1)
         cloud[(cloud - line[nearest]) @ towards > 0.0] += np.array([0.0, 1.0, 0.0])
-    found = alignment_of(apart, TUBE, NODES)
+    found = alignment_of(apart, [TUBE] * len(apart), NODES)
     assert found is not None
     assert np.median(unmoved.fit_error_mm[4:]) < 0.25
     assert 0.35 < np.median(found.fit_error_mm[4:]) < 0.75
@@ -79,7 +79,7 @@ def test_the_stated_error_is_about_the_true_one(name: str) -> None:
     nodes = lines.shape[2]
     lines = lines.reshape(-1, nodes, 3)
     clouds = seen.clouds["clouds_mm"].reshape(len(lines), -1, 3)
-    found = alignment_of(clouds, seen.surface, nodes)
+    found = alignment_of(clouds, [seen.surface] * len(clouds), nodes)
     assert found is not None
     off = [
         np.array([fit_centreline(cloud + by, seen.surface, nodes).nodes_mm for cloud in clouds])
@@ -98,14 +98,14 @@ def test_a_single_camera_is_aligned_as_well() -> None:
         cloud, line = skin(bent(*bend), 600, k), bent(*bend)
         nearest = np.square(cloud[:, None] - line).sum(axis=2).argmin(axis=1)
         half.append(cloud[(cloud - line[nearest]) @ seen_from > 0.0][:200])
-    found = alignment_of(np.array(half), TUBE, NODES)
+    found = alignment_of(np.array(half), [TUBE] * len(half), NODES)
     assert found is not None
     np.testing.assert_allclose(found.shift_mm, 0.0, atol=0.4)
     assert 0.02 < np.median(found.fit_error_mm[4:]) < 0.6
 
 
 def test_cameras_that_stand_elsewhere_are_doubted() -> None:
-    found = alignment_of(CLOUDS + np.array([9.0, 0.0, 0.0]), TUBE, NODES)
+    found = alignment_of(CLOUDS + np.array([9.0, 0.0, 0.0]), [TUBE] * len(CLOUDS), NODES)
     assert found is not None
     assert "begin at (9" in found.doubt
     assert "calibrate the cameras" in found.doubt
@@ -113,4 +113,4 @@ def test_cameras_that_stand_elsewhere_are_doubted() -> None:
 
 def test_clouds_in_which_nobody_lies_align_nothing() -> None:
     strewn = np.random.default_rng(2).uniform(-90.0, 90.0, (4, 60, 3))
-    assert alignment_of(strewn, VisibleSurface(200.0, 2.0), NODES) is None
+    assert alignment_of(strewn, [VisibleSurface(200.0, 2.0)] * len(strewn), NODES) is None

@@ -102,7 +102,7 @@ def test_centrelines_are_fitted_to_the_clouds(collected: Collected) -> None:
     assert 0.05 < np.median(off) < 0.5
     robot = tendon_arm().robot
     assert robot.emulation is not None
-    surface = VisibleSurface.of(robot.emulation.plant)
+    surface = VisibleSurface.of(robot.emulation.plant, made.configurations[5])
     fit = fit_centreline(made.clouds_mm[5, 0], surface, made.centrelines_mm.shape[2])
     np.testing.assert_array_equal(made.centrelines_mm[5, 0], fit.nodes_mm.astype(np.float32))
 

@@ -41,7 +41,9 @@ SMALL = TrainingSettings(steps=120, groups=32, samples=16, check_every=40, learn
 
 def scaling(d: int = 3) -> Scaling:
     offset = np.arange(1.0, d + 1.0) * 10.0
-    return Scaling(np.array([1.0, -2.0]), np.array([3.0, 0.5]), offset, 40.0, (-2.0, 4.0))
+    return Scaling(
+        np.array([1.0, -2.0]), np.array([3.0, 0.5]), offset, 40.0, (-2.0, 4.0), np.zeros(2)
+    )
 
 
 def beginning(k: int, d: int = 3) -> Beginning:
@@ -215,7 +217,7 @@ def strewn(n: int = 300, samples: int = 12) -> tuple[Any, Any]:
 @pytest.mark.parametrize("components", [2, 5])
 def test_one_component_learns_alone_and_is_split_as_it_misses(components: int) -> None:
     whole = Beginning(np.zeros((1, 8)), np.eye(8)[None] * 400.0)
-    scale = Scaling(np.zeros(2), np.ones(2), np.zeros(8), 5.0, (-4.0, 4.0))
+    scale = Scaling(np.zeros(2), np.ones(2), np.zeros(8), 5.0, (-4.0, 4.0), np.zeros(2))
     settings = TrainingSettings(
         steps=400, groups=64, samples=12, learning_rate=1e-2, check_every=40, alone=0.5
     )
