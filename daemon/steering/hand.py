@@ -21,6 +21,8 @@ _LONGEST_STEP_S: Final = 0.1
 _TIP_OLD_S: Final = 0.5
 _REMEMBERED: Final = 128
 """Targets that may still be refused."""
+_WALL_NS: Final = 3_000_000_000
+"""The daemon says again after half a second that it refuses what it has refused before."""
 _ZERO: Final = (0.0, 0.0, 0.0)
 _SIGNED: Final = {"+": 1.0, "-": -1.0}
 
@@ -82,6 +84,19 @@ class _Tip(NamedTuple):
     direction: Triple | None
 
 
+class _Wall(NamedTuple):
+    """Where targets were refused: none goes beyond, for a while."""
+
+    place_mm: Triple
+    outwards: Triple
+    """Of unit length."""
+    until_ns: int
+
+    def kept(self, place: Triple) -> Triple:
+        beyond = _dot(_sum(place, _times(-1.0, self.place_mm)), self.outwards)
+        return place if beyond <= 0.0 else _sum(place, _times(-beyond, self.outwards))
+
+
 @dataclass
 class Hand:
     """One hand on one device, from when it is taken until it is let go."""
@@ -97,6 +112,7 @@ class Hand:
     """By the hand, since the last target."""
     _past: dict[int, tuple[Triple, Triple | None]] = field(default_factory=dict)
     """Targets by their numbers."""
+    _walls: list[_Wall] = field(default_factory=list)
 
     def tip(self, t_ns: int, position_mm: Triple, direction: Triple | None) -> None:
         """The tip was measured."""
@@ -108,12 +124,20 @@ class Hand:
         self._moved = [before + more for before, more in zip(self._moved, by, strict=True)]
 
     def refused(self, sequence: int) -> None:
-        """The daemon does not follow a target: go back to the one before, as if it had not been."""
-        before = self._past.get(sequence - 1)
-        if before is None or self._position is None:
+        """The daemon does not follow a target, and does not say so of each that comes after it.
+
+        The target goes back to the one before, and for a while no further that way: so the robot
+        stands at the end of its workspace, and is not held for want of what it may follow.
+        """
+        before, wrong = self._past.get(sequence - 1), self._past.get(sequence)
+        if before is None or wrong is None or self._position is None:
             return
         self._position, self._direction = before
         self._past = {number: one for number, one in self._past.items() if number < sequence}
+        way = _sum(wrong[0], _times(-1.0, before[0]))
+        if (far := _length(way)) > 0.0:
+            until_ns = (self._advanced_ns or 0) + _WALL_NS
+            self._walls.append(_Wall(before[0], _times(1.0 / far, way), until_ns))
 
     def advance(
         self, t_ns: int, dead_man: bool, clutch: bool, rates: tuple[float, ...]
@@ -128,7 +152,9 @@ class Hand:
         if tip is None or not dead_man or (t_ns - tip.t_ns) * 1e-9 > _TIP_OLD_S:
             self._position, self._direction = None, None
             self._past.clear()
+            self._walls.clear()
             return None
+        self._walls = [wall for wall in self._walls if t_ns < wall.until_ns]
         if self._position is None:
             self._position, self._direction = tip.position_mm, tip.direction
         elif not clutch:
@@ -151,7 +177,10 @@ class Hand:
             turn * r + settings.rad_per_mm * m for r, m in zip(rates[3:], moved[3:], strict=True)
         ]
         way = settings.turned((ways[0], ways[1], ways[2]))
-        self._position = _leashed(_sum(self._position, way), tip.position_mm, settings.leash_mm)
+        place = _leashed(_sum(self._position, way), tip.position_mm, settings.leash_mm)
+        for wall in self._walls:
+            place = wall.kept(place)
+        self._position = place
         if self._direction is not None and tip.direction is not None:
             about = settings.turned((turns[0], turns[1], turns[2]))
             turned = _rotated(self._direction, about)

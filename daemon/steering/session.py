@@ -22,7 +22,8 @@ _PERIOD_S: Final = 0.025
 _RESUMES_AGAIN_S: Final = 0.5
 _WATCHED: Final = ("tip", "state", "event")
 _REMEMBERED: Final = 256
-_HELD, _RUNNING = "hold", "running"
+_STANDS: Final = ("hold", "armed")
+"""States from which a robot goes on."""
 _NS_PER_S: Final = 1e9
 
 Say = Callable[[str], object]
@@ -49,7 +50,7 @@ class Asked:
         number = self._client.send_setpoint(target.position_mm, self._valid_s)
         self._numbers[number] = target.sequence
         self._numbers.pop(number - _REMEMBERED, None)
-        if self._state == _HELD:
+        if self._state in _STANDS:
             self._resume()
 
     def hear(self, message: Message) -> int | None:

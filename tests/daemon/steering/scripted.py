@@ -1,5 +1,10 @@
 """A scripted hand: what a device would send, in the kernel's bytes."""
 
+import os
+import threading
+import time
+from contextlib import suppress
+from pathlib import Path
 from typing import Final
 
 from daemon.steering.devices import PROFILES
@@ -52,3 +57,38 @@ class Bench:
         for _ in range(count):
             found = self.step(*events)
         return found
+
+
+class Puck:
+    """A scripted 3D mouse at a pipe: it tells what it is pushed by every 20 ms, as a real one."""
+
+    def __init__(self, path: Path) -> None:
+        """Waits until somebody reads the pipe."""
+        self._fd = os.open(path, os.O_WRONLY)
+        self._keys: list[InputEvent] = []
+        self._pushed = [0] * 6
+        self._pulled = threading.Event()
+        self._thread = threading.Thread(target=self._tell, daemon=True)
+        self._thread.start()
+
+    def push(self, *counts: int) -> None:
+        """Along x, y, z and about them from now on; none: not at all."""
+        self._pushed = [*counts, *[0] * (6 - len(counts))]
+
+    def key(self, event: InputEvent) -> None:
+        """A key goes down or up."""
+        self._keys.append(event)
+
+    def pull_out(self) -> None:
+        """It is unplugged."""
+        self._pulled.set()
+        self._thread.join()
+
+    def _tell(self) -> None:
+        with suppress(BrokenPipeError):
+            while not self._pulled.wait(0.02):
+                keys, self._keys = self._keys, []
+                moved = [push(code, counts) for code, counts in enumerate(self._pushed) if counts]
+                if keys or moved:
+                    os.write(self._fd, packed(time.monotonic_ns(), *keys, *moved))
+        os.close(self._fd)

@@ -132,12 +132,16 @@ def test_a_target_that_is_refused_is_taken_back() -> None:
     refused = targets[3]
     assert refused is not None
     bench.station.refused(refused.sequence)
-    again = bench.step(push(0, 0))
+    again = bench.step(RIGHT)
     assert again is not None
     assert again.position_mm == at(targets[2])
     assert again.sequence == at_number(targets[5]) + 1
     bench.station.refused(12345)
-    assert at(bench.step()) == at(targets[2])
+    stood = at(bench.steps(20, RIGHT, push(1, -350)))
+    assert stood[0] == pytest.approx(at(targets[2])[0])
+    assert stood[1] > TIP[1] + 3.0, "along the wall it goes on"
+    assert at(bench.steps(4, push(0, -350)))[0] < stood[0] - 0.5
+    assert at(bench.steps(110, RIGHT))[0] > stood[0] + 0.5, "whether the wall stands is tried anew"
 
 
 def at_number(target: Target | None) -> int:
