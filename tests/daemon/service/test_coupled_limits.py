@@ -1,0 +1,120 @@
+"""Coupled limits come to by hand, through the daemon, the gate and emulated drives."""
+
+import asyncio
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daemon.control.controller import Observation, Proposal
+from daemon.messages import Resume
+from daemon.robot.axes import AxisRanges
+from daemon.robot.coordinates import Coordinates
+from drivers.pose import Vector
+from safety.states import OperatingState
+from tests.daemon.service.rig import Rig, on_a_rig
+from tests.experiments.coupled_gate import TUBES, OwnReading
+
+OWN = OwnReading(TUBES)
+PI = float(np.pi)
+HERE = {"kind": "hold", "position_mm": [60.0, 0.0, 170.0], "duration_s": 1000.0}
+_SETTLED = 0.01
+"""mm by which drives may pass where they were told to be."""
+
+
+class Hand:
+    """Goes to coordinates as fast as it may, whatever is in the way. Knows nothing of limits."""
+
+    name, ready = "hand", False
+
+    def __init__(self, rig: Rig, q: tuple[float, ...]) -> None:
+        self._coordinates = coordinates = Coordinates.of(rig.service.robot)
+        self._axes = AxisRanges.of(rig.service.robot)
+        self.goal = coordinates.axes(np.array(q))
+
+    def to(self, *q: float) -> None:
+        self.goal = self._coordinates.axes(np.array(q))
+
+    def reset(self, observation: Observation) -> None:
+        pass
+
+    def observe(self, observation: Observation) -> None:
+        pass
+
+    def propose(self, observation: Observation) -> Proposal:
+        return Proposal(self._axes.slowed(self.goal - observation.targets, observation.dt_s))
+
+    def learn(self) -> None:
+        pass
+
+    def save(self, path: Path) -> None:
+        raise NotImplementedError
+
+    def load(self, path: Path) -> None:
+        raise NotImplementedError
+
+
+class Watched:
+    """Everything that the drives were told, and where they were, cycle by cycle."""
+
+    def __init__(self, rig: Rig) -> None:
+        self._rig = rig
+        self.told: list[list[int]] = []
+        self.been: list[list[float]] = []
+
+    async def until_rest(self, within_s: float) -> Vector:
+        """(m,) where the axes are told to be when that does not change any more."""
+        for number in range(round(within_s / 0.01)):
+            await asyncio.sleep(0.01)
+            channels = self._rig.service.loop.channels
+            self.told.append([channel.target_counts or 0 for channel in channels])
+            self.been.append(self._rig.shafts())
+            if number > 200 and self.told[-100] == self.told[-1]:
+                break
+        return np.asarray(np.array(self.told[-1]) * OWN.units_per_count)
+
+
+CASES = [
+    # The collars, drawn out by both carriages at once.
+    ((0.0, 0.0, 0.0, 0.0, 75.0), (0.0, 0.0, 0.0, -10.0, 87.0), "collar_clearance", (4, 86.5)),
+    # The inner tube drawn into the pair.
+    ((0.0, 0.0, 0.0, 0.0, 12.0), (0.0, 0.0, 0.0, 10.0, 0.0), "collar_clearance", (4, 0.5)),
+    # Tube 3 against the pair, drawn in; and the same a turn further, rolled.
+    ((0.0, 0.0, PI, 0.0, 30.0), (0.0, 0.0, PI, 0.0, 5.0), "snap_guard", (4, 20.0)),
+    ((1.0, 0.4, 0.2 - PI, 0.0, 30.0), (1.0, 0.4, 0.2 - PI, 5.0, 5.0), "snap_guard", (4, 20.0)),
+    # Drawn in, tube 3 turned against the pair; or the pair against tube 3.
+    ((0.0, 0.0, 1.0, 6.0, 5.0), (0.0, 0.0, PI, 6.0, 5.0), "snap_guard", (2, 3.1416 - 1.2)),
+    ((0.0, 1.8, PI, 0.0, 25.0), (0.0, 0.0, PI, 0.0, 5.0), "snap_guard", None),
+]
+
+
+@pytest.mark.parametrize(("start", "goal", "limit", "stops"), CASES)
+def test_a_limit_come_to_by_hand_is_kept_named_and_left_again(
+    start: tuple[float, ...],
+    goal: tuple[float, ...],
+    limit: str,
+    stops: tuple[int, float] | None,
+) -> None:
+    async def scene(rig: Rig) -> None:
+        coordinates = Coordinates.of(rig.service.robot)
+        hand, watched = Hand(rig, start), Watched(rig)
+        await rig.running(HERE, {"kind": "broyden"})
+        rig.service.loop.controller = hand
+        await watched.until_rest(30.0)
+        assert rig.in_state(OperatingState.RUNNING), rig.events("cause", "gate_refused")[-1].detail
+        hand.to(*goal)
+        at = coordinates.of_axes(await watched.until_rest(30.0))
+        await rig.until_state(OperatingState.HOLD)
+        (refusal,) = rig.events("cause", "gate_refused")
+        assert f"coupled limit: {limit}" in refusal.detail
+        if stops is not None:
+            assert at[stops[0]] == pytest.approx(stops[1], abs=0.01)
+        hand.to(*start)
+        await rig.do(Resume)
+        back = coordinates.of_axes(await watched.until_rest(30.0))
+        np.testing.assert_allclose(back, start, atol=0.01)
+        assert rig.in_state(OperatingState.RUNNING)
+        assert OWN.outside(np.array(watched.told)) <= 0.0
+        assert OWN.outside(np.array(watched.been)) <= _SETTLED
+
+    on_a_rig(scene, path=TUBES)
