@@ -365,7 +365,8 @@ def _coupling_findings(parts: Parts) -> Iterator[Finding]:
     ]
     coordinates = [one for one in parts.coordinates if one is not None]
     known = whole and not wrong and len(coordinates) == len(parts.coordinates)
-    yield from limit_findings(parts.coupled_limits, facts if known else None, coordinates)
+    groups = [[str(name) for name in _items(group)] for group in _items(parts.homing_order)]
+    yield from limit_findings(parts.coupled_limits, facts if known else None, coordinates, groups)
 
 
 def _homing_findings(parts: Parts) -> Iterator[Finding]:

@@ -37,11 +37,13 @@ def limit_findings(
     limits: Sequence[CoupledLimitBase | None],
     axes: Sequence[AxisFacts] | None,
     coordinates: Sequence[CoordinateBase],
+    homing_groups: Sequence[Sequence[str]],
 ) -> Iterator[Finding]:
     """All that is wrong with coupled limits: where in the file, and a sentence about it.
 
     None stands for a limit that is unsound by itself, and for axes that are not all sound.
-    coordinates: sound ones; what a sum may name beside axes.
+    coordinates: sound ones; what a sum may name beside axes. homing_groups: names of axes that
+    look for their zeros at the same time.
     """
     units = None if axes is None else {axis.name: axis.unit for axis in axes}
     if units is not None:
@@ -62,6 +64,8 @@ def limit_findings(
     if axes is not None and not wrong:
         known = [limit for limit in limits if limit is not None]
         yield from _findings_in_axes(known, axes, coordinates)
+        limits_in_axes = axes_limits(known, [axis.name for axis in axes], coordinates)
+        yield from _homing_findings(limits_in_axes, axes, homing_groups)
 
 
 def _limit_findings(
@@ -192,6 +196,25 @@ def _zero_findings(
             f"with all axes at their zeros, where homing ends, the sum is {value:g} {limit.unit}, "
             f"and {bound:g} is the {side}: move a zero, or the bound",
         )
+
+
+def _homing_findings(
+    known: Sequence[AxesLimit],
+    axes: Sequence[AxisFacts],
+    groups: Sequence[Sequence[str]],
+) -> Iterator[Finding]:
+    """Of axes that home together each moves where the gate knows nothing of the others."""
+    for index, group in enumerate(groups):
+        for limit in known:
+            named = zip(axes, limit.sum.factors, strict=True)
+            shared = [axis.name for axis, factor in named if factor and axis.name in group]
+            if len(shared) > 1:
+                yield (
+                    ("homing_order", index),
+                    f"{' and '.join(shared)} share the coupled limit '{limit.name}', which counts "
+                    "on one of them standing still: home one after the other",
+                )
+                break
 
 
 def _travel_findings(
