@@ -183,6 +183,39 @@ def broken(
             yield limit
 
 
+def room_alone(
+    limits: Sequence[CoupledLimit], axis: int, counts: Sequence[int | None]
+) -> tuple[float, float]:
+    """Between which counts one axis may be while all others stand.
+
+    counts: None of an axis that does not know its zero: limits of which it is a part say nothing.
+    Where the axis is already, is always between them.
+    """
+    lowest, highest = -inf, inf
+    at = counts[axis]
+    known = [0 if one is None else one for one in counts]
+    for limit in limits:
+        sums = [limit.sum, *[condition.sum for condition in limit.only_while]]
+        parts = {part for one in sums for part, _ in one.terms}
+        if at is None or axis not in parts or any(counts[part] is None for part in parts):
+            continue
+        rooms = [_room_alone(together, axis, at) for together in ranges(limit, known)]
+        low, high = max(rooms, key=lambda room: (room[1] - room[0], -room[0], room[1]))
+        lowest, highest = max(lowest, min(low, at)), min(highest, max(high, at))
+    return lowest, highest
+
+
+def _room_alone(together: Sequence[Range], axis: int, at: int) -> tuple[float, float]:
+    """What ranges leave to one axis, which is at `at` where they begin."""
+    lowest, highest = -inf, inf
+    for one in together:
+        factor = dict(one.sum.terms).get(axis, 0.0)
+        if factor:
+            ends = (one.bottom - one.start) / factor, (one.top - one.start) / factor
+            lowest, highest = max(lowest, at + min(ends)), min(highest, at + max(ends))
+    return lowest, highest
+
+
 def _range(one: AxisSum, start: float, lowest: float, highest: float) -> Range:
     """Inside the bounds by what rounding may do; from outside no further out."""
     same = one.rounding * _SAME

@@ -176,14 +176,18 @@ class Gate:
             f"the risk is {answer.risk:.3g}, and {self._threshold:g} is allowed"
         )
 
-    def permit_homing(self, axis: int) -> PermittedHoming:
-        """Leave for one drive to look for its zero. Raises ValueError where there is no such axis.
+    def permit_homing(self, axis: int, known_counts: Sequence[int | None]) -> PermittedHoming:
+        """Leave for one drive to look for its zero while the others stand.
 
-        Where it ends is not where the gate left it: `settle` before the next step.
+        known_counts: where each axis is; None of those that do not know their zero. Where it ends
+        is not where the gate left it: `settle` before the next step. Raises ValueError where there
+        is no such axis, or not one place for each.
         """
         if not 0 <= axis < len(self._limits):
             raise ValueError(f"there is no axis {axis}")
-        return permit_homing(axis, self._limits[axis])
+        if len(known_counts) != len(self._limits):
+            raise ValueError(f"{len(known_counts)} places for {len(self._limits)} axes")
+        return permit_homing(axis, self._limits[axis], known_counts, self._coupled)
 
     # Where a step begins.
 

@@ -5,11 +5,11 @@ be sent, is made here, whatever the gate has computed before.
 """
 
 from collections.abc import Sequence
-from math import copysign
+from math import ceil, copysign, floor, inf
 from typing import Final, NoReturn, final
 from weakref import WeakKeyDictionary
 
-from safety.coupling import CoupledLimit, broken, kept_apart, ranges
+from safety.coupling import CoupledLimit, broken, kept_apart, ranges, room_alone
 from safety.limits import (
     HIGHEST_COUNT,
     LOWEST_COUNT,
@@ -205,28 +205,50 @@ def _rest(start: int, end: int, duration_s: float, deceleration: float, limits: 
 
 @final
 class PermittedHoming(_Sealed):
-    """Leave for one drive to look for its zero by itself, no faster than this."""
+    """Leave for one drive to look for its zero by itself, no faster than this, and no further."""
 
-    __slots__ = ("axis", "max_acceleration", "max_velocity")
+    __slots__ = ("axis", "highest", "lowest", "max_acceleration", "max_velocity")
     axis: int
+    highest: int
+    """Counts, as it has them before it has found its zero."""
+    lowest: int
     max_acceleration: int
     """Counts/s²."""
     max_velocity: int
     """Counts/s."""
 
-    def __init__(self, seal: object, axis: int, limits: CountLimits) -> None:
+    def __init__(
+        self, seal: object, axis: int, limits: CountLimits, lowest: int, highest: int
+    ) -> None:
         _give(
             self,
             seal,
             axis=axis,
+            highest=highest,
+            lowest=lowest,
             max_acceleration=limits.max_acceleration,
             max_velocity=limits.max_velocity,
         )
 
 
-def permit_homing(axis: int, limits: CountLimits) -> PermittedHoming:
-    """For the gate alone, like `permit`: the drive moves while nobody checks its targets."""
-    return PermittedHoming(_SEAL, axis, limits)
+def permit_homing(
+    axis: int,
+    limits: CountLimits,
+    known_counts: Sequence[int | None] = (),
+    coupled: Sequence[CoupledLimit] = (),
+) -> PermittedHoming:
+    """For the gate alone, like `permit`: the drive moves while nobody checks its targets.
+
+    known_counts: one per axis where there are coupled limits; None of those without a zero.
+    """
+    lowest, highest = room_alone(coupled, axis, known_counts) if coupled else (-inf, inf)
+    return PermittedHoming(
+        _SEAL,
+        axis,
+        limits,
+        LOWEST_COUNT if lowest < LOWEST_COUNT else ceil(lowest),
+        HIGHEST_COUNT if highest > HIGHEST_COUNT else floor(highest),
+    )
 
 
 def permit(

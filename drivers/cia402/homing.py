@@ -158,11 +158,23 @@ class Homing:
                 raise HomingError(f"{self._axis.name}: went into {state} while homing")
             self._check_progress()
             progress = homing_progress(self._channel.statusword)
+            if progress is HomingProgress.IN_PROGRESS:
+                self._check_place()
             if progress is HomingProgress.DONE:
                 return
             if progress is HomingProgress.ERROR:
                 raise HomingError(f"{self._axis.name}: the drive found no zero")
             await asyncio.sleep(_POLL_S)
+
+    def _check_place(self) -> None:
+        """Until the zero is found, places are still those of the one before."""
+        permitted, at = self._permitted, self._channel.position_counts
+        if not permitted.lowest <= at <= permitted.highest:
+            end = self._channel.scale.position(at)
+            raise HomingError(
+                f"{self._axis.name}: stopped at {end:.2f} {self._axis.unit}: a coupled limit ends "
+                "there, with the other axes where they are"
+            )
 
     def _goal(self, goal: PowerGoal) -> None:
         self._channel.set_goal(goal, self._channel.received_ns or 0)

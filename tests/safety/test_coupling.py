@@ -4,7 +4,18 @@ from math import inf, nan
 
 import pytest
 
-from safety.coupling import AxisSum, Condition, CoupledLimit, broken, kept, ranges
+from safety.coupling import (
+    AxisSum,
+    Condition,
+    CoupledLimit,
+    broken,
+    kept,
+    kept_apart,
+    ranges,
+    room_alone,
+)
+from safety.limits import CountLimits
+from safety.permit import permit_homing
 
 # 4 counts of rounding on each axis that a sum is made of, and 0.5 and 0.25 per count.
 DIFFERENCE = AxisSum(((0, 0.5), (1, -0.5)), 1.0)
@@ -283,3 +294,101 @@ def test_of_several_ranges_one_is_enough_and_all_of_it() -> None:
     assert kept(allowed, start, end, end)
     assert not kept(allowed[1:], start, end, end)
     assert not kept([allowed[0] + allowed[1]], start, end, end)
+
+
+# Each axis by itself.
+
+
+def test_a_span_is_that_of_all_corners() -> None:
+    assert DIFFERENCE.span([10, 4, 0], [20, 8, 0]) == (2.0, 9.0)
+    assert DIFFERENCE.span([10, 4, 0], [4, 0, 9]) == (1.0, 6.0)
+    assert DIFFERENCE.span([10, 4, 0], [10, 4, 50]) == (4.0, 4.0)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "is_kept"),
+    [
+        ((100, 0), (188, 4), True),
+        ((100, 0), (190, 0), True),
+        ((100, 0), (191, 91), False),  # the first might be there before the second begins
+        ((100, 0), (106, 6), True),
+        ((8, 2), (8, 2), True),
+        ((8, 2), (8, 3), False),
+        ((10, 2), (10, 4), True),
+        ((10, 2), (10, 5), False),
+        ((10, 2), (9, 2), True),
+        ((10, 2), (7, 2), False),
+    ],
+)
+def test_apart_every_corner_is_inside(
+    first: tuple[int, int], second: tuple[int, int], is_kept: bool
+) -> None:
+    start, rest = (*first, 0), (*second, 77)
+    assert kept_apart(ranges(SLAB, start), start, rest) is is_kept
+
+
+def test_apart_one_side_of_a_guard_is_enough() -> None:
+    start = place(30.0, 0.0)
+    assert kept_apart(ranges(GUARD, start), start, place(30.0, 10.0))
+    assert kept_apart(ranges(GUARD, start), start, place(5.0, 5.0))
+    assert not kept_apart(ranges(GUARD, start), start, place(5.0, 10.0))
+
+
+# One axis alone, as it looks for its zero.
+
+
+def test_an_axis_alone_has_the_room_that_the_others_leave() -> None:
+    # 0.5 (a - b) + 1 from 2 to 98, which is 4 less than the bounds on either side.
+    assert room_alone([SLAB], 0, [50, 10, 0]) == (16.0, 200.0)
+    assert room_alone([SLAB], 1, [50, 10, 0]) == (-140.0, 44.0)
+    assert room_alone([SLAB], 2, [50, 10, 0]) == (-inf, inf)
+    assert room_alone([], 0, [50, 10, 0]) == (-inf, inf)
+
+
+@pytest.mark.parametrize("counts", [[None, 10, 0], [50, None, 0], [None, None, None]])
+def test_of_axes_without_a_zero_limits_say_nothing(counts: list[int | None]) -> None:
+    assert room_alone([SLAB], 0, counts) == (-inf, inf)
+    assert room_alone([GUARD], 2, counts) == (-inf, inf)
+
+
+def test_where_it_is_already_an_axis_may_be() -> None:
+    assert room_alone([SLAB], 0, [300, 10, 0]) == pytest.approx((16.0, 300.0), abs=1e-4)
+    assert room_alone([SLAB], 0, [207, 10, 0]) == (16.0, 207.0)
+    assert room_alone([SLAB], 0, [9, 10, 0]) == (9.0, 200.0)
+
+
+def test_of_several_limits_the_narrowest_counts() -> None:
+    other = CoupledLimit("other", DIFFERENCE, -inf, 50.0)
+    assert room_alone([SLAB, other], 0, [50, 10, 0]) == (16.0, 100.0)
+    assert room_alone([other, SLAB], 0, [50, 10, 0]) == (16.0, 100.0)
+    lower = CoupledLimit("lower", DIFFERENCE, 10.0, inf)
+    assert room_alone([lower, SLAB], 0, [50, 10, 0]) == (36.0, 200.0)
+
+
+def test_a_guard_leaves_the_wider_of_its_sides() -> None:
+    # Within the bounds: any angle. Beside the band and below them: up to it.
+    assert room_alone([GUARD], 2, [98, 0, 0]) == (-inf, inf)
+    assert room_alone([GUARD], 2, [9, 0, 0]) == (-28.0, 28.0)
+    assert room_alone([GUARD], 0, [98, 0, 0]) == (-inf, inf)
+    assert room_alone([GUARD], 0, [98, 0, 40]) == (46.0, inf)
+
+
+# What the permit says of it is in whole counts.
+
+
+def test_a_homing_is_permitted_as_far_as_coupled_limits_leave_it() -> None:
+    limits = CountLimits(-1000, 1000, 5, 7, 9)
+    free = permit_homing(1, limits)
+    assert (free.lowest, free.highest) == (-(2**31), 2**31 - 1)
+    assert (free.axis, free.max_velocity, free.max_acceleration) == (1, 5, 7)
+    held = permit_homing(0, limits, [50, 10, 0], [SLAB])
+    assert (held.lowest, held.highest) == (16, 200)
+    thirds = CoupledLimit("thirds", AxisSum(((0, 0.3),)), -2.0, 7.0)
+    held = permit_homing(0, limits, [2, 10, 0], [thirds])
+    assert (held.lowest, held.highest) == (-2, 19)
+    half = CoupledLimit("half", DIFFERENCE, 2.0, inf)
+    held = permit_homing(0, limits, [50, 10, 0], [half])
+    assert (held.lowest, held.highest) == (20, 2**31 - 1)
+    far = CoupledLimit("far", DIFFERENCE, -1e12, 1e12)
+    held = permit_homing(0, limits, [50, 10, 0], [far])
+    assert (held.lowest, held.highest) == (-(2**31), 2**31 - 1)

@@ -604,13 +604,15 @@ def test_a_refused_step_is_not_remembered() -> None:
 
 def test_only_axes_that_exist_are_homed() -> None:
     rig = Rig(2)
-    permitted = rig.gate.permit_homing(1)
+    permitted = rig.gate.permit_homing(1, [0, 0])
     assert isinstance(permitted, PermittedHoming)
     assert permitted.axis == 1
-    assert rig.gate.permit_homing(0).axis == 0
+    assert rig.gate.permit_homing(0, [None, None]).axis == 0
     for axis in (-1, 2):
         with pytest.raises(ValueError, match=f"no axis {axis}"):
-            rig.gate.permit_homing(axis)
+            rig.gate.permit_homing(axis, [0, 0])
+    with pytest.raises(ValueError, match="1 places for 2 axes"):
+        rig.gate.permit_homing(0, [0])
 
 
 # At rest.

@@ -46,7 +46,7 @@ def test_a_permit_cannot_be_made_elsewhere() -> None:
     with pytest.raises(TypeError, match="only the gate"):
         PermittedStep(object(), (0,), (0,), 0, 1, [LIMITS])
     with pytest.raises(TypeError, match="only the gate"):
-        PermittedHoming(object(), 0, LIMITS)
+        PermittedHoming(object(), 0, LIMITS, 0, 1)
 
 
 def some_permits() -> list[PermittedStep | PermittedHoming]:

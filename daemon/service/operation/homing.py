@@ -92,7 +92,8 @@ class RobotHoming:
         service, name = self._service, channel.axis.name
         service.events.tell("homing", "homing", f"{name} looks for its zero", subject=name)
         within_s = channel.axis.homing.timeout_s + _MORE_THAN_THE_DRIVE_S
-        permitted = service.gate.permit_homing(channel.index)
+        known = [one.position_counts if one.referenced else None for one in service.loop.channels]
+        permitted = service.gate.permit_homing(channel.index, known)
         try:
             await _within(self._bus_of[channel.index].home(permitted), within_s, name)
         except HomingError as error:

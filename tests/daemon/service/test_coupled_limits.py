@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from config.robot import Robot
 from daemon.control.controller import Observation, Proposal
-from daemon.messages import Resume
+from daemon.messages import Acquire, Home, Resume
 from daemon.robot.axes import AxisRanges
 from daemon.robot.coordinates import Coordinates
 from drivers.pose import Vector
@@ -106,7 +107,7 @@ def test_a_limit_come_to_by_hand_is_kept_named_and_left_again(
         at = coordinates.of_axes(await watched.until_rest(30.0))
         await rig.until_state(OperatingState.HOLD)
         (refusal,) = rig.events("cause", "gate_refused")
-        assert f"coupled limit: {limit}" in refusal.detail
+        assert f"coupled limit: {limit}" in refusal.text
         if stops is not None:
             assert at[stops[0]] == pytest.approx(stops[1], abs=0.01)
         hand.to(*start)
@@ -118,3 +119,28 @@ def test_a_limit_come_to_by_hand_is_kept_named_and_left_again(
         assert OWN.outside(np.array(watched.been)) <= _SETTLED
 
     on_a_rig(scene, path=TUBES)
+
+
+def homes_inwards(robot: Robot) -> Robot:
+    """The inner carriage looks for a switch that is 10 mm beyond where its collar may go."""
+    inner = robot.axes[4]
+    homing = inner.homing.model_copy(update={"method": 17, "timeout_s": 60.0})
+    collars = robot.coupled_limits[0].model_copy(update={"lowest_mm": 20.0})
+    return robot.model_copy(
+        update={
+            "axes": [*robot.axes[:4], inner.model_copy(update={"homing": homing})],
+            "coupled_limits": [collars, robot.coupled_limits[1]],
+        }
+    )
+
+
+def test_homing_ends_where_a_coupled_limit_does() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.do(Acquire)
+        refusal = await rig.refused(Home, axes=["carriage_inner"])
+        assert refusal.name == "not_homed"
+        assert "carriage_inner: stopped at -33.5" in refusal.text
+        assert "a coupled limit ends there, with the other axes where they are" in refusal.text
+        assert -33.7 < rig.shafts()[4] * OWN.units_per_count[4] < -33.4
+
+    on_a_rig(scene, path=TUBES, change=homes_inwards, begins_in=OperatingState.READY)
