@@ -456,6 +456,8 @@ class Setpoint(Message, frozen=True, kw_only=True, tag="setpoint/1"):
     valid_s: float
     """For how long after its arrival it may be followed."""
     velocity_mm_s: list[float] | None = None
+    direction: list[float] | None = None
+    """Unit vector, where the tip shall point; None: anywhere. Refused where nothing points it."""
 
 
 class SetpointRefused(Message, frozen=True, kw_only=True, tag="setpoint_refused/1"):

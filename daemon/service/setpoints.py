@@ -12,6 +12,10 @@ from daemon.reference.reference import TeleoperationReference
 
 _SPEED_MM_S: Final = 15.0
 _LONGEST_VALIDITY_S: Final = 1.0
+_POINTS_NOWHERE: Final = (
+    "pointing: this robot's tip is led by its position alone, and no controller points it: send no "
+    "direction"
+)
 
 
 class Setpoints:
@@ -39,6 +43,8 @@ class Setpoints:
 
     def _unwanted(self, setpoint: Setpoint) -> str:
         velocity = setpoint.velocity_mm_s
+        if setpoint.direction is not None:
+            return _POINTS_NOWHERE
         if setpoint.sequence <= self._last:
             return f"it is not newer than number {self._last}"
         if len(setpoint.position_mm) != 3 or (velocity is not None and len(velocity) != 3):

@@ -40,7 +40,7 @@ class HidDevice:
             self._fd = self._opened(path) if is_device else os.open(path, os.O_RDONLY)
         except OSError as error:
             raise HidDeviceError(f"{path}: {error.strerror or error}") from None
-        name = profile or ("3d_mouse" if self._device is None else self._looks_like())
+        name = profile or ("3d_mouse" if self._device is None else looks_like(self._device))
         if name not in PROFILES:
             raise HidDeviceError(f"{path}: name its --profile: {', '.join(PROFILES)}")
         self.kind = DeviceKind(name, self._ranges())
@@ -54,19 +54,6 @@ class HidDevice:
         self._device = evdev.InputDevice(str(path))
         self._device.grab()
         return int(self._device.fd)
-
-    def _looks_like(self) -> str:
-        """The profile most of whose keys and axes there are; empty: none of them."""
-        there = self._device.capabilities(absinfo=False)
-        codes = {(kind, code) for kind in (EV_KEY, EV_REL, EV_ABS) for code in there.get(kind, ())}
-
-        def fits(profile: Profile) -> float:
-            keys = {(EV_KEY, code) for code in profile.dead_man}
-            alike = len(codes & profile.axes.keys()) / len(profile.axes)
-            return alike if keys & codes else 0.0
-
-        best = max(PROFILES.values(), key=fits)
-        return best.name if fits(best) > 0.0 else ""
 
     def _ranges(self) -> dict[int, tuple[float, float]]:
         if self._device is None:
@@ -102,3 +89,22 @@ class HidDevice:
             self._device.close()
         else:
             os.close(self._fd)
+
+
+def looks_like(device: Any) -> str:
+    """Of an `evdev.InputDevice`, the profile most of whose axes there are, and the dead-man's key;
+    empty: it is none of them."""
+    there = device.capabilities(absinfo=False)
+    codes = {(kind, code) for kind in (EV_KEY, EV_REL, EV_ABS) for code in there.get(kind, ())}
+
+    def fits(profile: Profile) -> float:
+        keys = {(EV_KEY, code) for code in profile.dead_man}
+        kinds = {kind for kind, _ in profile.axes}
+        alike = max(
+            len(codes & (axes := {key for key in profile.axes if key[0] == kind})) / len(axes)
+            for kind in kinds
+        )
+        return alike if keys & codes else 0.0
+
+    best = max(PROFILES.values(), key=fits)
+    return best.name if fits(best) > 0.0 else ""

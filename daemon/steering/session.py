@@ -47,7 +47,9 @@ class Asked:
 
     def send(self, target: Target) -> None:
         """Raises DisconnectedError."""
-        number = self._client.send_setpoint(target.position_mm, self._valid_s)
+        number = self._client.send_setpoint(
+            target.position_mm, self._valid_s, direction=target.direction
+        )
         self._numbers[number] = target.sequence
         self._numbers.pop(number - _REMEMBERED, None)
         if self._state in _STANDS:

@@ -255,8 +255,10 @@ class RobotClient:
         position_mm: Sequence[float],
         valid_s: float = 0.2,
         velocity_mm_s: Sequence[float] | None = None,
+        direction: Sequence[float] | None = None,
     ) -> int:
-        """Where the tip shall be now, after `teleoperate`. Refusals are published as `event`.
+        """Where the tip shall be now, after `teleoperate`, and with a `direction` also where it
+        shall point: a unit vector. Refusals are published as `event`.
 
         Returns the set-point's number, by which they name it. Raises DisconnectedError; whether it
         has arrived is not known.
@@ -270,6 +272,7 @@ class RobotClient:
             position_mm=list(position_mm),
             valid_s=valid_s,
             velocity_mm_s=None if velocity_mm_s is None else list(velocity_mm_s),
+            direction=None if direction is None else list(direction),
         )
         connection = self._connection
         connection.session.put(

@@ -1,5 +1,6 @@
 """`tentacled teleoperate --device`: in a process of its own, with a scripted hand at a pipe."""
 
+import asyncio
 import os
 import subprocess
 import threading
@@ -12,7 +13,9 @@ import pytest
 
 from daemon.commands.terminal.command_line import main
 from daemon.messages import Setpoint, SetpointRefused
-from daemon.steering.hid_device import HidDevice, HidDeviceError
+from daemon.steering.devices import DeviceState
+from daemon.steering.hid_device import HidDevice, HidDeviceError, looks_like
+from daemon.steering.input_events import EV_ABS, EV_KEY, EV_REL, EventStream
 from daemon.steering.station import replayed
 from tests.daemon.remote.rig import ROBOT, WITHIN_S, FakeRobot, tip
 from tests.daemon.remote.test_commands import Daemon, started
@@ -160,6 +163,25 @@ def test_a_hand_that_pushes_against_the_workspace_s_end_stays_there(root: Path, 
     assert max(place[0] for place in places(robot)) > TIP[0] + 0.4
 
 
+def test_where_the_tip_points_is_asked_for_where_it_is_steered(root: Path, pipe: Path) -> None:
+    with (
+        WithTips(root / ROBOT) as robot,
+        started("teleoperate", "--device", pipe, "--pointing") as hand,
+    ):
+        puck = Puck(pipe)
+        puck.key(DEAD_MAN)
+        puck.push(0, 0, 0, 350)
+        until(lambda: len(robot.setpoints) > 20)
+        puck.pull_out()
+        ended(hand)
+    directions = [setpoint.direction for _, setpoint in robot.setpoints]
+    assert directions[0] == [0.0, 0.0, 1.0]
+    last = directions[-1]
+    assert last is not None
+    assert last[1] < -0.05
+    assert last[2] > 0.9
+
+
 def test_what_is_killed_sends_nothing_any_more(root: Path, pipe: Path) -> None:
     with (
         WithTips(root / ROBOT) as robot,
@@ -207,3 +229,64 @@ def test_a_file_that_is_no_journal_is_said_to_be_none(
 def test_a_character_device_that_is_none_of_the_kernel_s_inputs_is_said_so() -> None:
     with pytest.raises(HidDeviceError, match=r"evdev|/dev/null"):
         HidDevice(Path("/dev/null"), None)
+
+
+# A device of the kernel's: emulated, where the machine has /dev/uinput and evdev.
+
+NO_UINPUT = "needs evdev and /dev/uinput, which may be written"
+
+
+@pytest.mark.skipif(not os.access("/dev/uinput", os.W_OK), reason=NO_UINPUT)
+def test_a_gamepad_of_the_kernel_s_is_known_by_its_axes_and_read() -> None:
+    evdev = pytest.importorskip("evdev")
+    stick = evdev.AbsInfo(value=0, min=-100, max=100, fuzz=0, flat=0, resolution=0)
+    keys = {EV_KEY: [0x136, 0x137], EV_ABS: [(code, stick) for code in range(6)]}
+    with evdev.UInput(keys, name="scripted gamepad") as pad:
+        time.sleep(0.5)
+        device = HidDevice(Path(pad.device.path), None)
+        assert device.kind.profile == "gamepad"
+        assert device.kind.ranges[0] == (-100.0, 100.0)
+        came = bytearray()
+
+        async def read() -> None:
+            reading = asyncio.ensure_future(device.follow(came.extend))
+            pad.write(EV_KEY, 0x137, 1)
+            pad.write(EV_ABS, 0, 100)
+            pad.syn()
+            while not came:
+                await asyncio.sleep(0.01)
+            reading.cancel()
+
+        asyncio.run(read())
+        device.close()
+    state = DeviceState(device.kind.made())
+    for report in EventStream().feed(bytes(came)):
+        state.take(report, 0)
+    assert state.dead_man
+    assert state.rates(0)[0] == 1.0
+
+
+class FakeInput:
+    """As much of `evdev.InputDevice` as is asked of it."""
+
+    def __init__(self, codes: dict[int, list[int]]) -> None:
+        self._codes = codes
+
+    def capabilities(self, absinfo: bool = True) -> dict[int, list[int]]:
+        assert not absinfo
+        return self._codes
+
+
+@pytest.mark.parametrize(
+    ("codes", "profile"),
+    [
+        ({EV_KEY: [0x100, 0x101], EV_REL: list(range(6))}, "3d_mouse"),
+        ({EV_KEY: [0x100], EV_ABS: list(range(6))}, "3d_mouse"),
+        ({EV_KEY: [0x130, 0x136, 0x137], EV_ABS: [0, 1, 2, 3, 4, 5, 16, 17]}, "gamepad"),
+        ({EV_KEY: [0x110, 0x111], EV_REL: [0, 1, 8]}, "mouse"),
+        ({EV_KEY: list(range(1, 84))}, ""),
+        ({EV_ABS: list(range(6))}, ""),
+    ],
+)
+def test_a_device_is_known_by_its_keys_and_axes(codes: dict[int, list[int]], profile: str) -> None:
+    assert looks_like(FakeInput(codes)) == profile

@@ -274,6 +274,7 @@ def test_teleoperation_follows_setpoints_and_holds_when_they_stop() -> None:
         ({"position_mm": [0.0, 500.0, 190.0]}, "outside the workspace"),
         ({"valid_s": 0.0}, "valid_s"),
         ({"valid_s": 60.0}, "valid_s"),
+        ({"direction": [0.0, 0.0, 1.0]}, "pointing"),
     ],
 )
 def test_setpoints_that_are_not_followed_are_refused_with_a_reason(
