@@ -26,7 +26,7 @@ from tests.quick.selection import (
 )
 
 _WORKERS: Final = 2
-_FAST: Final = "not long and not slow and not hil"
+_FAST: Final = "not long and not slow and not hil and not page"
 
 
 def main() -> int:
