@@ -112,6 +112,7 @@ Quantity = Literal[
     "quick_stop_deceleration",
     "following_error",
     "homing_speed",
+    "homing_position",
 ]
 """What every axis has in its own unit."""
 
@@ -122,6 +123,7 @@ _PER_TIME: Final[dict[Quantity, str]] = {
     "quick_stop_deceleration": "_s2",
     "following_error": "",
     "homing_speed": "_s",
+    "homing_position": "",
 }
 _TURN_RAD: Final = 2 * pi
 _RANGE_RAD: Final = 1.0
@@ -142,6 +144,8 @@ class AxisBase(ConfigModel, ABC):
     homing: Homing = Homing()
     following_error_time_s: Positive = 0.05
     """0x6066: how long the following error may last."""
+    holds_without_power: bool = False
+    """Whether gear, screw or brake keeps the axis where it is when its drive is off."""
 
     @property
     @abstractmethod
@@ -172,6 +176,11 @@ class AxisBase(ConfigModel, ABC):
     @abstractmethod
     def homing_speed(self) -> float:
         """Units per second."""
+
+    @property
+    @abstractmethod
+    def homing_position(self) -> float:
+        """Where the axis is, by its own scale, at what homing finds."""
 
     @property
     @abstractmethod
@@ -242,6 +251,8 @@ class LinearAxis(AxisBase):
     following_error_mm: Positive
     """0x6065."""
     homing_speed_mm_s: Positive = 2.0
+    homing_position_mm: float = 0.0
+    """Where the axis is at the switch or mark that homing finds (0x607C)."""
 
     @property
     def travel(self) -> tuple[float, float]:
@@ -267,6 +278,10 @@ class LinearAxis(AxisBase):
     def homing_speed(self) -> float:
         return self.homing_speed_mm_s
 
+    @property
+    def homing_position(self) -> float:
+        return self.homing_position_mm
+
 
 class RotaryAxis(AxisBase):
     """An axis that is measured in rad."""
@@ -279,6 +294,8 @@ class RotaryAxis(AxisBase):
     quick_stop_deceleration_rad_s2: Positive
     following_error_rad: Positive
     homing_speed_rad_s: Positive = 0.2
+    homing_position_rad: float = 0.0
+    """Where the axis is at the switch or mark that homing finds (0x607C)."""
 
     @property
     def travel(self) -> tuple[float, float]:
@@ -303,6 +320,10 @@ class RotaryAxis(AxisBase):
     @property
     def homing_speed(self) -> float:
         return self.homing_speed_rad_s
+
+    @property
+    def homing_position(self) -> float:
+        return self.homing_position_rad
 
     @property
     def units_per_turn(self) -> float:
@@ -373,11 +394,27 @@ class TubeTranslation(LinearAxis):
     def units_per_turn(self) -> float:
         return self.lead_mm
 
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from super().problems()
+        yield from _let_go(self)
+
 
 class TubeRotation(RotaryAxis):
     """A motor that turns a tube about its axis."""
 
     kind: Literal["tube_rotation"]
+
+    def problems(self) -> Iterator[tuple[str, str]]:
+        yield from super().problems()
+        yield from _let_go(self)
+
+
+def _let_go(tube: AxisBase) -> Iterator[tuple[str, str]]:
+    """Tubes that are wound up in each other turn and slide back when they are let go, and after a
+    fault every drive is without torque."""
+    if not tube.holds_without_power:
+        text = "a tube must not be let go: use a gear, a screw or a brake that holds it, and say so"
+        yield "holds_without_power", text
 
 
 Axis = Annotated[

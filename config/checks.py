@@ -229,7 +229,7 @@ def _axis_findings(at: Location, axis: Axis, parts: Parts) -> Iterator[Finding]:
 def _count_findings(at: Location, axis: Axis) -> Iterator[Finding]:
     """Drives are told positions in 32 bits with a sign, and all else in 32 bits without."""
     counts_per_unit = abs(axis.counts_per_unit)
-    furthest = max(axis.travel, key=abs)
+    furthest = max((*axis.travel, axis.homing_position), key=abs)
     if not abs(furthest) * counts_per_unit < _POSITION_COUNTS:
         yield (
             (*at, axis.key("travel")),

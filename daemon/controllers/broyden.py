@@ -112,13 +112,15 @@ class Exploration:
         dt_s = step_time(observation)
         self._elapsed_s += dt_s
         if self._home is None:
-            self._home = observation.targets.copy()
+            self._home = np.clip(observation.targets, self._axes.lowest, self._axes.highest)
             self._out = self._excursion(self._home)
+            if (np.abs(observation.targets - self._home) > _ARRIVED * self._amplitude).any():
+                self._come_inside()
         if not self._moving:
             if self._elapsed_s >= self._options.settle_s and self._enough():
                 self._end_rest(self._home)
             return still
-        goal = self._home if len(self._rests) == _RESTS - 1 else self._home + self._out
+        goal = self._home if len(self._rests) in (0, _RESTS - 1) else self._home + self._out
         away = np.maximum(np.abs(observation.u - goal), np.abs(observation.targets - goal))
         if (away <= _ARRIVED * self._amplitude).all():
             self._begin_rest()
@@ -138,6 +140,10 @@ class Exploration:
         return np.asarray(
             self._plan[len(self._effects)] * np.where(outwards, 1.0, -1.0) * self._amplitude
         )
+
+    def _come_inside(self) -> None:
+        """Before the first rest: homing may leave an axis a little outside its travel."""
+        self._rests, self._moving, self._elapsed_s = [], True, 0.0
 
     def _begin_rest(self) -> None:
         self._rests.append([])

@@ -135,7 +135,11 @@ def _limits(bus: Bus, axis: Axis, setting: _MakeSetting) -> Iterator[Setting]:
     for subindex, end in ((1, LOWEST_COUNT), (2, HIGHEST_COUNT)):
         purpose = "no modulo counting"
         yield setting(objects.POSITION_RANGE_LIMIT, end, purpose, Need.WHERE_PRESENT, subindex)
-    lowest, highest = limits.lowest, limits.highest
+    # Zero is this far from the home position, and the drive corrects its limits by it.
+    offset = -scale.counts(axis.homing_position)
+    needed = Need.REQUIRED if offset else Need.WHERE_PRESENT
+    yield setting(objects.HOME_OFFSET, offset, "zero, from where homing ends", needed)
+    lowest, highest = limits.lowest + offset, limits.highest + offset
     yield setting(objects.SOFTWARE_POSITION_LIMIT, lowest, "lowest position", Need.SAFETY, 1)
     yield setting(objects.SOFTWARE_POSITION_LIMIT, highest, "highest position", Need.SAFETY, 2)
     yield setting(objects.MAX_TORQUE, axis.drive.max_torque_permille, "most torque", Need.SAFETY)

@@ -161,6 +161,7 @@ class Homing:
             if progress is HomingProgress.IN_PROGRESS:
                 self._check_place()
             if progress is HomingProgress.DONE:
+                self._check_position()
                 return
             if progress is HomingProgress.ERROR:
                 raise HomingError(f"{self._axis.name}: the drive found no zero")
@@ -174,6 +175,16 @@ class Homing:
             raise HomingError(
                 f"{self._axis.name}: stopped at {end:.2f} {self._axis.unit}: a coupled limit ends "
                 "there, with the other axes where they are"
+            )
+
+    def _check_position(self) -> None:
+        """Makes differ in the sign of the home offset: the axis is now near where it was found."""
+        home, told = self._channel.scale.counts(self._axis.homing_position), self._channel
+        if abs(told.position_counts + home) < abs(told.position_counts - home):
+            raise HomingError(
+                f"{self._axis.name}: it found its zero and says that it is at "
+                f"{told.scale.position(told.position_counts):.3g} {told.scale.unit}, not at "
+                f"{self._axis.homing_position:.3g}: it counts its home offset the other way round"
             )
 
     def _goal(self, goal: PowerGoal) -> None:

@@ -37,9 +37,19 @@ def problems_of(tmp_path: Path, old: str, new: str) -> list[str]:
         ),
         (
             "{<<: *carriage, name: carriage_inner, drive: {<<: *drive, node: 5}, "
-            "travel_mm: [-43.5, 23.5]}",
+            "travel_mm: [-43.5, 23.5],\n     homing_position_mm: 24.84}",
             "{<<: *rotation, name: carriage_inner, drive: {<<: *drive, node: 5}}",
             "axes[4].kind: must be a tube_translation: the tubes' axes come first",
+        ),
+        (
+            "    holds_without_power: true\n    following_error_rad",
+            "    following_error_rad",
+            "axes[0].holds_without_power: a tube must not be let go: use a gear, a screw or a",
+        ),
+        (
+            "holds_without_power: true   # a screw",
+            "holds_without_power: false   # a screw",
+            "axes[4].holds_without_power: a tube must not be let go",
         ),
         (
             "following_error_rad: 0.08",

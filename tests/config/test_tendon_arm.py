@@ -83,7 +83,9 @@ def test_a_motor_that_has_no_spool_cannot_pull_a_tendon(tmp_path: Path) -> None:
         if not line.strip().startswith(("min_tension_n", "max_tension_n", "spool_radius"))
     ]
     file = tmp_path / "robot.yaml"
-    screws = "\n".join(lines).replace("gear_ratio: 5.0", "gear_ratio: 5.0\n    lead_mm: 2.0")
+    screws = "\n".join(lines).replace(
+        "gear_ratio: 5.0", "gear_ratio: 5.0\n    lead_mm: 2.0\n    holds_without_power: true"
+    )
     file.write_text(screws.replace(", max_tension_n: 16.8", ""))
     with pytest.raises(ConfigError) as raised:
         load_robot(file)

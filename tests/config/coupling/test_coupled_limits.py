@@ -190,9 +190,9 @@ def test_a_drive_that_goes_its_own_way_cannot_keep_a_coupled_limit(tmp_path: Pat
 
 def test_axes_that_share_a_coupled_limit_are_homed_one_after_the_other(tmp_path: Path) -> None:
     (problem,) = problems_of(
-        tmp_path, ("[carriage_inner], [carriage_pair]]", "[carriage_inner, carriage_pair]]")
+        tmp_path, ("[[carriage_pair], [carriage_inner],", "[[carriage_inner, carriage_pair],")
     )
     assert problem.endswith(
-        "homing_order[1]: carriage_pair and carriage_inner share the coupled limit "
+        "homing_order[0]: carriage_pair and carriage_inner share the coupled limit "
         "'collar_clearance', which counts on one of them standing still: home one after the other"
     )

@@ -10,10 +10,15 @@ from drivers.cia402.power_state import PowerState
 from tests.drivers.cia402.rig import Rig, axes, on_a_rig
 
 
-def homing_axes(**homing: Any) -> list[Axis]:
+def homing_axes(*, home_mm: float = 0.0, inverted: bool = False, **homing: Any) -> list[Axis]:
     return [
-        axis.model_copy(update={"homing": axis.homing.model_copy(update=homing)})
-        for axis in axes(2)
+        axis.model_copy(
+            update={
+                "homing": axis.homing.model_copy(update=homing),
+                "homing_position_mm": home_mm,
+            }
+        )
+        for axis in axes(2, inverted=inverted)
     ]
 
 
@@ -87,3 +92,36 @@ def test_a_drive_that_faults_while_homing_ends_it() -> None:
             await rig.master.home(rig.homing(0))
 
     on_a_rig(test, robot_axes=homing_axes(method=33, timeout_s=5.0))
+
+
+@pytest.mark.parametrize("inverted", [False, True])
+@pytest.mark.parametrize("home_mm", [20.0, -7.5])
+def test_what_is_found_may_be_anywhere_on_the_scale(home_mm: float, inverted: bool) -> None:
+    """Travel and target count from zero, and not from what homing found."""
+
+    async def test(rig: Rig) -> None:
+        await rig.operational()
+        shaft = rig.drives[0].axes[0]
+        before = shaft.position_counts
+        await rig.master.home(rig.homing(0))
+        channel = rig.master.channels[0]
+        assert channel.scale.position(channel.position_counts) == pytest.approx(home_mm)
+        # The drive keeps the travel that the robot file names, from zero: 0 to 50 mm.
+        assert await rig.master.check_settings(1.0) == []
+        per_mm = channel.scale.counts_per_unit
+        zero = before - home_mm * per_mm
+        ends = sorted((zero, zero + 50.0 * per_mm))
+        assert [shaft.limits.low, shaft.limits.high] == pytest.approx(ends)
+
+    on_a_rig(test, robot_axes=homing_axes(home_mm=home_mm, inverted=inverted))
+
+
+def test_a_drive_that_counts_its_home_offset_the_other_way_round_is_not_believed() -> None:
+    async def test(rig: Rig) -> None:
+        await rig.operational()
+        rig.inject("drive.can0/1.setting=0x607C,0,40000")
+        with pytest.raises(HomingError, match="it is at -20 mm, not at 20: it counts its home off"):
+            await rig.master.home(rig.homing(0))
+        assert not rig.master.channels[0].referenced or not rig.master.channels[0].zero_found
+
+    on_a_rig(test, robot_axes=homing_axes(home_mm=20.0, referenced="home_at_start"))
