@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.page.browsing import CHROMIUM
+from tests.page.stage import Stage, stage
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -21,3 +22,17 @@ def browser() -> "Iterator[Browser]":
         launched = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
         yield launched
         launched.close()
+
+
+@pytest.fixture(scope="session")
+def _stage(browser: "Browser") -> Iterator[Stage]:
+    del browser  # before anything is started: without one there is nothing to be seen
+    with stage() as one:
+        yield one
+
+
+@pytest.fixture
+def on(_stage: Stage) -> Stage:
+    """A robot and the page's server, as they were at first."""
+    _stage.robot.begin_anew()
+    return _stage

@@ -37,6 +37,7 @@ from daemon.messages import (
     verb,
 )
 from daemon.remote.surroundings import cut_surroundings
+from daemon.service.lease import Lease
 from tests.daemon.remote.rig import ROBOT, FakeRobot, serving
 from tests.hil.daemon_rig import short_folder
 from tests.hil.processes import PATIENCE_S, Process, command
@@ -55,6 +56,7 @@ class StagedRobot(FakeRobot):
 
     def __init__(self, lease_s: float = 60.0) -> None:
         super().__init__(lease_s)
+        self._lease_s = lease_s
         self.state = "ready"
         self.tip = np.array([0.0, 0.0, 100.0])
         self.came_s: list[float] = []
@@ -82,6 +84,14 @@ class StagedRobot(FakeRobot):
     def setpoint(self, user: str, setpoint: Setpoint) -> SetpointRefused | None:
         self.came_s.append(time.monotonic())
         return super().setpoint(user, setpoint)
+
+    def begin_anew(self) -> None:
+        """As it was at first, whatever the last test has left."""
+        self.state, self.reasons, self._following = "ready", [], ""
+        self.lease = Lease(self._lease_s)
+        self.tip = np.array([0.0, 0.0, 100.0])
+        for kept in (self.carried_out, self.setpoints, self.came_s, self.stopped_ns):
+            kept.clear()
 
     def _go(self, state: str) -> None:
         if state != self.state:

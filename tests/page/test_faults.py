@@ -8,7 +8,7 @@ import pytest
 
 from tests.hil.processes import Process, command
 from tests.page.browsing import browsing, until
-from tests.page.stage import stage
+from tests.page.stage import Stage, stage
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -30,8 +30,9 @@ _TWENTY_SOCKETS = """
 
 def test_a_daemon_that_dies_and_comes_back_is_picked_up_and_nobody_is_in_control(
     browser: "Browser",
+    on: Stage,
 ) -> None:
-    with stage() as on, browsing(browser, on.address) as seen:
+    with browsing(browser, on.address) as seen:
         seen.until_live()
         seen.arm()
         on.close_robot()
@@ -77,8 +78,8 @@ def test_a_server_that_is_killed_is_told_and_another_one_is_a_new_beginning(
         assert "emergency stop" in says.inner_text()
 
 
-def test_stop_is_told_though_telemetry_and_picture_hang(browser: "Browser") -> None:
-    with stage() as on, browsing(browser, on.address) as seen:
+def test_stop_is_told_though_telemetry_and_picture_hang(browser: "Browser", on: Stage) -> None:
+    with browsing(browser, on.address) as seen:
         seen.until_live()
         seen.page.route("**/ws*", lambda route: route.abort())
         seen.page.evaluate("window.requestAnimationFrame = () => 0")
@@ -89,9 +90,9 @@ def test_stop_is_told_though_telemetry_and_picture_hang(browser: "Browser") -> N
 
 
 def test_a_second_page_takes_over_and_the_first_one_commands_nothing_more(
-    browser: "Browser",
+    browser: "Browser", on: Stage
 ) -> None:
-    with stage() as on, browsing(browser, on.address) as one, browsing(browser, on.address) as two:
+    with browsing(browser, on.address) as one, browsing(browser, on.address) as two:
         one.until_live()
         two.until_live()
         one.arm()
@@ -116,8 +117,8 @@ def test_a_second_page_takes_over_and_the_first_one_commands_nothing_more(
         two.until_state("ready")
 
 
-def test_a_slow_browser_is_left_frames_out_and_gets_no_queue(browser: "Browser") -> None:
-    with stage() as on, browsing(browser, on.address) as seen:
+def test_a_slow_browser_is_left_frames_out_and_gets_no_queue(browser: "Browser", on: Stage) -> None:
+    with browsing(browser, on.address) as seen:
         seen.until_live()
         hang = "const end = Date.now() + 3000; while (Date.now() < end);"
         seen.page.evaluate(f"setTimeout(() => {{ {hang} }}, 0)")
@@ -132,8 +133,10 @@ def test_a_slow_browser_is_left_frames_out_and_gets_no_queue(browser: "Browser")
         assert behind < 1.0, f"what it shows was sent {behind:.1f} s ago"
 
 
-def test_twenty_viewers_at_once_are_all_told_and_stop_is_as_quick(browser: "Browser") -> None:
-    with stage() as on, browsing(browser, on.address) as seen:
+def test_twenty_viewers_at_once_are_all_told_and_stop_is_as_quick(
+    browser: "Browser", on: Stage
+) -> None:
+    with browsing(browser, on.address) as seen:
         seen.until_live()
         # Without the picture: twenty software renderers would measure the test's own machine.
         seen.page.evaluate(_TWENTY_SOCKETS)

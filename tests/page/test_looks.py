@@ -8,7 +8,7 @@ import pytest
 
 from daemon.messages import Reason
 from tests.page.browsing import Browsing, browsing, until
-from tests.page.stage import stage
+from tests.page.stage import Stage
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -32,8 +32,8 @@ def too_pale(seen: Browsing) -> list[dict[str, Any]]:
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_every_text_stands_out_from_its_ground(browser: "Browser", scheme: str) -> None:
-    with stage() as on, browsing(browser, on.address, color_scheme=scheme) as seen:
+def test_every_text_stands_out_from_its_ground(browser: "Browser", on: Stage, scheme: str) -> None:
+    with browsing(browser, on.address, color_scheme=scheme) as seen:
         seen.until_live()
         assert too_pale(seen) == []
         seen.arm()
@@ -49,8 +49,8 @@ def test_every_text_stands_out_from_its_ground(browser: "Browser", scheme: str) 
         assert too_pale(seen) == []
 
 
-def test_everything_is_reached_by_the_tab_key_and_has_a_name(browser: "Browser") -> None:
-    with stage() as on, browsing(browser, on.address) as seen:
+def test_everything_is_reached_by_the_tab_key_and_has_a_name(browser: "Browser", on: Stage) -> None:
+    with browsing(browser, on.address) as seen:
         seen.until_live()
         seen.arm()
         wanted = set(
@@ -80,8 +80,8 @@ def test_everything_is_reached_by_the_tab_key_and_has_a_name(browser: "Browser")
         assert unnamed == [], "a screen reader has nothing to say of these"
 
 
-def test_no_key_but_esc_acts_while_something_has_the_focus(browser: "Browser") -> None:
-    with stage() as on, browsing(browser, on.address) as seen:
+def test_no_key_but_esc_acts_while_something_has_the_focus(browser: "Browser", on: Stage) -> None:
+    with browsing(browser, on.address) as seen:
         seen.until_live()
         seen.arm()
         done = list(on.robot.verbs())
@@ -95,9 +95,9 @@ def test_no_key_but_esc_acts_while_something_has_the_focus(browser: "Browser") -
         until(lambda: on.robot.stopped_ns, "Esc is STOP wherever the focus is")
 
 
-def test_events_are_filtered_and_copied(browser: "Browser") -> None:
+def test_events_are_filtered_and_copied(browser: "Browser", on: Stage) -> None:
     allowed = ["clipboard-read", "clipboard-write"]
-    with stage() as on, browsing(browser, on.address, permissions=allowed) as seen:
+    with browsing(browser, on.address, permissions=allowed) as seen:
         seen.until_live()
         seen.arm()
         rows = seen.page.locator("#events li")
@@ -116,9 +116,9 @@ def test_events_are_filtered_and_copied(browser: "Browser") -> None:
         assert len(copied.splitlines()) >= 2 and "\tstate\tarmed\t" in copied, "all of them"
 
 
-def test_a_phone_has_one_column_and_stop_in_its_corner(browser: "Browser") -> None:
+def test_a_phone_has_one_column_and_stop_in_its_corner(browser: "Browser", on: Stage) -> None:
     phone = {"viewport": {"width": 390, "height": 780}, "has_touch": True, "is_mobile": True}
-    with stage() as on, browsing(browser, on.address, **phone) as seen:
+    with browsing(browser, on.address, **phone) as seen:
         seen.until_live()
         assert seen.page.evaluate("document.documentElement.scrollWidth") <= 390
         stop = seen.page.locator("#stop")
@@ -139,8 +139,10 @@ HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
 """
 
 
-def test_without_webgl_the_robot_is_drawn_flat_and_everything_works(browser: "Browser") -> None:
-    with stage() as on, browsing(browser, on.address) as seen:
+def test_without_webgl_the_robot_is_drawn_flat_and_everything_works(
+    browser: "Browser", on: Stage
+) -> None:
+    with browsing(browser, on.address) as seen:
         seen.page.add_init_script(_NO_WEBGL)
         seen.page.reload()
         seen.until_live()

@@ -28,15 +28,15 @@ window.pad = (pressed, axes) => {
 
 
 @contextmanager
-def leading(browser: "Browser", pads: bool = False) -> Iterator[tuple[Stage, Browsing]]:
-    with stage() as on, browsing(browser, on.address) as seen:
+def leading(browser: "Browser", on: Stage, pads: bool = False) -> Iterator[Browsing]:
+    with browsing(browser, on.address) as seen:
         if pads:
             seen.page.add_init_script(_PAD)
             seen.page.reload()
         seen.until_live()
         seen.arm()
         seen.begin_teleoperation()
-        yield on, seen
+        yield seen
 
 
 def comes_no_more(on: Stage, since_s: float) -> None:
@@ -54,8 +54,10 @@ def moving(on: Stage, seen: Browsing) -> None:
     until(lambda: len(on.robot.came_s) > count + 5, "set-points come")
 
 
-def test_the_tip_is_dragged_in_a_plane_and_holds_when_it_is_let_go(browser: "Browser") -> None:
-    with leading(browser) as (on, seen):
+def test_the_tip_is_dragged_in_a_plane_and_holds_when_it_is_let_go(
+    browser: "Browser", on: Stage
+) -> None:
+    with leading(browser, on) as seen:
         before = on.robot.tip.copy()
         moving(on, seen)
         until(lambda: on.robot.tip[0] - before[0] > 3.0, "the tip follows to the right")
@@ -68,14 +70,14 @@ def test_the_tip_is_dragged_in_a_plane_and_holds_when_it_is_let_go(browser: "Bro
         until(lambda: on.robot.state == "running", "taking hold again goes on")
 
 
-def test_whatever_takes_the_page_away_lets_go(browser: "Browser") -> None:
+def test_whatever_takes_the_page_away_lets_go(browser: "Browser", on: Stage) -> None:
     hidden = (
         "Object.defineProperty(document, 'hidden', {value: true, configurable: true});"
         "document.dispatchEvent(new Event('visibilitychange'));"
         "Object.defineProperty(document, 'hidden', {value: false, configurable: true});"
     )
     lost = "document.querySelector('#scene').dispatchEvent(new PointerEvent('%s', {pointerId: 1}))"
-    with leading(browser) as (on, seen):
+    with leading(browser, on) as seen:
         for event in (
             "window.dispatchEvent(new Event('blur'))",
             hidden,
@@ -92,8 +94,10 @@ def test_whatever_takes_the_page_away_lets_go(browser: "Browser") -> None:
             seen.page.mouse.up()
 
 
-def test_keys_lead_only_while_they_are_held_and_the_picture_has_them(browser: "Browser") -> None:
-    with leading(browser) as (on, seen):
+def test_keys_lead_only_while_they_are_held_and_the_picture_has_them(
+    browser: "Browser", on: Stage
+) -> None:
+    with leading(browser, on) as seen:
         keys = seen.page.keyboard
         seen.page.locator("#scene").focus()
         before = on.robot.tip.copy()
@@ -118,8 +122,9 @@ def test_keys_lead_only_while_they_are_held_and_the_picture_has_them(browser: "B
 
 def test_a_gamepad_leads_while_its_shoulder_is_held_and_not_when_it_is_unplugged(
     browser: "Browser",
+    on: Stage,
 ) -> None:
-    with leading(browser, pads=True) as (on, seen):
+    with leading(browser, on, pads=True) as seen:
         before = on.robot.tip.copy()
         seen.page.evaluate("window.pad(false, [1, 0, 0, 0])")
         time.sleep(0.3)
@@ -133,8 +138,8 @@ def test_a_gamepad_leads_while_its_shoulder_is_held_and_not_when_it_is_unplugged
         until(lambda: seen.probe()["held"] == "", "held while it comes back: not taken for a grip")
 
 
-def test_a_tab_that_is_closed_while_it_drags_leads_no_more(browser: "Browser") -> None:
-    with leading(browser) as (on, seen):
+def test_a_tab_that_is_closed_while_it_drags_leads_no_more(browser: "Browser", on: Stage) -> None:
+    with leading(browser, on) as seen:
         moving(on, seen)
         gone_s = time.monotonic()
         seen.page.close(run_before_unload=False)

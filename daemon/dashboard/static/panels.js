@@ -15,12 +15,12 @@ function changed(name, value) {
 export function showState(status) {
   $("banner").dataset.mood = MOODS[status.state] || "";
   put($("state"), status.state.toUpperCase());
-  const running = status.state === "running";
+  const running = status.state === "running", held = status.state === "hold";
   const reason = status.reasons[0] || (running ? null : (status.stopped_by || [])[0]);
   const reduced = running && status.risk.scale < 0.98;
   put($("headline"), reason ? reason.text + (reason.detail ? `: ${reason.detail}` : "")
-    : reduced ? `The gate lets ${Math.round(100 * status.risk.scale)} % of the step through` : "Nothing stands in the way");
-  put($("remedy"), reason ? reason.remedy : reduced ? status.risk.detail || "" : "");
+    : reduced ? `The gate lets ${Math.round(100 * status.risk.scale)} % of the step through` : held ? "It was told to hold" : "Nothing stands in the way");
+  put($("remedy"), reason ? reason.remedy : reduced ? status.risk.detail || "" : held ? "Resume goes on; disarm switches the drives off" : "");
   const aim = status.reference;
   put($("following"), aim ? [aim.trajectory, aim.controller, aim.note].filter(Boolean).join(" · ") : "nothing is being followed");
   $("progress").hidden = !(aim && aim.duration_s);

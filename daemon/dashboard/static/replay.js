@@ -2,7 +2,7 @@
 import { $, put, made, told, clock, number } from "./dom.js";
 import { addEvents, eventsAt, eventsJump } from "./events.js";
 import { showCycles } from "./panels.js";
-import { ReplayBlock } from "./replay_block.js";
+import { ReplayBlock, newest } from "./replay_block.js";
 import { runLinks } from "./runs.js";
 import { Timeline } from "./timeline.js";
 
@@ -75,12 +75,23 @@ class Replay {
 
   show(t) {
     const frame = this.block.frame(t);
+    this.inState(frame, t);
     this.page.draw(frame);
     if (!this.plotted && this.page.plots()) this.plot();
     if (frame.tip) this.page.scene.setTrails(this.block.trail("tip", t, TRAIL), this.block.trail("reference", t, TRAIL));
     if (this.plotted) for (const plot of Object.values(this.page.plots())) plot.cursorAt(t);
     eventsAt(t);
     this.shown += 1;
+  }
+
+  // A status comes ten times a second, and what state it is in with every step.
+  inState(frame, t) {
+    const states = this.block.header.states, times = this.stateTimes ||= states.map(([at]) => at);
+    const place = newest(times, t), state = place < 0 ? "" : states[place][1];
+    this.status = frame.status || this.status;
+    if (!this.status || (!frame.status && state === this.state)) return;
+    this.state = state;
+    frame.status = { ...this.status, state: state || this.status.state };
   }
 
   plot() {
