@@ -1,4 +1,4 @@
-"""What one browser is told, 30 times a second at most: the newest of everything, never a queue.
+"""What one browser is told, with every step of the robot's: the newest of everything, no queue.
 
 The buttons of the page are drawn as they are told: from what the daemon says of every command.
 """
@@ -19,6 +19,9 @@ from daemon.remote.access import OPERATOR
 
 _CLOCK: Final = MonotonicClock()
 _EVERY_S: Final = 1.0 / 30.0
+"""So often where no tip comes, ..."""
+_AT_LEAST_S: Final = 0.02
+"""... and with each tip, but never so soon after the last one."""
 _MOST_WAITING_BYTES: Final = 65536
 """A browser that has not taken so much gets no more before it does, ..."""
 _MOST_WAITING: Final = 4
@@ -71,13 +74,16 @@ class PageSocket:
 
     async def feed(self, transport: asyncio.WriteTransport) -> None:
         """Until the socket closes."""
+        loop = asyncio.get_running_loop()
         while not self._socket.closed:
+            due_s = loop.time() + _AT_LEAST_S
             behind = self._got > 0 and self._number - self._got >= _MOST_WAITING
             if behind or transport.get_write_buffer_size() > _MOST_WAITING_BYTES:
                 self.dropped += 1
             else:
                 await self._socket.send_bytes(msgspec.json.encode(self._frame()))
-            await asyncio.sleep(_EVERY_S)
+            await self._link.tip_comes(_EVERY_S)
+            await asyncio.sleep(due_s - loop.time())
 
     def hear(self, text: str) -> None:
         """What the page says. Who only watches commands nothing."""

@@ -204,7 +204,8 @@ class ReplayPacker:
         }
 
     def _times(self, rows: Sequence[tuple[int, bytes, Any]]) -> NDArray[np.float64]:
-        return np.array([self._s(wall_ns) for wall_ns, _, _ in rows], dtype="<f8")
+        wall_ns = np.array([row[0] for row in rows], dtype=np.int64)
+        return ((wall_ns - (self._first_ns or 0)) * _NS).astype("<f8")
 
     def _series(self, laid: "_Laid") -> dict[str, Any]:
         tips, risks = self._rows("tip"), self._rows("risk")

@@ -103,6 +103,7 @@ class RobotLink:
         self._client: RobotClient | None = None
         self._renewing: asyncio.Task[None] | None = None
         self._renewed_s = 0.0
+        self._tip_came = asyncio.Event()
         self._errors = ErrorTable()
         self._cycle = -1
         self._holding: asyncio.Task[None] | None = None
@@ -117,6 +118,12 @@ class RobotLink:
         """The newest; None: the daemon is not heard."""
         newest = self.newest.get("status")
         return newest if isinstance(newest, Status) and not self.problem else None
+
+    async def tip_comes(self, within_s: float) -> None:
+        """Returns with the next tip, or when it has not come in time."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(within_s):
+                await self._tip_came.wait()
 
     async def run(self) -> None:
         """Connect, listen, and begin again."""
@@ -161,6 +168,9 @@ class RobotLink:
         self.newest[kind] = message
         self.counts[kind] = self.counts.get(kind, 0) + 1
         self.heard_s = asyncio.get_running_loop().time()
+        if isinstance(message, Tip):
+            self._tip_came.set()
+            self._tip_came = asyncio.Event()
 
     # Control.
 

@@ -1,4 +1,4 @@
-// The stream of one robot: heard 30 times a second, told of this page's heart and hand.
+// The stream of one robot: heard with every step, told of this page's heart and hand.
 import { page } from "./page_id.js";
 
 const AGAIN_MS = 500;
