@@ -101,11 +101,18 @@ def test_an_operator_finds_arms_runs_holds_leads_stops_and_replays(browser: "Bro
         time.sleep(3.0)
         run_until(b, lambda: True, "it runs")
         b.picture("running")
-        b.press("hold")
-        b.until_state("hold")
-        time.sleep(0.5)
+        assert made.lab.inject("tracker.missing=4s").returncode == 0
+        remedy = b.page.locator("#remedy")
+        until(lambda: b.state() == "hold" and remedy.inner_text(), "it says what helps")
+        time.sleep(0.3)
         b.picture("hold")
         _lead(b)
+        assert made.lab.inject("drive.can0/2.emergency=0x8611").returncode == 0
+        reasons = b.page.locator("#reasons")
+        until(lambda: b.state() == "fault" and "can0/2" in reasons.inner_text(), "a drive's fault")
+        time.sleep(0.3)
+        b.picture("fault")
+        _arm_again(b)
         b.page.keyboard.press("Escape")
         says = b.page.locator("#stopsays")
         until(lambda: says.get_attribute("data-outcome") == "confirmed", "STOP is confirmed")
@@ -134,6 +141,20 @@ def _start(b: Browsing) -> None:
         return b.state() == "running"
 
     until(runs, "it runs")
+
+
+def _arm_again(b: Browsing) -> None:
+    """After a fault: cleared, as often as it takes, and armed."""
+
+    def ready() -> bool:
+        clear = b.page.locator('[data-verb="clear"]')
+        if b.state() in ("fault", "standby") and clear.is_enabled():
+            clear.click()
+            time.sleep(0.5)
+        return b.state() == "ready"
+
+    until(ready, "it is ready again")
+    b.arm()
 
 
 def _lead(b: Browsing) -> None:
