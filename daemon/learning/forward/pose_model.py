@@ -6,6 +6,7 @@ A locally weighted projection regression with six outputs (Fagogenis, Bergeles a
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any, Final, NamedTuple, Self
 
@@ -23,9 +24,11 @@ _OUTPUTS: Final = 6
 _GENERATE_BELOW: Final = 0.06
 _LEVER_MM: Final = 50.0
 """So much counts as one in the position, as a unit vector does in the direction."""
-_NO_DIRECTION: Final = 0.05
+NO_DIRECTION: Final = 0.05
 """A blend of directions shorter than this points nowhere."""
 _SEARCH_STEPS: Final = 12
+_ASKED: Final = 2000
+"""Places at which lattices are compared."""
 
 
 class PoseOfTip(NamedTuple):
@@ -46,7 +49,7 @@ class PoseModel:
         """At (q,) numbers."""
         said = self.lwpr.predict(configuration)
         length = float(np.linalg.norm(said[3:]))
-        if length < _NO_DIRECTION:
+        if length < NO_DIRECTION:
             return PoseOfTip(np.full(3, np.nan), np.full(3, np.nan))
         return PoseOfTip(said[:3], said[3:] / length)
 
@@ -97,12 +100,63 @@ def sized_metric(shape: FloatArray, places: FloatArray, periods: Vector, fields:
             best, low = max(best, scale), max(low, scale)
         else:
             high = min(high, scale)
-        if made == fields:
-            break
         guess = scale * (fields / made) ** (2.0 / len(shape))
         inside = low < guess < high
         scale = guess if inside else 0.5 * (low + (high if np.isfinite(high) else 4.0 * scale))
     return np.asarray((best or low or scale) * shape)
+
+
+def lattice(counts: tuple[int, ...], lowest: Vector, highest: Vector) -> FloatArray:
+    """(2 n₁ n₂ …, q) places of two grids, one in the middle of the other's cells.
+
+    In three dimensions that is the body-centred lattice, with which as few spheres as can be cover
+    a space: less than half as many as where they came by chance.
+    """
+    cells = np.indices(counts).reshape(len(counts), -1).T
+    places = np.concatenate([cells + 0.25, cells + 0.75]) / np.array(counts)
+    return np.asarray(lowest + places * (highest - lowest))
+
+
+def lattice_counts(
+    shape: FloatArray, lowest: Vector, highest: Vector, periods: Vector, fields: int
+) -> tuple[int, ...]:
+    """How many cells along each of q numbers make a `lattice` of at most `fields` places, by which
+    everything is as near as it can be in the metric `shape` (q, q). periods: (q,), 0: none."""
+    size = len(shape)
+    ideal = (highest - lowest) * np.sqrt(np.diag(shape))
+    ideal = ideal * (0.5 * fields / ideal.prod()) ** (1.0 / size)
+    around = [range(max(1, int(n) - 1), int(n) + 3) for n in ideal]
+    asked = np.random.default_rng(0).uniform(lowest, highest, size=(_ASKED, size))
+    best, best_far = (1,) * size, np.inf
+    for counts in product(*around):
+        if 2 * int(np.prod(counts)) <= fields:
+            far = _farthest(asked, lattice(counts, lowest, highest), periods, shape)
+            if far < best_far:
+                best, best_far = counts, far
+    return best
+
+
+@njit(cache=True)
+def _farthest(
+    asked: FloatArray, centres: FloatArray, periods: FloatArray, metric: FloatArray
+) -> float:
+    """Root mean square of the squared distance to the nearest centre: errors go by that."""
+    size, total = asked.shape[1], 0.0
+    away = np.empty(size)
+    for place in asked:
+        nearest = np.inf
+        for centre in centres:
+            distance = 0.0
+            for a in range(size):
+                away[a] = place[a] - centre[a]
+                if periods[a] > 0.0:
+                    away[a] -= periods[a] * np.round(away[a] / periods[a])
+            for a in range(size):
+                for b in range(size):
+                    distance += away[a] * metric[a, b] * away[b]
+            nearest = min(nearest, distance)
+        total += nearest * nearest
+    return np.sqrt(total / len(asked))
 
 
 @njit(cache=True)

@@ -202,8 +202,11 @@ def learn(
     learning: LearningFields,
     errors: FloatArray,
     predicted: FloatArray,
+    by_weight: bool,
 ) -> None:
     """Learn a sample in all fields that it fell into.
+
+    by_weight: a field forgets by how much the sample weighs in it.
 
     For the metric's step it leaves errors (c, k, 2), normalised: of the mean, and of the model
     before it learnt the sample. predicted: (k,) what the trusted fields say after it, in the
@@ -235,7 +238,8 @@ def learn(
     for a in range(found):
         f, w = fields[a], weights[a]
         first = directions[f, 0, 0]
-        before = first.weight * first.forgetting
+        part = w if by_weight else 1.0
+        before = first.weight * (1.0 - part * (1.0 - first.forgetting))
         share = 1.0 / (before + w)
         for i in range(size):
             if period[i] > 0.0:
@@ -263,7 +267,7 @@ def learn(
             for i in range(width):
                 left[i] = here[i]
             vectors = DirectionVectors(along[f, k], along_sum[f, k], load[f, k], load_sum[f, k])
-            _learn_directions(w, settled, output, mine, vectors, left, remainder)
+            _learn_directions(w, part, settled, output, mine, vectors, left, remainder)
             mature = _mature_rank(output.rank, mine, size)
             errors[f, k, 0], errors[f, k, 1] = remainder[0], remainder[mature]
             _sum_up(mature, mine, along[f, k], load[f, k], inherited[f, k], tangent)
@@ -280,6 +284,7 @@ def learn(
 @_inlined
 def _learn_directions(
     w: float,
+    part: float,
     settled: bool,
     output: Record,
     directions: Records,
@@ -289,6 +294,7 @@ def _learn_directions(
 ) -> None:
     """What each direction leaves of the inputs (`left`) and of the output, then learns of them.
 
+    part: of what a sample makes a field forget, as much as this one does.
     A direction takes its part out as it was before this sample: `remainder` (r+1,) are errors on a
     sample never seen. One pass over a direction's vectors, because they are what the time goes to.
     """
@@ -300,7 +306,8 @@ def _learn_directions(
         for i in range(size):
             s += along[r, i] * left[i]
         remainder[r + 1] = remainder[r] - d.beta * s
-        keep, weight_s, weight_y = d.forgetting, w * s, w * remainder[r]
+        keep = 1.0 - part * (1.0 - d.forgetting)
+        weight_s, weight_y = w * s, w * remainder[r]
         if settled:
             d.error = keep * d.error + w * remainder[r + 1] * remainder[r + 1]
         d.weight = keep * d.weight + w

@@ -175,9 +175,11 @@ class Lwpr:
             raise ValueError("the output is not finite, or of another size: the sample is refused")
 
 
-def with_memory(model: Lwpr, samples: float) -> Lwpr:
+def with_memory(model: Lwpr, samples: float, *, by_weight: bool = False) -> Lwpr:
     """A copy whose fields remember so many of the samples that reach them, and of what they know
     believe no more than as many would tell. No new fields come.
+
+    by_weight: samples count, and make forget, by how much they weigh in a field.
 
     Pre-training ends with a memory of 1e5 samples: at three samples a second a change of the body
     would be learnt in a day.
@@ -188,6 +190,7 @@ def with_memory(model: Lwpr, samples: float) -> Lwpr:
         forgetting_initial=forgetting,
         forgetting_final=forgetting,
         generate_below=0.0,
+        forget_by_weight=by_weight,
     )
     arrays: dict[str, NDArray[Any]] = {**model.to_arrays()}
     if model.settings == settings:

@@ -57,6 +57,9 @@ class LwprSettings:
     """A field remembers about 1/(1 - this) of the samples that reached it."""
     forgetting_tau: float = 0.9999
     """How slowly the first goes over into the second."""
+    forget_by_weight: bool = False
+    """A field forgets by how much a sample weighs in it, and not as much for every one that reaches
+    it: what is far from a path does not fade while the path is gone along. Fixed shapes only."""
     init_s2: float = 1e-3
     """Σws² that a direction starts with: as much evidence for what the field inherited."""
     add_threshold: float = 0.5
@@ -145,6 +148,8 @@ class LwprSettings:
         _check_metric(metric, len(self.localised_on), self.diagonal_only)
         if self.kernel not in ("gaussian", "bisquare"):
             raise ValueError("kernel: gaussian or bisquare")
+        if self.forget_by_weight and (self.adapt_metric or self.compat):
+            raise ValueError("forget_by_weight: with neither adapt_metric nor compat")
         for name in ("forgetting_initial", "forgetting_final", "forgetting_tau"):
             if not 0 < getattr(self, name) <= 1:
                 raise ValueError(f"{name}: above 0 and up to 1")

@@ -11,10 +11,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
+from daemon.learning.forward.pose_kinematics import BodyCoordinates
 from daemon.learning.forward.pose_model import (
     PoseModel,
     as_rows,
+    lattice,
+    lattice_counts,
     pose_settings,
     sized_metric,
 )
@@ -89,8 +93,14 @@ def learn_pose(
     scale[tubes.angles :] = (tubes.highest - tubes.lowest)[tubes.angles :]
     shape = curvature_metric(poses, settings.points, scale)
     learnt = np.flatnonzero(~test)
-    order = learnt[np.random.default_rng(settings.seed).permutation(len(learnt))]
     periods = np.array([period or 0.0 for period in tubes.periods]) / scale
+    chance = np.random.default_rng(settings.seed).permutation(len(learnt))
+    order = learnt[chance]
+    counts = lattice_counts(
+        shape, tubes.lowest / scale, tubes.highest / scale, periods, settings.fields
+    )
+    centres = lattice(counts, tubes.lowest, tubes.highest)
+    order = _first(order, _nearest(configuration[order] / scale, centres / scale, shape))
     metric = sized_metric(shape, configuration[order] / scale, periods, settings.fields)
     lwpr = Lwpr(pose_settings(scale, tubes.periods, metric))
     tell(f"{len(order)} samples")
@@ -98,7 +108,8 @@ def learn_pose(
         chance = np.random.default_rng([settings.seed, epoch])
         for i in order if epoch == 0 else chance.permutation(order):
             lwpr.update(configuration[i], rows[i])
-    model = PoseModel(lwpr, about)
+    coordinates = BodyCoordinates(*tubes.axes_map())
+    model = PoseModel(lwpr, {**about, "coordinates": coordinates.to_dict()})
     errors = errors_of(model, configuration[test], rows[test])
     return LearntPose(model, errors, len(order), int(test.sum()), unsolved)
 
@@ -123,6 +134,18 @@ def errors_of(model: PoseModel, configuration: FloatArray, rows: FloatArray) -> 
     off_rad = float(np.sqrt((angles**2).mean()))
     ranges = np.ptp(rows[:, :3], axis=0)
     return PoseErrors(off_mm, off_rad, 100.0 * off_mm / ranges, 100.0 * off_rad / np.pi)
+
+
+def _nearest(places: FloatArray, centres: FloatArray, metric: FloatArray) -> NDArray[np.int64]:
+    """(c,) which of (k, q) places is nearest to each of (c, q) centres, each once."""
+    root = np.linalg.cholesky(metric)
+    tree = KDTree(places @ root)
+    return np.unique(tree.query(centres @ root)[1])
+
+
+def _first(order: NDArray[np.int64], chosen: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The order, with those at the `chosen` places of it in front: fields come where they are."""
+    return np.concatenate([order[chosen], np.delete(order, chosen)])
 
 
 def curvature_metric(poses: Poses, points: int, scale: FloatArray) -> FloatArray:

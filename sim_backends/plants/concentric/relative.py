@@ -10,7 +10,12 @@ import numpy as np
 
 from config.axis import AxisBase
 from config.emulation import ConcentricTubesPlant
-from sim_backends.plants.concentric.concentric_tubes import TOWARDS_X_RAD, length_mm, statics_of
+from sim_backends.plants.concentric.concentric_tubes import (
+    TOWARDS_X_RAD,
+    length_mm,
+    statics_of,
+    turned_rad,
+)
 from sim_backends.plants.concentric.statics_kernels import FloatArray
 
 MOST_POINTS = 4_000_000
@@ -75,6 +80,22 @@ class RelativeTubes:
         turns: tuple[float | None, ...] = (2.0 * np.pi,) * self.angles
         return turns + (None,) * (self.count - self.angles)
 
+    def axes_map(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """How m axes, rotations and then carriages, make the q numbers, and move the body whole.
+
+        (q, m) and (q,) added to it: the numbers. (m,): the roll, rad. (m,): the insertion, mm.
+        """
+        tubes, carriages = self.angles + 1, self._plant.carriages
+        shaping = np.zeros((self.count, tubes + carriages))
+        shaping[: self.angles, 1:tubes] = np.eye(self.angles)
+        shaping[: self.angles, 0] = -1.0
+        shaping[self.angles :, tubes + 1 :] = np.eye(carriages - 1)
+        shaping[self.angles :, tubes] = -1.0
+        offset = np.concatenate([np.zeros(self.angles), -self._flush_mm[1:]])
+        roll, insertion = np.zeros(tubes + carriages), np.zeros(tubes + carriages)
+        roll[0] = insertion[tubes] = 1.0
+        return shaping, offset, roll, insertion
+
     def _check(self) -> None:
         if not (self.lowest < self.highest).all():
             raise RelativeRangeError("an extension goes from lowest to highest")
@@ -93,7 +114,8 @@ class RelativeTubes:
         rotation[:, 1:] = configuration[:, : self.angles]
         places = np.zeros((rows, self._plant.carriages))
         places[:, 1:] = configuration[:, self.angles :] + self._flush_mm[1:]
-        return rotation + TOWARDS_X_RAD, self._collar_mm + places[:, self._carriage]
+        rotation += TOWARDS_X_RAD + turned_rad(self._plant)
+        return rotation, self._collar_mm + places[:, self._carriage]
 
     def poses(self, points: int) -> Poses:
         """At a grid with so many points along each of the q numbers, ends included.
