@@ -6,7 +6,7 @@ from typing import Annotated, Final, Literal, NamedTuple
 from pydantic import AfterValidator, Field, StringConstraints, model_validator
 
 from config.bodies import BodyName, with_body
-from config.documents.model import ConfigModel, NotNegative, Positive, Vector3
+from config.documents.model import ConfigModel, NotNegative, Positive, Quaternion, Vector3
 
 # The emulated CiA 402 drives and their quirks.
 
@@ -78,12 +78,6 @@ def _not_zero(vector: Vector3) -> Vector3:
     if not any(vector):
         raise ValueError("zero has no direction")
     return vector
-
-
-def _no_rotation(quaternion: tuple[float, ...]) -> tuple[float, ...]:
-    if not any(quaternion):
-        raise ValueError("zero is no rotation")
-    return quaternion
 
 
 Direction = Annotated[Vector3, AfterValidator(_not_zero)]
@@ -265,6 +259,8 @@ class Tube(ConfigModel):
     """Which carriage its collar is on, from 0. Two tubes may share one."""
     collar_mm: float
     """Where its collar is with its carriage at zero, from the mouth; forward is positive."""
+    turned_rad: float = 0.0
+    """How far it is turned in its collar when its axis says zero: what homing has left."""
 
 
 _PAIR_CURVATURE = 3.7736e-3
@@ -365,11 +361,6 @@ Plant = Annotated[SoftArmPlant | TendonArmPlant | ConcentricTubesPlant, Field(di
 
 
 # The emulated Aurora: its tools, its place and its errors.
-
-
-Quaternion = Annotated[
-    tuple[float, float, float, float], Field(strict=False), AfterValidator(_no_rotation)
-]
 
 
 class EmulatedTool(ConfigModel):

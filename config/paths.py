@@ -82,6 +82,22 @@ def shipped_or_beside(reference: str, folder: str, robot_path: Path) -> Path:
     return robot_path.parent / reference
 
 
+def controller_model(reference: str) -> Path:
+    """The file that a controller's `model` means: a shipped one, or one of whoever runs it."""
+    if reference.startswith(BUILTIN):
+        return shipped_or_beside(reference, "models", Path())
+    return Path(reference).expanduser()
+
+
+def is_shipped_model(reference: str) -> bool:
+    """Whether this names one of the models that are shipped, and no way out of their folder."""
+    name = reference.removeprefix(BUILTIN)
+    plain = (
+        reference.startswith(BUILTIN) and name not in {"", ".", ".."} and Path(name).name == name
+    )
+    return plain and is_file(controller_model(reference))
+
+
 def is_file(path: Path) -> bool:
     """Whether there is such a file. A name that is too long for one is none."""
     try:

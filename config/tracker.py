@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, StringConstraints, model_validator
 
-from config.documents.model import ConfigModel, Name, NotNegative, Positive
+from config.documents.model import ConfigModel, Name, NotNegative, Positive, Quaternion, Vector3
 
 BaudRate = Literal[9600, 38400, 57600, 115200, 230400, 921600]
 
@@ -20,6 +20,13 @@ class ToolSelector(ConfigModel):
 
     channel: Literal[0, 1] = 0
     """Second sensor of a dual 5-DOF plug: 1."""
+
+    position_mm: Vector3 = (0.0, 0.0, 0.0)
+    """Of the tip's sensor: where it sits in the frame of the tip, whose z axis leads out of it."""
+
+    quaternion: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    """... and how it is turned there, scalar first. What is followed and told is then the tip, and
+    not the sensor."""
 
     @model_validator(mode="after")
     def _exactly_one_way(self) -> "ToolSelector":

@@ -159,6 +159,8 @@ class Status(Message, frozen=True, kw_only=True, tag="status/1"):
     tip_mm: list[float] | None = None
     reference_mm: list[float] | None = None
     error_mm: float | None = None
+    error_rad: float | None = None
+    """Of the tip's direction; None where it may be any."""
     tracker: TrackerStatus
     axes: list[AxisStatus]
     risk: RiskStatus
@@ -195,6 +197,14 @@ class Tip(Message, frozen=True, kw_only=True, tag="tip/1"):
     age_s: float | None = None
     believed: bool = True
     """Whether the filter took this frame for a measurement and not for an outlier."""
+    measured_quaternion: list[float] | None = None
+    """As the tracker gave it. This and all of the following only where the reference says where to
+    point."""
+    direction: list[float] | None = None
+    """Unit vector along the tip's axis. Filtered."""
+    reference_direction: list[float] | None = None
+    error_rad: float | None = None
+    """Angle between the two."""
 
 
 class Axes(Message, frozen=True, kw_only=True, tag="axes/1"):

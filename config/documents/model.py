@@ -3,7 +3,14 @@
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    StringConstraints,
+    ValidationError,
+)
 
 from config.documents.schema_errors import schema_problems
 from config.documents.yaml_document import YamlDocument
@@ -51,4 +58,16 @@ Name = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]{0,62}$")]
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 NodeId = Annotated[int, Field(ge=1, le=127)]
+
+
+def _a_rotation(quaternion: tuple[float, ...]) -> tuple[float, ...]:
+    if not any(quaternion):
+        raise ValueError("zero is no rotation")
+    return quaternion
+
+
+Quaternion = Annotated[
+    tuple[float, float, float, float], Field(strict=False), AfterValidator(_a_rotation)
+]
+"""Scalar first; its length does not matter."""
 Vector3 = Annotated[tuple[float, float, float], Field(strict=False)]

@@ -1,6 +1,6 @@
 """The controllers that an experiment or a client can choose, and what can be set on them."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field
 
@@ -39,10 +39,46 @@ class TipFollowing(ConfigModel):
     feed_forward: bool = True
     """Whether the reference's own motion is asked for as well as a share of the error."""
 
+    pointing_mm_per_rad: Positive = 25.0
+    """Where the reference says where the tip points as well: as how many mm an error of one radian
+    counts. More points better where position and direction cannot both be had."""
+
+    max_tip_turn_rad_s: Positive = 0.5
+    """No step asks the tip to turn faster than this, whatever the error."""
+
     lead: bool = False
     """Whether the body's lag is found while it is followed, and led: the reference's motion is
     asked for so much earlier, and what was told and has not arrived counts as made. For bodies with
     a lag and dead time of several tenths of a second. Only with `feed_forward`."""
+
+
+class LearnedKinematics(TipFollowing):
+    """A learnt model of where the tip is and points, inverted: damped least squares over its
+    Jacobian, as Fagogenis, Bergeles and Dupont (IROS 2016) have it, which goes on learning."""
+
+    kind: Literal["learned_kinematics"]
+
+    model: Annotated[str, Field(min_length=1)]
+    """What `tentacled kinematics` made, or such a controller saved: `builtin:` and the name of one
+    that is shipped, or a file."""
+
+    feedback: Literal["tracker", "model"] = "tracker"
+    """What is compared with the reference: the tip as it is measured, or as the model has it at
+    these axes. The latter is the paper's; the tracker then only teaches the model."""
+
+    adaptation: bool = True
+    """Whether the model is corrected by what the tracker shows."""
+
+    memory_samples: Annotated[float, Field(ge=2.0)] = 12.0
+    """How many samples a field of the model remembers. A field forgets by how much a sample weighs
+    in it: what is far from the path stays."""
+
+    sample_tip_mm: Positive = 0.1
+    """A sample is taken when the tip has moved so far ..."""
+
+    sample_travel_share: Share = 0.002
+    """... or the axes together so far, as a share of their travel: standing still teaches nothing.
+    """
 
 
 class Broyden(TipFollowing):
@@ -219,9 +255,23 @@ class RewardWeighted(Learner):
 
 
 ControllerOptions = Annotated[
-    Broyden | ConstantCurvature | ForwardJacobian | RewardWeighted | WaypointExploration,
+    Broyden
+    | ConstantCurvature
+    | ForwardJacobian
+    | LearnedKinematics
+    | RewardWeighted
+    | WaypointExploration,
     Field(discriminator="kind"),
 ]
+
+
+def controller_type(kind: str) -> type[TipFollowing] | type[WaypointExploration] | None:
+    """The class of options of a kind; None: there is no such kind."""
+    for candidate in get_args(get_args(ControllerOptions)[0]):
+        if kind in get_args(candidate.model_fields["kind"].annotation):
+            found: type[TipFollowing] | type[WaypointExploration] = candidate
+            return found
+    return None
 
 
 class _Asked(ConfigModel):

@@ -25,10 +25,45 @@ Plane = Literal["xy", "xz", "yz"]
 Frequencies = Annotated[tuple[Turns, Turns, Turns], Field(strict=False)]
 Lengths = Annotated[tuple[Amplitude, Amplitude, Amplitude], Field(strict=False)]
 Phases = Annotated[tuple[float, float, float], Field(strict=False)]
-Row = Annotated[tuple[float, float, float, float], Field(strict=False)]
+Row = (
+    Annotated[tuple[float, float, float, float], Field(strict=False)]
+    | Annotated[tuple[float, float, float, float, float, float, float], Field(strict=False)]
+)
 
 
-class Periodic(ConfigModel):
+class FixedPointing(ConfigModel):
+    """Always the same way."""
+
+    kind: Literal["fixed"]
+    direction: Point
+    """Base sensor's frame; its length does not matter."""
+
+    @model_validator(mode="after")
+    def _goes_somewhere(self) -> "FixedPointing":
+        if not any(self.direction):
+            raise ValueError("the direction is a vector that is not zero")
+        return self
+
+
+class PointPointing(ConfigModel):
+    """Towards a point, or away from it: as a tool that turns about an entry, or looks."""
+
+    kind: Literal["towards", "away_from"]
+    point_mm: Point
+    """Not on the path."""
+
+
+Pointing = Annotated[FixedPointing | PointPointing, Field(discriminator="kind")]
+
+
+class Pointed(ConfigModel):
+    """A path, along which the tip may have to point somewhere."""
+
+    pointing: Pointing | None = None
+    """Where the tip's axis goes. None: anywhere."""
+
+
+class Periodic(Pointed):
     """What is repeated."""
 
     cycle_s: Duration
@@ -86,12 +121,13 @@ class Helix(Periodic):
     """Along the plane's normal, from one end to the other."""
 
 
-class Waypoints(ConfigModel):
+class Waypoints(Pointed):
     """Straight lines between points, each with its time."""
 
     kind: Literal["waypoints"]
     file: Annotated[str, Field(min_length=1)] | None = None
-    """CSV with the header `t, x, y, z` (s and mm), relative to the file that names it."""
+    """CSV with the header `t, x, y, z` (s and mm), relative to the file that names it. With
+    `dx, dy, dz` behind it says where the tip points as well."""
     points: Annotated[tuple[Row, ...], Field(strict=False)] | None = None
     """The same rows here, instead of a file."""
     cycles: Cycles = 1
@@ -104,7 +140,7 @@ class Waypoints(ConfigModel):
         return self
 
 
-class Hold(ConfigModel):
+class Hold(Pointed):
     """Stay at a point."""
 
     kind: Literal["hold"]

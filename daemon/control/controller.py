@@ -38,6 +38,12 @@ class Observation(NamedTuple):
     learn from."""
     ahead: Ahead | None = None
     """Where the reference will be. None: nobody knows."""
+    tip_direction: Vector | None = None
+    """(3,) unit vector along the tip's axis. None: it is not seen."""
+    reference_direction: Vector | None = None
+    """(3,) where the tip should point. None: anywhere."""
+    reference_turn: Vector | None = None
+    """(3,) 1/s by which that changes."""
 
 
 class Proposal(NamedTuple):

@@ -1,5 +1,7 @@
-"""Jacobians with three rows, compiled: damped least squares, and what a motion tells about them. Of
+"""Jacobians with a few rows, compiled: damped least squares, and what a motion tells about them. Of
 numpy's time for a step on matrices this small, nine tenths are its own overhead.
+
+A row is a coordinate of the tip's task: three of its position, or six where it points as well.
 
 Every function that is cached on disk stands in this one file: numba notices a change only in the
 file of the cached function itself.
@@ -46,13 +48,13 @@ def _turn(a: FloatArray, v: FloatArray, p: int, q: int) -> None:
         t = -t
     c = 1.0 / np.sqrt(t * t + 1.0)
     s = t * c
-    for k in range(3):
+    for k in range(a.shape[0]):
         left, right = a[k, p], a[k, q]
         a[k, p], a[k, q] = c * left - s * right, s * left + c * right
-    for k in range(3):
+    for k in range(a.shape[0]):
         left, right = a[p, k], a[q, k]
         a[p, k], a[q, k] = c * left - s * right, s * left + c * right
-    for k in range(3):
+    for k in range(a.shape[0]):
         left, right = v[k, p], v[k, q]
         v[k, p], v[k, q] = c * left - s * right, s * left + c * right
     a[p, q] = a[q, p] = 0.0
@@ -60,39 +62,47 @@ def _turn(a: FloatArray, v: FloatArray, p: int, q: int) -> None:
 
 @_kernel
 def _eigen(a: FloatArray, v: FloatArray) -> None:
-    """Eigenvalues of a symmetric (3, 3) onto its diagonal, eigenvectors into the columns of v."""
-    for i in range(3):
-        for j in range(3):
+    """Eigenvalues of a symmetric (r, r) onto its diagonal, eigenvectors into the columns of v."""
+    rows = a.shape[0]
+    for i in range(rows):
+        for j in range(rows):
             v[i, j] = 1.0 if i == j else 0.0
     for _ in range(_SWEEPS):
-        beside = abs(a[0, 1]) + abs(a[0, 2]) + abs(a[1, 2])
-        if not beside > 1e-17 * (abs(a[0, 0]) + abs(a[1, 1]) + abs(a[2, 2])):
+        beside = along = 0.0
+        for p in range(rows):
+            along += abs(a[p, p])
+            for q in range(p + 1, rows):
+                beside += abs(a[p, q])
+        if not beside > 1e-17 * along:
             return
-        _turn(a, v, 0, 1)
-        _turn(a, v, 0, 2)
-        _turn(a, v, 1, 2)
+        for p in range(rows):
+            for q in range(p + 1, rows):
+                _turn(a, v, p, q)
 
 
 @_kernel
 def damped_solution(jacobian: FloatArray, wanted: FloatArray, damping: float) -> FloatArray:
-    """(m,) as `tip_following.damped_solution` says. jacobian: (3, m). wanted: (3,)."""
-    count = jacobian.shape[1]
-    a, v, pull = np.zeros((3, 3)), np.empty((3, 3)), np.zeros(3)
-    for i in range(3):
-        for j in range(3):
+    """(m,) as `tip_following.damped_solution` says. jacobian: (r, m). wanted: (r,)."""
+    rows, count = jacobian.shape
+    a, v, pull = np.zeros((rows, rows)), np.empty((rows, rows)), np.zeros(rows)
+    for i in range(rows):
+        for j in range(rows):
             for k in range(count):
                 a[i, j] += jacobian[i, k] * jacobian[j, k]
     _eigen(a, v)
-    for i in range(3):
+    for i in range(rows):
         squared = max(a[i, i], 0.0)
         short = max(1.0 - np.sqrt(squared) / damping, 0.0) * damping
-        along = v[0, i] * wanted[0] + v[1, i] * wanted[1] + v[2, i] * wanted[2]
+        along = 0.0
+        for j in range(rows):
+            along += v[j, i] * wanted[j]
         share = along / (squared + short * short + _TINY)
-        for j in range(3):
+        for j in range(rows):
             pull[j] += share * v[j, i]
-    x = np.empty(count)
+    x = np.zeros(count)
     for k in range(count):
-        x[k] = jacobian[0, k] * pull[0] + jacobian[1, k] * pull[1] + jacobian[2, k] * pull[2]
+        for j in range(rows):
+            x[k] += jacobian[j, k] * pull[j]
     return x
 
 
@@ -106,12 +116,12 @@ def bounded_step(
     damping: float,
 ) -> FloatArray:
     """(m,) as `tip_following.bounded_step` says."""
-    count = jacobian.shape[1]
+    rows, count = jacobian.shape
     free, held = jacobian.copy(), np.zeros(count, dtype=np.bool_)
     step = drawn.copy()
     for _ in range(count):
         missing = wanted.copy()
-        for i in range(3):
+        for i in range(rows):
             for k in range(count):
                 missing[i] -= jacobian[i, k] * step[k]
         # An axis that is held has no column: nothing is asked of it.
@@ -129,7 +139,7 @@ def bounded_step(
             return step
         step[worst] = min(max(drawn[worst] + answer[worst], lowest[worst]), highest[worst])
         held[worst] = True
-        for i in range(3):
+        for i in range(rows):
             free[i, worst] = 0.0
     return step
 
@@ -159,11 +169,11 @@ def axis_step(
 ) -> FloatArray:
     """(m,) the bounded step of axes that are measured in `unit`, (m,), then slowed down."""
     drawn, lowest, highest = bounds
-    count = unit.shape[0]
-    scaled, toward = np.empty((3, count)), np.empty(count)
+    rows, count = jacobian.shape
+    scaled, toward = np.empty((rows, count)), np.empty(count)
     low, high = np.empty(count), np.empty(count)
     for k in range(count):
-        for i in range(3):
+        for i in range(rows):
             scaled[i, k] = jacobian[i, k] * unit[k]
         toward[k] = drawn[k] / unit[k]
         low[k], high[k] = lowest[k] / unit[k], highest[k] / unit[k]
@@ -174,15 +184,17 @@ def axis_step(
 
 
 @_kernel
-def condition(jacobian: FloatArray) -> float:
-    """Largest singular value by smallest; infinite, or no number, where that is zero."""
-    a, v = np.zeros((3, 3)), np.empty((3, 3))
-    for i in range(3):
-        for j in range(3):
+def condition(jacobian: FloatArray, rank: int) -> float:
+    """Largest singular value by that of number `rank`; infinite, or no number, where that is 0."""
+    rows = jacobian.shape[0]
+    a, v = np.zeros((rows, rows)), np.empty((rows, rows))
+    for i in range(rows):
+        for j in range(rows):
             for k in range(jacobian.shape[1]):
                 a[i, j] += jacobian[i, k] * jacobian[j, k]
     _eigen(a, v)
-    return float(np.sqrt(max(a[0, 0], a[1, 1], a[2, 2]) / min(a[0, 0], a[1, 1], a[2, 2])))
+    values = np.sort(np.diag(a))
+    return float(np.sqrt(values[-1] / values[rows - rank]))
 
 
 @_kernel
@@ -196,8 +208,8 @@ def corrected(
     noise_variance: float,
     relative_noise_variance: float,
 ) -> tuple[FloatArray, FloatArray]:
-    """Jacobian (3, m) and covariance (m, m) after a motion, as `jacobian_estimate` says."""
-    count = moved.shape[0]
+    """Jacobian (r, m) and covariance (m, m) after a motion, as `jacobian_estimate` says."""
+    rows, count = jacobian.shape
     travelled = 0.0
     for k in range(count):
         travelled += moved[k] * moved[k]
@@ -212,10 +224,12 @@ def corrected(
             grown[i, j] *= share
             along[i] += grown[i, j] * moved[j]
         explained += moved[i] * along[i]
-    squared = tip_moved[0] ** 2 + tip_moved[1] ** 2 + tip_moved[2] ** 2
+    squared = 0.0
+    for i in range(rows):
+        squared += tip_moved[i] ** 2
     noise = noise_variance + relative_noise_variance * squared
     better = jacobian.copy()
-    for i in range(3):
+    for i in range(rows):
         missing = tip_moved[i]
         for k in range(count):
             missing -= jacobian[i, k] * moved[k]

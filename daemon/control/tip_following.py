@@ -16,6 +16,7 @@ from daemon.control import jacobian_kernels as kernels
 from daemon.control.body_lag import BodyLag, Underway, parts
 from daemon.control.controller import ControllerError, Observation
 from daemon.control.jacobian_kernels import in_rows
+from daemon.control.task import POSITION, points, turn_between
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
 
@@ -65,6 +66,29 @@ class TipFollower:
         if self._options.posture == "start":
             self._posture = np.clip(observation.targets, self.axes.lowest, self.axes.highest)
 
+    def task_step(self, observation: Observation) -> Vector:
+        """(3,) mm that the tip shall move in this step, or (6,) as it shall turn as well.
+
+        Raises ControllerError for no number.
+        """
+        step = self.tip_step(observation)
+        if not points(observation):
+            return step
+        return np.concatenate([step, self._options.pointing_mm_per_rad * self._turn(observation)])
+
+    def _turn(self, observation: Observation) -> Vector:
+        """(3,) rad by which the tip's direction shall change in this step."""
+        options, dt_s = self._options, step_time(observation)
+        direction, wanted = observation.tip_direction, observation.reference_direction
+        assert direction is not None and wanted is not None
+        turn = min(options.gain_per_s * dt_s, 1.0) * turn_between(direction, wanted)
+        if options.feed_forward and observation.reference_turn is not None:
+            turn = turn + observation.reference_turn * dt_s
+        if not _all_finite(turn):
+            raise ControllerError("where the tip points, or shall point, is not a number")
+        length, most = math.sqrt(turn @ turn), options.max_tip_turn_rad_s * dt_s
+        return np.asarray(turn if length <= most else turn * (most / length))
+
     def tip_step(self, observation: Observation) -> Vector:
         """(3,) mm that the tip shall move in this step. Raises ControllerError for no number."""
         options, dt_s = self._options, step_time(observation)
@@ -106,7 +130,7 @@ class TipFollower:
         if self._told is None or not _all_finite(observation.targets):
             return
         jacobian, targets = self._told
-        moved_mm = jacobian @ (observation.targets - targets)
+        moved_mm = jacobian[:POSITION] @ (observation.targets - targets)
         t_s = observation.t_ns * 1e-9
         self._underway.tell(t_s, dt_s, moved_mm, self.lag.lag_s)
         if observation.believed and _all_finite(observation.tip_mm):
@@ -124,7 +148,8 @@ class TipFollower:
         observation: Observation,
         near: Vector | None = None,
     ) -> Vector:
-        """(m,) change of the targets. jacobian: (3, m) mm per mm or rad.
+        """(m,) change of the targets. jacobian: (3, m) mm per mm or rad, or (6, m) with the
+        direction's rows in mm, as `task_step` has them.
 
         near: (m,) a step that should be changed as little as need be; None: the posture's.
         Raises ControllerError for a Jacobian or targets that are not finite.
@@ -204,7 +229,7 @@ def bounded_step(
 ) -> Vector:
     """(m,) x between `lowest` and `highest` with J x ≈ `wanted`, otherwise near `drawn`.
 
-    jacobian: (3, m). An axis that would pass a limit is set to it, the worst one first, and the
+    jacobian: (r, m). An axis that would pass a limit is set to it, the worst one first, and the
     rest is solved again without it.
     """
     return np.asarray(
@@ -234,7 +259,7 @@ def warm_up() -> None:
     damped_solution(jacobian, axes, 1.0)
     bounds = kernels.StepBounds(axes, axes, axes)
     kernels.axis_step(jacobian, axes, bounds, ones, ones, 1.0, 1.0)
-    kernels.condition(jacobian)
+    kernels.condition(jacobian, len(jacobian))
     kernels.corrected(jacobian, jacobian, axes, axes, 1.0, 1.0, 1.0, 1.0)
     bounded_step(jacobian, axes, axes, axes, axes, 1.0)
 

@@ -16,6 +16,7 @@ from config.tasks.controllers import Broyden
 from daemon.array_files import ModelError
 from daemon.control.body_lag import BodyLag, LaggedAxes
 from daemon.control.controller import ControllerError, Observation, Proposal
+from daemon.control.task import POSE, POSITION, points, task_of
 from daemon.control.tip_following import TipFollower, step_time
 from daemon.controllers.fixed_model_file import load_model, model_metadata, save_model
 from daemon.controllers.jacobian_estimate import JacobianEstimate
@@ -48,7 +49,7 @@ _LAG_FRAMES_AT_ONCE = 3
 """In spare time, so that they are all told within a second or two."""
 
 Frame = tuple[float, Vector, Vector]
-"""Time in s, (m,) where the axes were, (3,) where the tip was."""
+"""Time in s, (m,) where the axes were, (3,) where the tip was, or (6,) with its direction."""
 
 
 class Exploration:
@@ -69,6 +70,8 @@ class Exploration:
         self._rests: list[list[Frame]] = []
         self._moving = False
         self._elapsed_s = 0.0
+        self._coordinates: int | None = None
+        """Of what is seen of the tip. None before the first frame."""
         self.all_frames: list[Frame] = []
         """All that were seen, moving and at rest."""
         self._begin_rest()
@@ -79,10 +82,9 @@ class Exploration:
 
     @property
     def jacobian(self) -> Vector:
-        """(3, m) mm per whole range of each axis, once `done`."""
+        """(3, m) mm per whole range of each axis, once `done`; (6, m) with directions."""
         moved = np.array(self._made) / self._axes.scale
-        solution, *_ = np.linalg.lstsq(moved, np.array(self._effects), rcond=None)
-        return np.asarray(solution.T)
+        return np.asarray(_fitted(moved, np.array(self._effects)).T)
 
     @property
     def note(self) -> str:
@@ -98,11 +100,16 @@ class Exploration:
         """Take a frame, if the body is at rest by now."""
         if self.done:
             return
+        if self._coordinates is None:
+            self._coordinates = POSITION if observation.tip_direction is None else POSE
+        seen = task_of(observation, self._coordinates, self._options.pointing_mm_per_rad)
+        if seen is None:
+            return
         if self._options.lead and len(self.all_frames) < _FRAMES_AT_MOST:
-            self.all_frames.append((observation.t_ns * 1e-9, observation.u, observation.tip_mm))
+            self.all_frames.append((observation.t_ns * 1e-9, observation.u, seen))
         if self._moving or self._elapsed_s < 0.5 * self._options.settle_s:
             return
-        self._rests[-1].append((observation.t_ns * 1e-9, observation.u, observation.tip_mm))
+        self._rests[-1].append((observation.t_ns * 1e-9, observation.u, seen))
 
     def propose(self, observation: Observation) -> Vector:
         """(m,) the next step of the excursion. Raises ControllerError if an axis is stuck."""
@@ -168,7 +175,7 @@ class Exploration:
             return len(frames) >= _FRAMES_AT_LEAST
         del frames[: sum(frames[-1][0] - frame[0] > 0.5 * settle_s for frame in frames)]
         third = max(1, len(frames) // 3)
-        places = np.array([frame[2] for frame in frames])
+        places = np.array([frame[2][:POSITION] for frame in frames])
         moved_mm = places[-third:].mean(axis=0) - places[:third].mean(axis=0)
         still = float(moved_mm @ moved_mm) < _STILL_MM**2
         return still or self._elapsed_s > _WAITS_AT_MOST * settle_s
@@ -182,14 +189,21 @@ class Exploration:
 
 
 def _effect(frames: list[Frame], home: Vector, out: Vector) -> Vector:
-    """(3,) motion of the tip by the whole excursion: c of p = a + b t + c s, by least squares.
+    """(3,) or (6,) motion of the tip by an excursion: c of p = a + b t + c s, by least squares.
 
     s is how much of the excursion the axes had made.
     """
-    table = np.array([[t_s, (u - home) @ out / (out @ out), *tip_mm] for t_s, u, tip_mm in frames])
+    squared = out @ out
+    table = np.array([[t_s, (u - home) @ out / squared, *seen] for t_s, u, seen in frames])
     centred = table - table.mean(axis=0)
-    solution, *_ = np.linalg.lstsq(centred[:, :2], centred[:, 2:], rcond=None)
-    return np.asarray(solution[1])
+    return np.asarray(_fitted(centred[:, :2], centred[:, 2:])[1])
+
+
+def _fitted(inputs: Vector, outputs: Vector) -> Vector:
+    """Least squares. Positions by themselves: what is seen beside them rounds nothing in them."""
+    parts = [outputs[:, :POSITION], outputs[:, POSITION:]]
+    solutions = [np.linalg.lstsq(inputs, part, rcond=None)[0] for part in parts if part.size]
+    return np.concatenate(solutions, axis=1)
 
 
 class BroydenController:
@@ -209,7 +223,9 @@ class BroydenController:
         self._seen: deque[Frame] = deque()
         """Frames of the first motions that have not told yet how late the body is."""
         self._first_lag = BodyLag()
-        self._first = np.zeros((3, len(self._scale)))
+        self._first = np.zeros((POSITION, len(self._scale)))
+        self._points = False
+        """Whether the reference says where to point."""
         self._last_seen_s = 0.0
 
     @property
@@ -218,10 +234,11 @@ class BroydenController:
 
     @property
     def jacobian(self) -> Vector | None:
-        """(3, m) mm per mm or rad; None before it is measured."""
+        """(3, m) mm per mm or rad, (6, m) with the direction; None before it is measured."""
         return None if self._estimate is None else self._estimate.jacobian / self._scale
 
     def reset(self, observation: Observation) -> None:
+        self._points = points(observation)
         self._follower.reset(observation)
         self._exploration.reset()
         self._axes.break_off()
@@ -234,14 +251,20 @@ class BroydenController:
         if self._estimate is None:
             self._exploration.observe(observation)
             if self._exploration.done:
-                self._begin(self._exploration.jacobian, np.eye(len(self._scale)) * FIRST_STD_MM**2)
+                coordinates = POSE if self._points else POSITION
+                jacobian = self._exploration.jacobian[:coordinates]
+                self._begin(jacobian, np.eye(len(self._scale)) * FIRST_STD_MM**2)
                 if self._options.lead:
                     self._seen = deque(self._exploration.all_frames)
             return
         u = observation.u
         if self._options.lead:
             u = self._axes.after(observation.t_ns * 1e-9, u, self._follower.lag.lag_s)
-        here = (u / self._scale, observation.tip_mm)
+        coordinates = len(self._estimate.jacobian)
+        seen = task_of(observation, coordinates, self._options.pointing_mm_per_rad)
+        if seen is None:
+            return
+        here = (u / self._scale, seen)
         if self._anchor is None:
             self._anchor = here
             return
@@ -260,22 +283,22 @@ class BroydenController:
             note = "works out how late the body follows"
             return Proposal(np.zeros(len(self._scale)), note, 0)
         jacobian = self._estimate.jacobian / self._scale
-        tip_step = self._follower.tip_step(observation)
-        return Proposal(self._follower.axis_step(jacobian, tip_step, observation))
+        step = self._follower.task_step(observation)
+        rows = min(len(jacobian), len(step))
+        return Proposal(self._follower.axis_step(jacobian[:rows], step[:rows], observation))
 
     def learn(self) -> None:
         """What the first motions tell of the body's lag, a little at a time."""
         for _ in range(min(_LAG_FRAMES_AT_ONCE, len(self._seen))):
-            t_s, u, tip_mm = self._seen.popleft()
-            told_mm = self._first @ (u / self._scale)
-            self._first_lag.add(t_s, t_s - self._last_seen_s, told_mm, tip_mm)
+            t_s, u, seen = self._seen.popleft()
+            told_mm = self._first[:POSITION] @ (u / self._scale)
+            self._first_lag.add(t_s, t_s - self._last_seen_s, told_mm, seen[:POSITION])
             self._last_seen_s = t_s
             if not self._seen:
                 self._follower.lag.lag_s = self._first_lag.lag_s
-                self._begin(
-                    self._first_lag.gains[:, None] * self._first,
-                    np.eye(len(self._scale)) * FIRST_STD_MM**2,
-                )
+                better = self._first.copy()
+                better[:POSITION] *= self._first_lag.gains[:, None]
+                self._begin(better, np.eye(len(self._scale)) * FIRST_STD_MM**2)
 
     def save(self, path: Path) -> None:
         if self._estimate is None:
@@ -286,8 +309,11 @@ class BroydenController:
 
     def load(self, path: Path) -> None:
         count = len(self._scale)
-        shapes = {"jacobian": (3, count), "covariance": (count, count)}
-        arrays = load_model(path, self._metadata, shapes)
+        shapes = {"jacobian": (POSITION, count), "covariance": (count, count)}
+        try:
+            arrays = load_model(path, self._metadata, {**shapes, "jacobian": (POSE, count)})
+        except ModelError:
+            arrays = load_model(path, self._metadata, shapes)
         self._begin(arrays["jacobian"], arrays["covariance"])
 
     def _begin(self, jacobian: Vector, covariance: Vector) -> None:

@@ -9,6 +9,7 @@ and grows with the distance moved. Without noise r and with P = 1 this is Broyde
 
 from daemon.control import jacobian_kernels as kernels
 from daemon.control.jacobian_kernels import in_rows
+from daemon.control.task import rank_of
 from drivers.pose import Vector
 
 _RELATIVE_NOISE = 0.1
@@ -25,18 +26,19 @@ class JacobianEstimate:
     def __init__(
         self, jacobian: Vector, covariance: Vector, noise_mm: float, drift_mm: float
     ) -> None:
-        """jacobian: (3, m). covariance: (m, m) mm², of each row.
+        """jacobian: (r, m) of a task of r coordinates. covariance: (m, m) mm², of each row.
 
         noise_mm: of one coordinate of a motion. drift_mm: how far an element may wander while the
         axes go through their whole range; standard deviations.
         """
         self.jacobian = in_rows(jacobian)
         self.covariance = in_rows(covariance)
+        self._rank = min(rank_of(len(self.jacobian)), self.jacobian.shape[1])
         self._noise_variance = noise_mm**2
         self._drift_variance = drift_mm**2
 
     def correct(self, moved: Vector, tip_moved: Vector) -> None:
-        """Take a motion: (m,) of the axes, (3,) of the tip."""
+        """Take a motion: (m,) of the axes, (r,) of the tip."""
         jacobian, covariance = kernels.corrected(
             self.jacobian,
             self.covariance,
@@ -47,5 +49,5 @@ class JacobianEstimate:
             self._noise_variance,
             _RELATIVE_NOISE**2,
         )
-        if kernels.condition(jacobian) < _WORST_CONDITION:
+        if kernels.condition(jacobian, self._rank) < _WORST_CONDITION:
             self.jacobian, self.covariance = jacobian, covariance

@@ -9,6 +9,7 @@ import numpy as np
 from config.robot import Robot
 from daemon.control.avoidance import avoid
 from daemon.control.controller import Controller, ControllerError, Observation
+from daemon.control.task import tip_axis
 from daemon.estimation.pose_filter import PoseFilter, TipEstimate
 from daemon.loop.actuation_history import ActuationHistory
 from daemon.loop.frame_statistics import FrameStatistics
@@ -16,6 +17,7 @@ from daemon.loop.step_messages import (
     RequestedStep,
     RiskAsked,
     Sensed,
+    angle_rad,
     axes_message,
     distance_mm,
     place_mm,
@@ -179,6 +181,11 @@ class ControlLoop:
         """Distance of the tip from its reference, at the last step."""
         return distance_mm(place_mm(self.tip), place_mm(self.aim))
 
+    @property
+    def error_rad(self) -> float | None:
+        """Of the tip's direction from its reference, at the last step; None: it may be any."""
+        return angle_rad(self.tip, self.aim)
+
     # The parts of a step, in their order.
 
     def _sense(self, frame: TrackerFrame) -> Sensed | None:
@@ -250,8 +257,9 @@ class ControlLoop:
         if controller is None or reference is None or tip is None:
             return None
         running = self._supervisor.running
+        direction = tip_axis(tip.quaternion)
         if running and not self._begun:
-            reference.begin(tip.position_mm)
+            reference.begin(tip.position_mm, direction)
         if running and controller.ready and self._begun:
             aim = reference.advance(sensed.frame.t_ns, sensed.dt_s)
         elif running:
@@ -269,6 +277,9 @@ class ControlLoop:
             aim.velocity_mm_s,
             believed,
             reference.ahead if running and controller.ready and self._begun else None,
+            direction,
+            aim.direction,
+            aim.turn,
         )
         self.aim = aim if running else None
         try:

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
+from daemon.control.task import angle_between, tip_axis
 from daemon.estimation.pose_filter import TipEstimate
 from daemon.messages import Axes, Risk, Tip
 from daemon.reference.reference import Aim
@@ -70,7 +71,27 @@ def tip_message(
         cycle=-1 if aim is None else aim.cycle,
         age_s=None if tip is None else tip.age_s,
         believed=believed,
+        **_pointing(frame.tip, tip, aim),
     )
+
+
+def angle_rad(tip: TipEstimate | None, aim: Aim | None) -> float | None:
+    """Between the tip's direction and its reference; None where the tip may point anywhere."""
+    if tip is None or aim is None or aim.direction is None:
+        return None
+    return angle_between(tip_axis(tip.quaternion), aim.direction)
+
+
+def _pointing(measured: Pose | None, tip: TipEstimate | None, aim: Aim | None) -> dict[str, Any]:
+    """Nothing where the tip may point anywhere."""
+    if aim is None or aim.direction is None:
+        return {}
+    return {
+        "measured_quaternion": None if measured is None else measured.quaternion.tolist(),
+        "direction": None if tip is None else tip_axis(tip.quaternion).tolist(),
+        "reference_direction": aim.direction.tolist(),
+        "error_rad": angle_rad(tip, aim),
+    }
 
 
 def axes_message(

@@ -14,18 +14,35 @@ from drivers.pose import Vector
 
 _PEAK = 1.875
 """Highest speed of the polynomial against its mean."""
+_TURN_RAD_S = 0.2
+"""No tip is led to its first direction faster."""
+_OPPOSITE = 1e-9
 
 
 class Blend:
     """A straight line with the least jerk: velocity and acceleration are zero at both ends."""
 
-    def __init__(self, from_mm: Vector, to_mm: Vector, max_speed_mm_s: float) -> None:
-        """Raises ValueError for places that are not finite and a speed that is not positive."""
+    def __init__(
+        self,
+        from_mm: Vector,
+        to_mm: Vector,
+        max_speed_mm_s: float,
+        from_direction: Vector | None = None,
+        to_direction: Vector | None = None,
+    ) -> None:
+        """Directions: (3,) unit vectors, led from one to the other meanwhile; None: none.
+
+        Raises ValueError for places that are not finite and a speed that is not positive.
+        """
         if not (np.isfinite(from_mm).all() and np.isfinite(to_mm).all() and max_speed_mm_s > 0.0):
             raise ValueError(f"no way from {from_mm} to {to_mm} at {max_speed_mm_s} mm/s")
         self._from_mm = np.array(from_mm, dtype=np.float64)
         self._way_mm = np.asarray(to_mm, dtype=np.float64) - self._from_mm
         self.duration_s = _PEAK * float(np.linalg.norm(self._way_mm)) / max_speed_mm_s
+        self._turn: _Turn | None = None
+        if from_direction is not None and to_direction is not None:
+            self._turn = _Turn(from_direction, to_direction)
+            self.duration_s = max(self.duration_s, _PEAK * self._turn.angle / _TURN_RAD_S)
 
     def at(self, t_s: float) -> tuple[Vector, Vector]:
         """(3,) mm and (3,) mm/s at `t_s` after the start."""
@@ -35,6 +52,38 @@ class Blend:
         share = s**3 * (10.0 + s * (6.0 * s - 15.0))
         rate = 30.0 * s**2 * (1.0 - s) ** 2 / self.duration_s
         return self._from_mm + share * self._way_mm, rate * self._way_mm
+
+    def pointing_at(self, t_s: float) -> tuple[Vector, Vector] | None:
+        """(3,) direction and its change in 1/s, at `t_s` after the start."""
+        if self._turn is None:
+            return None
+        if t_s >= self.duration_s:
+            return self._turn.at(1.0)[0], np.zeros(3)
+        s = max(t_s, 0.0) / self.duration_s
+        share = s**3 * (10.0 + s * (6.0 * s - 15.0))
+        direction, by_share = self._turn.at(share)
+        return direction, 30.0 * s**2 * (1.0 - s) ** 2 / self.duration_s * by_share
+
+
+class _Turn:
+    """From one direction to another along a great circle."""
+
+    def __init__(self, from_direction: Vector, to_direction: Vector) -> None:
+        self._from = np.array(from_direction, dtype=np.float64)
+        aside = to_direction - float(self._from @ to_direction) * self._from
+        sine = float(np.sqrt(aside @ aside))
+        self.angle = float(np.arctan2(sine, float(self._from @ to_direction)))
+        if sine < _OPPOSITE:  # the same, or opposite: any way round is as good as another
+            aside = np.cross(self._from, np.eye(3)[int(np.argmin(np.abs(self._from)))])
+            sine = float(np.sqrt(aside @ aside))
+        self._aside = aside / sine
+
+    def at(self, share: float) -> tuple[Vector, Vector]:
+        """(3,) after this share of the way, and (3,) how it changes by the share."""
+        angle = share * self.angle
+        direction = np.cos(angle) * self._from + np.sin(angle) * self._aside
+        along = np.cos(angle) * self._aside - np.sin(angle) * self._from
+        return direction, self.angle * along
 
 
 # The reference in teleoperation: the newest set-point, approached at a limited speed.
@@ -111,6 +160,10 @@ class Aim(NamedTuple):
     velocity_mm_s: Vector
     cycle: int
     """Of the trajectory; -1 while the tip is led to its start."""
+    direction: Vector | None = None
+    """(3,) unit vector along the tip's axis. None: it may point anywhere."""
+    turn: Vector | None = None
+    """(3,) 1/s by which that changes."""
 
 
 class Reference(Protocol):
@@ -118,8 +171,8 @@ class Reference(Protocol):
 
     finished: bool
 
-    def begin(self, tip_mm: Vector) -> None:
-        """Motion begins, or goes on after a hold, from where the tip is."""
+    def begin(self, tip_mm: Vector, direction: Vector | None = None) -> None:
+        """Motion begins, or goes on after a hold, from where the tip is and points."""
         ...
 
     def wait(self) -> Aim:
@@ -153,15 +206,22 @@ class TrajectoryReference:
         self._blend: Blend | None = None
         self._blend_s = 0.0
         self._from_mm = _AT_REST
+        self._from_direction: Vector | None = None
 
-    def begin(self, tip_mm: Vector) -> None:
+    def begin(self, tip_mm: Vector, direction: Vector | None = None) -> None:
         to_mm, _ = self.trajectory.at(self.elapsed_s)
+        pointing = self.trajectory.pointing_at(self.elapsed_s)
+        to_direction = None if pointing is None else pointing[0]
         self._from_mm = tip_mm
-        self._blend, self._blend_s = Blend(tip_mm, to_mm, self._speed_mm_s), 0.0
+        self._from_direction = None if pointing is None else direction
+        self._blend = Blend(tip_mm, to_mm, self._speed_mm_s, direction, to_direction)
+        self._blend_s = 0.0
         self._phase = _Phase.BLEND
 
     def wait(self) -> Aim:
-        return Aim(self._from_mm, _AT_REST, _LED_TO_THE_START)
+        direction = self._from_direction
+        turn = None if direction is None else _AT_REST
+        return Aim(self._from_mm, _AT_REST, _LED_TO_THE_START, direction, turn)
 
     def advance(self, t_ns: int, dt_s: float) -> Aim:
         del t_ns
@@ -170,14 +230,16 @@ class TrajectoryReference:
             self._blend_s += dt_s
             if self._blend_s < self._blend.duration_s:
                 position, velocity = self._blend.at(self._blend_s)
-                return Aim(position, velocity, _LED_TO_THE_START)
+                pointing = self._blend.pointing_at(self._blend_s) or (None, None)
+                return Aim(position, velocity, _LED_TO_THE_START, *pointing)
             self._phase = _Phase.FOLLOW
             dt_s = self._blend_s - self._blend.duration_s
         self.elapsed_s += dt_s
         self.finished = self.elapsed_s >= self.trajectory.duration_s
         at_s = min(self.elapsed_s, self.trajectory.duration_s)
         position, velocity = self.trajectory.at(at_s)
-        return Aim(position, velocity, self.trajectory.cycle_of(at_s))
+        pointing = self.trajectory.pointing_at(at_s) or (None, None)
+        return Aim(position, velocity, self.trajectory.cycle_of(at_s), *pointing)
 
     def ahead(self, lead_s: float) -> tuple[Vector, Vector]:
         along_s = self.elapsed_s + lead_s
@@ -204,7 +266,8 @@ class TeleoperationReference:
         self._newest: _Newest | None = None
         self._waits_since_ns = t_ns
 
-    def begin(self, tip_mm: Vector) -> None:
+    def begin(self, tip_mm: Vector, direction: Vector | None = None) -> None:
+        del direction
         self._from_mm = tip_mm
         self._setpoints = SetpointReference(tip_mm, self._max_speed_mm_s)
         if self._newest is not None:

@@ -2,7 +2,7 @@
 
 from bisect import bisect_right
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import cos, pi, sin, tau
 from pathlib import Path
 from typing import assert_never
@@ -13,10 +13,12 @@ from config.documents.model import Vector3
 from config.tasks.trajectory import (
     LONGEST_S,
     Circle,
+    FixedPointing,
     Helix,
     Hold,
     Lissajous,
     Plane,
+    Pointing,
     Rectangle,
     TrajectoryOptions,
     Waypoints,
@@ -34,8 +36,14 @@ class Cycle:
 
     at: Callable[[float], Motion]
     corners_s: Vector = field(default_factory=lambda: np.zeros(0))
+    pointing: Callable[[float], Motion] | None = None
+    """(3,) unit vector along the tip's axis, and how it changes, 1/s. None: it may be any."""
 
 
+_NEAREST_MM = 1e-3
+"""A tip nearer to the point that it points at points anywhere."""
+_SHORTEST = 1e-6
+"""Of what is half way between two opposite directions."""
 _AXES: dict[Plane, tuple[int, int, int]] = {"xy": (0, 1, 2), "xz": (0, 2, 1), "yz": (1, 2, 0)}
 
 
@@ -49,6 +57,20 @@ class Trajectory:
         self.corners_s = cycle.corners_s
         self.end_mm = cycle.at(cycle_s)[0]
         self._cycle = cycle
+
+    @property
+    def points(self) -> bool:
+        """Whether it says where the tip shall point."""
+        return self._cycle.pointing is not None
+
+    def pointing_at(self, t_s: float) -> Motion | None:
+        """(3,) unit vector along the tip's axis and its change in 1/s, `t_s` after the start."""
+        if self._cycle.pointing is None:
+            return None
+        if t_s < 0.0 or t_s >= self.duration_s:
+            end_s = 0.0 if t_s < 0.0 else self.cycle_s
+            return self._cycle.pointing(end_s)[0], np.zeros(3)
+        return self._cycle.pointing(t_s - self.cycle_of(t_s) * self.cycle_s)
 
     @property
     def duration_s(self) -> float:
@@ -94,17 +116,62 @@ def _trajectory(options: TrajectoryOptions, base: Path, cycles: int | None) -> T
     if cycles is not None and cycles < 1:
         raise ValueError(f"a trajectory has 1 cycle or more, not {cycles}")
     if isinstance(options, Hold):
-        place = np.array(options.position_mm)
-        return Trajectory("hold", _stay(place), options.duration_s, cycles or 1)
+        stay = _pointed(_stay(np.array(options.position_mm)), options.pointing)
+        return Trajectory("hold", stay, options.duration_s, cycles or 1)
     repeated = cycles or options.cycles
     if isinstance(options, Waypoints):
         closed = repeated > 1
         if options.file is not None:
-            times, points = read_waypoints(base / options.file, closed=closed)
+            times, rows = read_waypoints(base / options.file, closed=closed)
         else:
-            times, points = checked_waypoints(options.points or (), closed=closed)
-        return Trajectory("waypoints", _polyline(times, points), float(times[-1]), repeated)
-    return Trajectory(options.kind, _periodic(options), options.cycle_s, repeated)
+            times, rows = checked_waypoints(options.points or (), closed=closed)
+        cycle = _polyline(times, rows[:, :3])
+        if rows.shape[1] > 3:
+            if options.pointing is not None:
+                raise ValueError("the waypoints say where to point, and so does `pointing`")
+            cycle = replace(cycle, pointing=_directions(times, rows[:, 3:]))
+        cycle = _pointed(cycle, options.pointing)
+        return Trajectory("waypoints", cycle, float(times[-1]), repeated)
+    cycle = _pointed(_periodic(options), options.pointing)
+    return Trajectory(options.kind, cycle, options.cycle_s, repeated)
+
+
+def _pointed(cycle: Cycle, pointing: Pointing | None) -> Cycle:
+    """The cycle, with the law after which the tip points; without one as it is."""
+    if pointing is None:
+        return cycle
+    if isinstance(pointing, FixedPointing):
+        fixed = np.array(pointing.direction)
+        fixed /= np.linalg.norm(fixed)
+        return replace(cycle, pointing=lambda _: (fixed.copy(), np.zeros(3)))
+    point, sign = np.array(pointing.point_mm), 1.0 if pointing.kind == "away_from" else -1.0
+
+    def at(t_s: float) -> Motion:
+        place, velocity = cycle.at(t_s)
+        way = sign * (place - point)
+        far_mm = max(float(np.sqrt(way @ way)), _NEAREST_MM)
+        direction = way / far_mm
+        aside = sign * velocity - (direction @ velocity) * sign * direction
+        return direction, aside / far_mm
+
+    return replace(cycle, pointing=at)
+
+
+def _directions(times: Vector, directions: Vector) -> Callable[[float], Motion]:
+    """Between two rows of (n, 3) unit vectors the shorter way along the sphere, nearly evenly."""
+    begins_s: list[float] = times[:-1].tolist()
+
+    def at(t_s: float) -> Motion:
+        leg = max(bisect_right(begins_s, t_s) - 1, 0)
+        lasts_s = times[leg + 1] - times[leg]
+        change = directions[leg + 1] - directions[leg]
+        between = directions[leg] + (t_s - times[leg]) / lasts_s * change
+        length = max(float(np.sqrt(between @ between)), _SHORTEST)
+        direction = between / length
+        rate = change / lasts_s
+        return direction, (rate - (direction @ rate) * direction) / length
+
+    return at
 
 
 def _periodic(options: Rectangle | Circle | Lissajous | Helix) -> Cycle:

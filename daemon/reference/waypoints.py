@@ -1,8 +1,11 @@
-"""Waypoints: a CSV file with the header `t, x, y, z`, in s and mm, or rows of the same four."""
+"""Waypoints: a CSV file with the header `t, x, y, z`, in s and mm, or rows of the same four.
+
+With three columns more, `dx, dy, dz`, it says where the tip points as well: vectors of any length.
+"""
 
 import select
 from collections.abc import Iterable, Sequence
-from math import isfinite
+from math import hypot, isfinite
 from pathlib import Path
 from typing import Final
 
@@ -13,9 +16,12 @@ from daemon.files import read_regular
 from drivers.pose import Vector
 
 HEADER = ("t", "x", "y", "z")
+WITH_DIRECTION: Final = (*HEADER, "dx", "dy", "dz")
 LINES_AT_MOST = 20_000
 _MOST_BYTES: Final = 200 * LINES_AT_MOST
 _CLOSED_WITHIN_MM = 0.01
+_SHORTEST: Final = 1e-6
+"""Of a vector that points somewhere."""
 _LINES_IN_A_ROW: Final = 50
 """After so many lines other threads get their turn: one of them may be the control loop's."""
 
@@ -32,7 +38,8 @@ class WaypointError(ValueError):
 
 
 def read_waypoints(path: Path, *, closed: bool) -> tuple[Vector, Vector]:
-    """(n,) times in s, from 0 and rising, and (n, 3) points in mm.
+    """(n,) times in s, from 0 and rising, and (n, 3) points in mm; (n, 6) with unit vectors of
+    the directions behind, where it has them.
 
     closed: the last point must be the first. Raises WaypointError with every bad line.
     """
@@ -56,7 +63,7 @@ def checked_waypoints(rows: Iterable[Row], *, closed: bool) -> tuple[Vector, Vec
 def _numbered(lines: list[str]) -> list[tuple[int, Row | str]]:
     """What each line is that counts: numbers, or what is wrong with it."""
     rows: list[tuple[int, Row | str]] = []
-    header = False
+    header: tuple[str, ...] = ()
     for number, line in enumerate(lines, start=1):
         if number % _LINES_IN_A_ROW == 0:
             select.select((), (), (), 0)
@@ -64,20 +71,22 @@ def _numbered(lines: list[str]) -> list[tuple[int, Row | str]]:
         if not any(words) or line.lstrip().startswith("#"):
             continue
         if header:
-            rows.append((number, _row(words)))
+            rows.append((number, _row(words, header)))
             continue
-        header = True
-        if tuple(words) != HEADER:
-            rows.append((number, f"the header must be `{', '.join(HEADER)}`"))
+        header = WITH_DIRECTION if tuple(words) == WITH_DIRECTION else HEADER
+        if tuple(words) != header:
+            more = ", ".join(WITH_DIRECTION[len(HEADER) :])
+            what = f"the header must be `{', '.join(HEADER)}`, or have `{more}` behind"
+            rows.append((number, what))
     return rows
 
 
-def _row(words: list[str]) -> Row | str:
-    """Four numbers, or what is wrong."""
-    if len(words) != len(HEADER):
-        return f"needs {len(HEADER)} numbers, and has {len(words)}"
+def _row(words: list[str], header: tuple[str, ...]) -> Row | str:
+    """As many numbers as the header has names, or what is wrong."""
+    if len(words) != len(header):
+        return f"needs {len(header)} numbers, and has {len(words)}"
     values: list[float] = []
-    for name, word in zip(HEADER, words, strict=True):
+    for name, word in zip(header, words, strict=True):
         try:
             values.append(float(word))
         except ValueError:
@@ -102,16 +111,21 @@ def _table(
     if problems:
         raise WaypointError(problems)
     table = np.array(rows)
+    table[:, 4:] /= np.maximum(np.linalg.norm(table[:, 4:], axis=1, keepdims=True), _SHORTEST)
     return table[:, 0] - table[0, 0], table[:, 1:]
 
 
 def _why_not(row: Row, before: list[Row]) -> str:
     """What is wrong with a row of numbers, or nothing."""
-    for name, value in zip(HEADER, row, strict=True):
+    for name, value in zip(WITH_DIRECTION, row, strict=False):
         if not isfinite(value):
             return f"{name} is not finite"
-    if max(map(abs, row[1:])) > FARTHEST_MM:
+    if max(map(abs, row[1:4])) > FARTHEST_MM:
         return f"more than {FARTHEST_MM:g} mm from the origin"
+    if before and len(row) != len(before[0]):
+        return "has no direction, or the ones before have none"
+    if len(row) > len(HEADER) and not hypot(*row[4:]) > _SHORTEST:
+        return "dx, dy, dz point nowhere"
     if before and row[0] <= before[-1][0]:
         return "t is not after the one before"
     if before and row[0] - before[0][0] > LONGEST_S:
@@ -122,7 +136,7 @@ def _why_not(row: Row, before: list[Row]) -> str:
 def _problems_of_all(where: str, rows: list[Row], closed: bool) -> list[str]:
     if len(rows) < 2:
         return [f"{where}: needs two points or more, and has {len(rows)}"]
-    gap_mm = max(abs(a - b) for a, b in zip(rows[0][1:], rows[-1][1:], strict=True))
+    gap_mm = max(abs(a - b) for a, b in zip(rows[0][1:4], rows[-1][1:4], strict=True))
     if closed and gap_mm > _CLOSED_WITHIN_MM:
         return [
             f"{where}: the last point must be the first one, as it is gone round several "

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Final, Protocol, TypeVar
 
 from config.documents.model import OptionsError
+from config.paths import is_shipped_model
 from config.robot import Robot
 from config.tasks.controllers import Broyden, ControllerOptions, load_controller_options
 from config.tasks.trajectory import Waypoints, load_trajectory_options
@@ -161,7 +162,7 @@ class MotionLoader:
         except OptionsError as error:
             raise CommandRefusedError("bad_controller", str(error)) from None
         model = getattr(options, "model", None)
-        if model is None:
+        if model is None or is_shipped_model(model):
             return options
         return options.model_copy(update={"model": str(self._named(model, "bad_controller"))})
 

@@ -84,9 +84,13 @@ class TrackerFrame(NamedTuple):
 class FrameAssembler:
     """Makes frames of replies."""
 
-    def __init__(self, roles: Mapping[int, str], has_base: bool) -> None:
+    def __init__(
+        self, roles: Mapping[int, str], has_base: bool, tip_from_sensor: PlainPose | None = None
+    ) -> None:
+        """tip_from_sensor: placement of the tip's frame in its sensor's; None: they are one."""
         self._roles = roles
         self._has_base = has_base
+        self._tip_from_sensor = tip_from_sensor
 
     def frame_number(self, data: TrackingData) -> int | None:
         """The number of the frame in a reply; None: no tool is followed that could tell it."""
@@ -115,12 +119,14 @@ class FrameAssembler:
         tip = tools.get("tip")
         if tip is None or tip.plain_pose is None:
             return None
+        sensor, mount = tip.plain_pose, self._tip_from_sensor
+        tip_pose = sensor if mount is None else sensor @ mount
         if not self._has_base:
-            return tip.pose
+            return tip_pose.vectors()
         base = tools.get("base")
         if base is None or base.plain_pose is None:
             return None
-        return tip.plain_pose.seen_from(base.plain_pose).vectors()
+        return tip_pose.seen_from(base.plain_pose).vectors()
 
 
 def _sample(reading: ToolReading) -> ToolSample:

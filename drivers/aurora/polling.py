@@ -3,6 +3,8 @@
 import asyncio
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from math import hypot
+from typing import Final
 
 from config.tracker import Tracker
 from drivers.aurora.codec.errors import CodecError
@@ -29,6 +31,7 @@ from drivers.aurora.health import Health
 from drivers.aurora.link import DamagedReplyError, DeviceRefusedError, Link, NoReplyError
 from drivers.aurora.watch import StatusWatch, Watch, fetch_alerts
 from drivers.clock import Clock
+from drivers.pose import PlainPose
 
 # The device's rhythm: how often it measures, and how fast its frame counter runs.
 
@@ -137,6 +140,20 @@ _TOOLS_CHANGED = (
 )
 
 
+def _tip_from_sensor(config: Tracker) -> PlainPose | None:
+    """Placement of the tip's frame in its sensor's. None where the file has them as one."""
+    tool = config.tools.get("tip")
+    if tool is None or (tool.position_mm, tool.quaternion) == _AS_ONE:
+        return None
+    length = hypot(*tool.quaternion)
+    q0, qx, qy, qz = (value / length for value in tool.quaternion)
+    sensor = PlainPose(tool.position_mm, (q0, qx, qy, qz))
+    return PlainPose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)).seen_from(sensor)
+
+
+_AS_ONE: Final = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+
+
 class Polling:
     """One stretch of tracking, from TSTART to the next change of the tools."""
 
@@ -156,7 +173,7 @@ class Polling:
         self._binary = config.reply_format == "binary"
         self._latency_ns = round(config.acquisition_latency_s * 1e9)
         self._tools = len(roles)
-        self._assembler = FrameAssembler(roles, "base" in config.tools)
+        self._assembler = FrameAssembler(roles, "base" in config.tools, _tip_from_sensor(config))
         self._watch = watch
         self._status_watch = status_watch
         self._health = health

@@ -77,8 +77,8 @@ def problems_of(tmp_path: Path, old: str, new: str) -> list[str]:
             "emulation.plant.tubes: carriages are numbered from 0 without a gap, not [0, 2]",
         ),
         (
-            "quaternion: [1.0, 0.008, 0.006, 0.0]",
-            "quaternion: [0.0, 0.0, 0.0, 0.0]",
+            "\n         quaternion: [1.0, 0.008, 0.006, 0.0]",
+            "\n         quaternion: [0.0, 0.0, 0.0, 0.0]",
             "emulation.tracker.tools[0].quaternion: zero is no rotation",
         ),
     ],

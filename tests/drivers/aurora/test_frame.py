@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from drivers.aurora.codec.status_bits import HandleState, PortStatus
 from drivers.aurora.codec.tracking_data import ToolReading, TrackingData
 from drivers.aurora.frame import Absence, FrameAssembler
+from drivers.pose import PlainPose
 from tests.drivers.aurora.golden import DISABLED_C, MISSING_B, TOOL_A, TOOL_B
 
 ROLES = {0x0A: "tip", 0x0B: "base"}
@@ -126,3 +127,24 @@ def test_moving_base_and_tip_together_changes_nothing(
     )
     assert frame.tip.position_mm == pytest.approx(tip, abs=1e-9)
     assert frame.tip.quaternion == pytest.approx([1.0, 0.0, 0.0, 0.0], abs=1e-12)
+
+
+def test_the_tip_is_where_its_sensor_says_by_its_offset_and_its_rotation() -> None:
+    """The sensor sits 1.5 mm behind the tip and is turned there by 90° about x."""
+    half = math.sqrt(0.5)
+    sensor = PlainPose((0.0, 0.0, -1.5), (half, half, 0.0, 0.0))
+    from_sensor = PlainPose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)).seen_from(sensor)
+    data = TrackingData((TOOL_A, TOOL_B), 0)
+    plain = frame_of(TOOL_A, TOOL_B).tip
+    frame = FrameAssembler(ROLES, True, from_sensor).frame(data, 0x140, 1_000, 2_000)
+    assert frame.tip is not None
+    again = frame.tip.plain() @ sensor
+    assert again.position_mm == pytest.approx(plain.position_mm.tolist())
+    assert again.quaternion == pytest.approx(plain.quaternion.tolist())
+    assert math.dist(frame.tip.position_mm.tolist(), plain.position_mm.tolist()) == pytest.approx(
+        1.5
+    )
+    alone = FrameAssembler(ROLES, False, from_sensor).frame(data, 0x140, 1_000, 2_000).tip
+    assert alone is not None
+    assert math.dist(alone.position_mm.tolist(), [12.5, -30.25, -200.0]) == pytest.approx(1.5)
+    assert frame.tools["tip"].pose.position_mm == pytest.approx([12.5, -30.25, -200.0])
