@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from config.paths import controller_model
 from config.robot import Robot
 from config.tasks.controllers import Learner
 from config.tasks.exploration import MotorBabbling
@@ -149,7 +150,7 @@ class Babbling:
     def _draw(self, home: Vector) -> Vector:
         """(m,) near home. Where there is no room on one side, the other has all of it."""
         axes = self._axes
-        reach = self._options.reach_share * axes.travel
+        reach = self._options.reach_share * axes.scale
         lowest = np.clip(home - reach, axes.lowest, axes.highest - 2.0 * reach)
         for _ in range(_DRAWN_AT_MOST):
             goal = lowest + 2.0 * reach * self._random.uniform(0.0, 1.0, axes.count)
@@ -178,8 +179,8 @@ class LearningController(ABC):
         self._options = options
         self._robot = robot
         self._follower = TipFollower(options, robot)
-        self._travel = self._follower.axes.travel
-        self._jacobian = LearntJacobian(options, self._travel)
+        self._range = self._follower.axes.scale
+        self._jacobian = LearntJacobian(options, self._range)
         self._babbling = Babbling(options.babbling, self._follower.axes, seed)
         self._babbled: list[MotionSample] = []
         self._model: PretrainedModel | None = None
@@ -187,7 +188,7 @@ class LearningController(ABC):
         self._waiting: deque[MotionSample] = deque()
         self._axes = LaggedAxes()
         if options.model is not None:
-            self._load_first(Path(options.model).expanduser())
+            self._load_first(controller_model(options.model))
         elif not options.learning:
             raise ControllerError(f"{self.name} has no model and shall not learn one: give `model`")
 
@@ -239,7 +240,7 @@ class LearningController(ABC):
             return self._follow(observation)
         if self._babbling.done:
             self._end_babbling()
-            return Proposal(np.zeros(len(self._travel)))
+            return Proposal(np.zeros(len(self._range)))
         return Proposal(self._babbling.propose(observation), self._babbling.note, 0)
 
     def learn(self) -> None:
@@ -307,7 +308,7 @@ class LearningController(ABC):
             raise ControllerError(f"the model cannot be loaded: {error}") from None
 
     def _go_on_from(self, loaded: LearntFile) -> None:
-        jacobian = LearntJacobian(self._options, self._travel)
+        jacobian = LearntJacobian(self._options, self._range)
         if loaded.model is not None:
             jacobian.begin(loaded.model.lwpr)
         if loaded.arrays:
@@ -332,13 +333,13 @@ class LearningController(ABC):
     def _end_babbling(self) -> None:
         """Fit a Jacobian to what was seen. Raises ControllerError where it was too little."""
         babbled = self._babbled
-        if len(babbled) < _SAMPLES_PER_AXIS * len(self._travel):
+        if len(babbled) < _SAMPLES_PER_AXIS * len(self._range):
             raise ControllerError(
                 f"the first motions gave {len(babbled)} samples: see what holds the tip, or let "
                 f"them be longer or wider (babbling)"
             )
-        jacobian = LearntJacobian(self._options, self._travel)
-        jacobian.measured(_fitted_jacobian(babbled, self._travel))
+        jacobian = LearntJacobian(self._options, self._range)
+        jacobian.measured(_fitted_jacobian(babbled, self._range))
         self._adopt(None, jacobian, {})
         for sample in babbled:
             self._work_in(sample)
@@ -351,7 +352,7 @@ class LearningController(ABC):
             sampling = replace(sampling, tip_mm=_WITHOUT_MODEL * sampling.tip_mm)
         if options.lead:  # the axes come as the tip shows them
             sampling = replace(sampling, lag_s=0.0)
-        return LearningSamples(sampling, self._travel, options.sample_noise_mm, self._jacobian)
+        return LearningSamples(sampling, self._range, options.sample_noise_mm, self._jacobian)
 
 
 def _fitted_jacobian(samples: list[MotionSample], travel: Vector) -> Vector:

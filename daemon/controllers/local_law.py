@@ -186,7 +186,7 @@ def _settings(options: RewardWeighted, axes: AxisRanges) -> LocalControllerSetti
     weights = np.ones(axes.count) if options.axis_weights is None else options.axis_weights
     return LocalControllerSettings(
         tip_step_mm=options.sample_tip_mm,
-        axis_steps=_TYPICAL_STEP_SHARE * axes.travel,
+        axis_steps=_TYPICAL_STEP_SHARE * axes.scale,
         weighting=np.array(weights) / np.sum(weights),
         attractor_gain=min(options.posture_gain_per_s * options.motion_s, 0.9),
         attractor_steps=options.attractor_steps,

@@ -15,6 +15,7 @@ from config.tasks.controllers import (
     ConstantCurvature,
     ControllerOptions,
     ForwardJacobian,
+    LearnedKinematics,
     RewardWeighted,
 )
 from config.tasks.exploration import WaypointExploration
@@ -29,6 +30,7 @@ _MODULES: Final = (
     "broyden",
     "constant_curvature",
     "forward_jacobian",
+    "learned_kinematics",
     "reward_weighted",
     "waypoint_exploration",
 )
@@ -59,6 +61,10 @@ def make_controller(options: ControllerOptions, robot: Robot, seed: int) -> Cont
             from daemon.controllers.forward_jacobian import ForwardJacobianController
 
             return ForwardJacobianController(options, robot, seed)
+        case LearnedKinematics():
+            from daemon.controllers.learned_kinematics import LearnedKinematicsController
+
+            return LearnedKinematicsController(options, robot)
         case RewardWeighted():
             from daemon.controllers.reward_weighted import RewardWeightedController
 

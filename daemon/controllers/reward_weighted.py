@@ -250,10 +250,10 @@ class RewardWeightedController(LearningController):
 
     def _scale(self, jacobian: LearntJacobian) -> Vector:
         """(3 + m,) what p and u count in where nothing is known but one Jacobian."""
-        travel = self._follower.axes.travel
-        reach = jacobian.at(np.zeros(3), np.zeros(len(travel))) * travel
+        scale = self._follower.axes.scale
+        reach = jacobian.at(np.zeros(3), np.zeros(len(scale))) * scale
         p_mm = _SPREADS * float(np.sqrt((reach**2).sum() / 3.0 / 12.0))
-        return np.concatenate([np.full(3, p_mm), travel])
+        return np.concatenate([np.full(3, p_mm), scale])
 
 
 def _trust(command: InverseAnswer) -> float:

@@ -1,0 +1,102 @@
+"""A learnt kinematic model, inverted at every step: damped least squares over its Jacobian.
+
+Fagogenis, Bergeles and Dupont (IROS 2016), eqs. 6 and 7, with the reference's own motion fed
+forward. They compare the reference with what the model says of the axes; the tracker only teaches
+the model. Here the tracker may close the loop as well.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from config.paths import controller_model
+from config.robot import Robot
+from config.tasks.controllers import LearnedKinematics
+from daemon.array_files import ModelError
+from daemon.control.controller import ControllerError, Observation, Proposal
+from daemon.control.task import POSITION
+from daemon.control.tip_following import TipFollower
+from daemon.learning.forward.pose_kinematics import (
+    BodyCoordinates,
+    PoseAdaptation,
+    PoseKinematics,
+)
+from daemon.learning.forward.pose_model import PoseModel
+from daemon.learning.lwpr.model import Lwpr
+
+
+class LearnedKinematicsController:
+    """A `Controller`."""
+
+    name = "learned_kinematics"
+    ready = True
+
+    def __init__(self, options: LearnedKinematics, robot: Robot) -> None:
+        """Raises ControllerError for a model that cannot be loaded, or is of another robot."""
+        self._options = options
+        self._follower = TipFollower(options, robot)
+        self._adaptation: PoseAdaptation | None = None
+        try:
+            self.load(controller_model(options.model))
+        except (ModelError, OSError) as error:
+            raise ControllerError(f"the model cannot be loaded: {error}") from None
+
+    @property
+    def adapted(self) -> int:
+        """Samples that corrected the model since it was loaded."""
+        return 0 if self._adaptation is None else self._adaptation.samples
+
+    def reset(self, observation: Observation) -> None:
+        self._follower.reset(observation)
+        if self._adaptation is not None:
+            self._adaptation.break_off()
+
+    def observe(self, observation: Observation) -> None:
+        direction = observation.tip_direction
+        if self._adaptation is None or not observation.believed or direction is None:
+            return
+        self._adaptation.see(observation.u, observation.tip_mm, direction)
+
+    def propose(self, observation: Observation) -> Proposal:
+        learnt = self.learnt
+        if not learnt.known(observation.u):
+            raise ControllerError(
+                "the model knows nothing of the body with its axes here: lead them back by hand, "
+                "or learn a model that does"
+            )
+        position_mm, direction, jacobian = learnt.answer(observation.u)
+        jacobian[POSITION:] *= self._options.pointing_mm_per_rad
+        if self._options.feedback == "model":
+            observation = observation._replace(tip_mm=position_mm, tip_direction=direction)
+        step = self._follower.task_step(observation)
+        return Proposal(self._follower.axis_step(jacobian[: len(step)], step, observation))
+
+    def learn(self) -> None:
+        """A sample is worked in when it is seen: it takes some tens of microseconds."""
+
+    def save(self, path: Path) -> None:
+        PoseModel(self.learnt.lwpr, self._model.metadata).save(path)
+
+    def load(self, path: Path) -> None:
+        model = PoseModel.load(path)
+        try:
+            coordinates = BodyCoordinates.from_dict(model.metadata["coordinates"])
+        except (KeyError, TypeError, ValueError) as error:
+            raise ModelError(f"{path} does not say how axes make its numbers: {error}") from None
+        axes = self._follower.axes
+        if coordinates.axes != axes.count:
+            raise ModelError(f"{path} is for {coordinates.axes} axes, and there are {axes.count}")
+        if len(coordinates.offset) != model.lwpr.settings.inputs:
+            raise ModelError(f"{path} is damaged: its numbers are not those of its coordinates")
+        lwpr = Lwpr.from_arrays(model.lwpr.settings, model.lwpr.to_arrays())
+        self._model = model
+        self.learnt = PoseKinematics(lwpr, coordinates)
+        options = self._options
+        if options.adaptation:
+            self._adaptation = PoseAdaptation(
+                self.learnt,
+                np.array(axes.travel),
+                options.memory_samples,
+                options.sample_tip_mm,
+                options.sample_travel_share,
+            )
