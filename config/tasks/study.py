@@ -19,6 +19,15 @@ class Published(ConfigModel):
     max_mm: PerCycle
 
 
+class PoseFigures(ConfigModel):
+    """Root mean squares over a whole trajectory, coordinate by coordinate."""
+
+    x_mm: Positive
+    y_mm: Positive
+    z_mm: Positive
+    angle_deg: Positive | None = None
+
+
 class StudyRow(ConfigModel):
     """One experiment, as a table has it."""
 
@@ -31,6 +40,10 @@ class StudyRow(ConfigModel):
     published: Published | None = None
     aim_mm: PerCycle | None = None
     """What the mean error should come to in each cycle, the median over all runs. null: no aim."""
+    published_pose: dict[Name, PoseFigures] = Field(default_factory=dict)
+    """What a paper says of this experiment, by the variant that carries it out as the paper did."""
+    aim_pose: dict[Name, PoseFigures] = Field(default_factory=dict)
+    """What the errors by coordinate should come to, the median over all runs, by variant."""
     first_no_worse_than: Name | None = None
     """The experiment whose first cycle should not be better than this one's."""
 
@@ -75,6 +88,9 @@ class Study(ConfigModel):
     """Every experiment is carried out with seeds 1 to this."""
     plants: Annotated[int, Field(ge=0)] = 3
     """... on so many bodies, none like the other. 0: on the robot file's own."""
+    body_error_mm: Positive | None = None
+    """How far those bodies' tips are, in the mean over their configurations, from the robot file's
+    own. None: as one made body differs from the next."""
     unstable_above_mm: Positive = 20.0
     """A run whose error comes to this within a cycle is told as unstable."""
 

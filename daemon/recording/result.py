@@ -31,6 +31,19 @@ class CycleError(msgspec.Struct, frozen=True, kw_only=True):
     max_mm: float
 
 
+class PoseError(msgspec.Struct, frozen=True, kw_only=True):
+    """Root mean squares over one cycle of the trajectory, coordinate by coordinate."""
+
+    cycle: int
+    """From 0."""
+    samples: int
+    x_mm: float
+    y_mm: float
+    z_mm: float
+    angle_rad: float | None = None
+    """Between the tip's direction and the reference's. None: it may be any."""
+
+
 class ErrorTable:
     """Accumulates errors while the robot follows its trajectory; what leads to it is left out."""
 
@@ -69,6 +82,16 @@ def table_text(rows: Sequence[CycleError]) -> str:
         figures = (row.mean_mm, row.std_mm, row.max_mm)
         cells = [f"{row.cycle + 1:>8}", f"{row.samples:>8}", *(f"{mm:>8.3f}" for mm in figures)]
         lines.append("  ".join(cells))
+    return "\n".join(lines)
+
+
+def pose_text(rows: Sequence[PoseError]) -> str:
+    """Errors by coordinate for a terminal."""
+    lines = ["  ".join(f"{name:>8}" for name in ("cycle", "x mm", "y mm", "z mm", "angle °"))]
+    for row in rows:
+        angle = "-" if row.angle_rad is None else f"{math.degrees(row.angle_rad):.3f}"
+        lengths = (f"{mm:>8.3f}" for mm in (row.x_mm, row.y_mm, row.z_mm))
+        lines.append("  ".join([f"{row.cycle + 1:>8}", *lengths, f"{angle:>8}"]))
     return "\n".join(lines)
 
 
@@ -158,6 +181,16 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
     """As `cycles`, of single readings of the tracker instead of the filtered tip."""
     true_cycles: list[CycleError] = []
     """As `cycles`, of the true tip. Empty: nobody knows it."""
+    tip_pose: list[PoseError] = []
+    """As `cycles`, coordinate by coordinate and with the tip's direction."""
+    reading_pose: list[PoseError] = []
+    """The same of single readings."""
+    true_pose: list[PoseError] = []
+    """Of the true tip. Empty: nobody knows it."""
+    sensor_angle_rad: list[float] = []
+    """Angle between the axis of the tip's sensor itself and the reference's direction, root mean
+    square of readings, cycle by cycle: as `reading_pose` has it for who does not know how the
+    sensor is turned in the tip."""
     drifts: list[float] = []
     """Distance of the axes' places at a cycle's end from those at its beginning, each axis in
     shares of its travel, cycle by cycle: what has crept into the null space where the path is

@@ -21,6 +21,7 @@ from tests.benchmarks.timing import Figures, failure, machine
 PARTS: Final = (
     "aurora",
     "can_cycle",
+    "concentric_tubes",
     "daemon",
     "emulation",
     "experiment",

@@ -1,6 +1,7 @@
 """The status for people: what state, why, and what the robot does, on one page."""
 
 from collections.abc import Sequence
+from math import degrees
 from typing import Final
 
 from rich.console import RenderableType
@@ -110,6 +111,8 @@ def _no_more(status: Status) -> list[Reason]:
 def _figures(status: Status, size: Size, *, brief: bool = False) -> list[Text]:
     """One line each, as long as there is room. brief: the fewest lines, and details left out."""
     error = "-" if status.error_mm is None else f"{status.error_mm:.2f} mm"
+    if status.error_rad is not None:
+        error += f", {degrees(status.error_rad):.2f}°"
     tip, reference = _vector(status.tip_mm), _vector(status.reference_mm)
     rows: list[tuple[str, str, str]] = [("tip", tip, ""), ("reference", reference, "")]
     if brief:

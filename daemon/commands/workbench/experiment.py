@@ -11,7 +11,7 @@ from daemon.commands.terminal.progress_line import Aside, ProgressLine
 from daemon.host.logs import logging_to_stderr
 from daemon.host.real_time import imported_for_good
 from daemon.host.stop_signals import all_like_ctrl_c
-from daemon.recording.result import Result, table_text
+from daemon.recording.result import Result, pose_text, table_text
 from daemon.recording.run_reader import UnreadableRunError
 from daemon.workbench.experiments.experiment_file import ExperimentFile, load_experiment
 from daemon.workbench.experiments.trial import TrialError
@@ -77,6 +77,8 @@ def _experiment(
         print(table_text(result.cycles))
         if result.true_cycles:
             print(f"the same of the true tip:\n{table_text(result.true_cycles)}")
+        if any(row.angle_rad is not None for row in result.tip_pose):
+            print(f"root mean squares by coordinate:\n{pose_text(result.tip_pose)}")
         if not arguments.no_report:
             progress.begin("drawing the report", 0.0)
             written = report.write()

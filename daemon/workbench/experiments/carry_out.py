@@ -10,9 +10,10 @@ import msgspec
 import numpy as np
 
 from config.robot import Robot
+from daemon.control.task import tip_axis
 from daemon.host.progress import Progress
 from daemon.messages import Axes, Tip
-from daemon.recording.result import read_result, write_result
+from daemon.recording.result import PoseError, read_result, write_result
 from daemon.reference.trajectories import make_trajectory
 from daemon.robot.axes import AxisRanges
 from daemon.service.dependencies import Dependencies
@@ -26,10 +27,12 @@ from daemon.workbench.experiments.step_statistics import (
     converged_s,
     drifts,
     errors_by_cycle,
+    pose_errors,
     tracker_limits,
 )
 from daemon.workbench.experiments.stopwatch import Stopwatch
 from daemon.workbench.experiments.trial import Tell, Trial
+from drivers.pose import rotate
 from safety.states import OperatingState
 
 # Sees every step of an experiment, and the truth beside it where somebody knows it.
@@ -46,6 +49,10 @@ class Truth(Protocol):
         """(3,) where the tip is now, in the base's frame."""
         ...
 
+    def direction(self) -> Array:
+        """(3,) unit vector along the tip's axis now."""
+        ...
+
     def failures(self) -> int:
         """How often the emulated body found no equilibrium, and stayed as it was."""
         ...
@@ -55,9 +62,17 @@ class Witness:
     """Listens to telemetry. A step comes as a Tip, and then as Axes of the same number."""
 
     def __init__(
-        self, axes: AxisRanges, truth: Truth | None, elapsed_s: Callable[[], float]
+        self,
+        axes: AxisRanges,
+        truth: Truth | None,
+        elapsed_s: Callable[[], float],
+        sensor_axis: Array | None = None,
     ) -> None:
-        """truth: None where nobody knows it. elapsed_s: along the trajectory, now."""
+        """truth: None where nobody knows it. elapsed_s: along the trajectory, now. sensor_axis:
+        (3,) the axis of the tip's sensor in the tip's frame; None: the tip's own."""
+        self._sensor_axis = np.array([0.0, 0.0, 1.0]) if sensor_axis is None else sensor_axis
+        self._aim, self._seen, self._directed = array("d"), array("d"), array("d")
+        self._sensed, self._turned = array("d"), array("d")
         self._elapsed_s = elapsed_s
         self._axes = axes
         self._truth = truth
@@ -89,7 +104,20 @@ class Witness:
             reading_mm=_points(self._reading),
             true_mm=_points(self._true),
             u=(np.array(self._u).reshape(-1, len(travel)) - self._axes.lowest) / travel,
+            **self._directions(),
         )
+
+    def _directions(self) -> dict[str, Array]:
+        """Of the tip; none where no step said where to point."""
+        if not np.isfinite(self._aim).any():
+            return {}
+        return {
+            "reference_direction": _points(self._aim),
+            "tip_direction": _points(self._directed),
+            "reading_direction": _points(self._seen),
+            "sensor_direction": _points(self._sensed),
+            "true_direction": _points(self._turned),
+        }
 
     def _take(self, tip: Tip, axes: Axes) -> None:
         self._times.append(self._elapsed_s())
@@ -99,6 +127,18 @@ class Witness:
         self._reading.extend(tip.measured_mm or _UNKNOWN)
         self._true.extend(_UNKNOWN if self._truth is None else self._truth.tip_mm().tolist())
         self._u.extend(axes.actual)
+        measured = tip.measured_quaternion
+        pointing = tip.reference_direction is not None
+        self._aim.extend(tip.reference_direction or _UNKNOWN)
+        self._directed.extend(tip.direction or _UNKNOWN)
+        seen, sensed = _UNKNOWN, _UNKNOWN
+        if measured is not None:
+            turn = np.array(measured)
+            seen, sensed = tip_axis(turn), rotate(turn, self._sensor_axis)
+        self._seen.extend(seen)
+        self._sensed.extend(sensed)
+        true = self._truth.direction() if self._truth is not None and pointing else _UNKNOWN
+        self._turned.extend(true)
 
 
 def _points(values: "array[float]") -> Array:
@@ -129,7 +169,7 @@ async def carry_out(
     trajectory = make_trajectory(file.experiment.trajectory, file.path.parent)
     session = Session(robot_file, robot, dependencies, make_folder, seed)
     following, recording = session.service.following, session.recording
-    witness = Witness(AxisRanges.of(robot), truth, lambda: following.elapsed_s)
+    witness = Witness(AxisRanges.of(robot), truth, lambda: following.elapsed_s, _sensor_axis(robot))
     stopwatch = Stopwatch()
     try:
         async with session.running():
@@ -141,6 +181,12 @@ async def carry_out(
         if recording.folder is not None:
             steps, failures = witness.series(), 0 if truth is None else truth.failures()
             _complete(recording.folder, steps, stopwatch, trajectory.cycle_s, failures)
+
+
+def _sensor_axis(robot: Robot) -> Array:
+    """(3,) the axis of the tip's sensor, in the tip's frame."""
+    turn = np.array(robot.tracker.tools["tip"].quaternion)
+    return tip_axis(turn / np.linalg.norm(turn))
 
 
 def _complete(
@@ -155,6 +201,10 @@ def _complete(
         result,
         reading_cycles=errors_by_cycle(steps, steps.reading_mm),
         true_cycles=errors_by_cycle(steps, steps.true_mm),
+        tip_pose=pose_errors(steps, steps.tip_mm, steps.tip_direction),
+        reading_pose=pose_errors(steps, steps.reading_mm, steps.reading_direction),
+        true_pose=pose_errors(steps, steps.true_mm, steps.true_direction),
+        sensor_angle_rad=_angles(pose_errors(steps, steps.reading_mm, steps.sensor_direction)),
         drifts=drifts(steps),
         converged_s=converged_s(steps, cycle_s),
         limits=tracker_limits(steps),
@@ -162,3 +212,7 @@ def _complete(
         plant_failures=plant_failures,
     )
     write_result(folder, whole)
+
+
+def _angles(rows: list[PoseError]) -> list[float]:
+    return [row.angle_rad for row in rows if row.angle_rad is not None]

@@ -6,6 +6,7 @@ from random import Random
 
 import msgspec
 
+from daemon.control.task import tip_axis
 from daemon.host.progress import Progress
 from daemon.host.real_time import collector_rarely
 from daemon.recording.direct_recorder import DirectRecorder
@@ -75,6 +76,9 @@ class _TruthOf:
 
     def tip_mm(self) -> Vector:
         return self._body.record.state.tip.position_mm
+
+    def direction(self) -> Vector:
+        return tip_axis(self._body.record.state.tip.quaternion)
 
     def failures(self) -> int:
         return self._body.record.plant_failures

@@ -1,6 +1,6 @@
 """What the steps of an experiment come to: errors by cycle, drift, and what the tracker allows."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Final
 
@@ -9,7 +9,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from daemon.array_files import save_npz
-from daemon.recording.result import CycleError, TrackerLimits
+from daemon.recording.result import CycleError, PoseError, TrackerLimits
 
 # Every step of an experiment that counts, as arrays: what figures and statistics are made of.
 
@@ -35,6 +35,14 @@ class StepSeries:
     """(n, 3) where it was."""
     u: Array
     """(n, m) where the axes were, in shares of their travel."""
+    reference_direction: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    """(n, 3) unit vectors along the tip's axis. These and the following are (0, 3) where nothing is
+    known of them, and not a number at steps where the tip may point anywhere."""
+    tip_direction: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    reading_direction: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    sensor_direction: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    """Of the tip's sensor, as the tracker gave it."""
+    true_direction: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property
     def error_mm(self) -> Array:
@@ -48,14 +56,15 @@ class StepSeries:
 
     def save(self, path: Path) -> None:
         """Write all, in single precision. A reader sees the whole file or none. Raises OSError."""
-        arrays = {field.name: getattr(self, field.name) for field in fields(self)}
+        arrays = {one.name: getattr(self, one.name) for one in fields(self)}
         save_npz(path, {name: array.astype(np.float32) for name, array in arrays.items()})
 
     @classmethod
     def load(cls, path: Path) -> "StepSeries":
         """Raises OSError, ValueError, KeyError for what is no such file."""
         with np.load(path, allow_pickle=False) as stored:
-            return cls(**{field.name: stored[field.name].astype(float) for field in fields(cls)})
+            names = [one.name for one in fields(cls) if one.name in stored]
+            return cls(**{name: stored[name].astype(float) for name in names})
 
 
 CONVERGED_BELOW_MM: Final = 1.0
@@ -85,6 +94,37 @@ def errors_by_cycle(series: StepSeries, points_mm: Array) -> list[CycleError]:
                 )
             )
     return rows
+
+
+def pose_errors(series: StepSeries, points_mm: Array, directions: Array) -> list[PoseError]:
+    """Root mean squares of `points_mm`, (n, 3), and of `directions`, (n, 3) or (0, 3), by cycle."""
+    off_mm, off_rad = points_mm - series.reference_mm, angles_rad(series, directions)
+    known = np.isfinite(off_mm).all(axis=1)
+    rows = []
+    for number in series.cycles:
+        mine = (series.cycle == number) & known
+        if mine.any():
+            x_mm, y_mm, z_mm = np.sqrt((off_mm[mine] ** 2).mean(axis=0)).tolist()
+            angles = off_rad[mine & np.isfinite(off_rad)]
+            rows.append(
+                PoseError(
+                    cycle=number,
+                    samples=int(mine.sum()),
+                    x_mm=x_mm,
+                    y_mm=y_mm,
+                    z_mm=z_mm,
+                    angle_rad=float(np.sqrt((angles**2).mean())) if angles.size else None,
+                )
+            )
+    return rows
+
+
+def angles_rad(series: StepSeries, directions: Array) -> Array:
+    """(n,) between `directions`, (n, 3), and the reference's; not a number where one is missing."""
+    if len(directions) != len(series.t_s) or len(series.reference_direction) != len(series.t_s):
+        return np.full(len(series.t_s), np.nan)
+    across = np.linalg.norm(np.cross(directions, series.reference_direction), axis=1)
+    return np.asarray(np.arctan2(across, (directions * series.reference_direction).sum(axis=1)))
 
 
 def drifts(series: StepSeries) -> list[float]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from html import escape
+from math import degrees
 from pathlib import Path
 from typing import Any, Final
 
@@ -31,6 +32,7 @@ from daemon.workbench.report.two_processes import one_after_the_other
 
 _NS_PER_S: Final = 1e9
 _HEADS: Final = ("cycle", "samples", "mean / mm", "std / mm", "max / mm")
+_POSE_HEADS: Final = ("cycle", "x / mm", "y / mm", "z / mm", "direction / °")
 _FEWEST: Final = 2
 _EVENTS_AT_MOST: Final = 1000
 _STATE_LOOKS: Final = {"hold": "warning", "fault": "alarm", "estop": "alarm", "running": "good"}
@@ -232,7 +234,32 @@ def _error_tables(run: RunData) -> str:
         "saw. Bars show the mean."
     )
     cycles, other_note = _known_afterwards(run)
-    return _table(run.cycles, note) + (_table(cycles, other_note) if cycles else "")
+    return _table(run.cycles, note) + (_table(cycles, other_note) if cycles else "") + _poses(run)
+
+
+def _poses(run: RunData) -> str:
+    """HTML: by coordinate, where the tip had to point somewhere. Lengths and angles apart."""
+    if run.result is None or not any(row.angle_rad for row in run.result.tip_pose):
+        return ""
+    shown = [("filtered", run.result.tip_pose), ("true", run.result.true_pose)]
+    rows = "".join(
+        f'<tr><td>{whose}</td><td class="number">{row.cycle + 1}</td>'
+        f'<td class="number">{row.x_mm:.3f}</td><td class="number">{row.y_mm:.3f}</td>'
+        f'<td class="number">{row.z_mm:.3f}</td>'
+        f'<td class="number">{_in_degrees(row.angle_rad)}</td></tr>'
+        for whose, poses in shown
+        for row in poses
+    )
+    head = "".join(f'<th class="number">{name}</th>' for name in _POSE_HEADS)
+    note = (
+        "Root mean squares by coordinate, and of the angle between the tip's direction and where "
+        "it was to point."
+    )
+    return f'<table><tr><th>tip</th>{head}</tr>{rows}</table><div class="note">{escape(note)}</div>'
+
+
+def _in_degrees(angle_rad: float | None) -> str:
+    return "–" if angle_rad is None else f"{degrees(angle_rad):.2f}"
 
 
 def _known_afterwards(run: RunData) -> tuple[list[CycleError], str]:

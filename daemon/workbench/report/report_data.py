@@ -47,6 +47,7 @@ _COLUMNS: Final[dict[type[Message], dict[str, Column]]] = {
         "measured_mm": Column(lambda tip: tip.measured_mm, 3),
         "reference_mm": Column(lambda tip: tip.reference_mm, 3),
         "error_mm": number(lambda tip: tip.error_mm),
+        "error_rad": number(lambda tip: tip.error_rad),
         "cycle": number(lambda tip: tip.cycle),
         "running": number(lambda tip: tip.state == _RUNNING),
         "believed": number(lambda tip: tip.believed),
@@ -127,7 +128,7 @@ class RunData:
     status: Status | None
     """The last one."""
     tip: Series | None
-    """tip_mm, measured_mm, reference_mm, error_mm, cycle, running, believed."""
+    """tip_mm, measured_mm, reference_mm, error_mm, error_rad, cycle, running, believed."""
     axes: Series | None
     """actual, target, proposed, permitted, force."""
     risk: Series | None

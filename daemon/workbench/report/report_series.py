@@ -69,8 +69,10 @@ def error_figure(run: RunData) -> Figure | None:
     tip = run.tip
     if tip is None or not np.isfinite(tip["error_mm"]).any():
         return None
-    made = figure(3.4)
-    axes = panels(made, 1, 1)[0, 0]
+    points = np.isfinite(tip["error_rad"]).any()
+    made = figure(5.6 if points else 3.4)
+    both = panels(made, 2 if points else 1, 1)
+    axes = both[0, 0]
     leading = np.where((tip["running"] > 0) & (tip["cycle"] >= 0), np.nan, tip["error_mm"])
     counted = np.where((tip["running"] > 0) & (tip["cycle"] >= 0), tip["error_mm"], np.nan)
     _draw(axes, tip.t_s, leading, color=REFERENCE, lw=0.9)
@@ -84,7 +86,13 @@ def error_figure(run: RunData) -> Figure | None:
     shaded = shade_states(axes, run.states, run.duration_s)
     top = limits_of(counted if np.isfinite(counted).any() else leading)
     axes.set_ylim(0.0, None if top is None else top[1] * 1.12)
-    _time_axis([axes], run)
+    if points:
+        angle = np.where(tip["cycle"] >= 0, np.degrees(tip["error_rad"]), np.nan)
+        _draw(both[1, 0], tip.t_s, angle, color=ACCENT, lw=0.9)
+        most = limits_of(angle)
+        both[1, 0].set_ylim(0.0, None if most is None else most[1] * 1.12)
+        both[1, 0].set_ylabel("direction error / °")
+    _time_axis(both[:, 0].tolist(), run)
     axes.set_ylabel("tip error / mm")
     axes.legend(handles=[*handles, *shaded], loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=5)
     return made

@@ -5,6 +5,7 @@ from typing import Final
 
 from config.tasks.study import Published, StudyTable
 from daemon.workbench.studies.findings import Findings, cycles_of
+from daemon.workbench.studies.pose_table import pose_aims
 from daemon.workbench.studies.study_file import StudyFile
 from daemon.workbench.studies.summary import CycleSummary, Spread, Summary
 from daemon.workbench.studies.table import Section, Table, median_of, number, ordinal, range_of
@@ -86,7 +87,7 @@ def aims_text(file: StudyFile, found: Findings) -> list[str]:
     return [
         f"{'reached' if aim.reached else 'MISSED '}  {aim.experiment}, {labels[aim.variant]}: "
         f"{aim.text}"
-        for aim in found.aims
+        for aim in [*found.aims, *pose_aims(file, found)]
     ]
 
 

@@ -10,6 +10,7 @@ from typing import Final, Literal
 
 import msgspec
 
+from config.axis import AxisBase
 from config.emulation import ConcentricTubesPlant, SoftArmPlant
 from config.tasks.study import Variant
 from daemon.files import write_whole
@@ -18,6 +19,8 @@ from daemon.recording.run_folder import formatted_json
 from daemon.workbench.experiments.experiment_file import ExperimentFile
 from daemon.workbench.studies.study_file import StudyFile, merged
 from sim_backends.plants.concentric import concentric_tubes
+from sim_backends.plants.concentric.body_error import matched_variation
+from sim_backends.plants.concentric.relative import RelativeRangeError
 from sim_backends.plants.plant import variation
 
 
@@ -64,7 +67,7 @@ def plan(study: StudyFile, seeds: int, plants: int, only: Sequence[str] = ()) ->
     experiments = [name for name in study.experiments if name in only]
     variants = [variant for variant in study.study.variants if variant.variant in only]
     rows = [
-        (name, variant.variant, plant, _prepared(study.experiments[name], variant, plant))
+        (name, variant.variant, plant, _prepared(study, name, variant, plant))
         for plant in (range(1, plants + 1) if plants else (0,))
         for name in experiments or study.experiments
         for variant in variants or study.study.variants
@@ -81,18 +84,22 @@ def run_folder(root: Path, experiment: str, variant: str, plant: int, seed: int)
     return root / "runs" / experiment / variant / f"plant-{plant}-seed-{seed}"
 
 
-def _prepared(file: ExperimentFile, variant: Variant, plant: int) -> ExperimentFile:
+def _prepared(study: StudyFile, name: str, variant: Variant, plant: int) -> ExperimentFile:
     """The experiment with this controller, on this body."""
+    file, body_error_mm = study.experiments[name], study.study.body_error_mm
     controller = merged(file.experiment.controller, variant.controller)
     experiment = file.experiment.model_copy(update={"controller": controller})
     emulation = file.robot.emulation
     if plant == 0 or emulation is None:
         return replace(file, experiment=experiment)
     body: SoftArmPlant | ConcentricTubesPlant
-    if isinstance(emulation.plant, SoftArmPlant):
+    axes = tuple(file.robot.axes)
+    if isinstance(emulation.plant, ConcentricTubesPlant):
+        body = _other_tubes(emulation.plant, axes, plant, body_error_mm)
+    elif body_error_mm is not None:
+        raise PlanError(f"nothing tells how far another {emulation.plant.kind} is off")
+    elif isinstance(emulation.plant, SoftArmPlant):
         body = variation(emulation.plant, plant)
-    elif isinstance(emulation.plant, ConcentricTubesPlant):
-        body = concentric_tubes.variation(emulation.plant, plant)
     else:
         raise PlanError(
             f"{file.robot.robot} has one body only (a {emulation.plant.kind}): --plants 0"
@@ -100,6 +107,25 @@ def _prepared(file: ExperimentFile, variant: Variant, plant: int) -> ExperimentF
     other = emulation.model_copy(update={"plant": body})
     robot = file.robot.model_copy(update={"emulation": other})
     return replace(file, experiment=experiment, robot=robot)
+
+
+def _other_tubes(
+    plant: ConcentricTubesPlant, axes: tuple[AxisBase, ...], number: int, mean_mm: float | None
+) -> ConcentricTubesPlant:
+    """Another set of tubes, as far off as is wanted. Raises PlanError."""
+    if mean_mm is None:
+        return concentric_tubes.variation(plant, number)
+    key = (plant.model_dump_json(), number, mean_mm)
+    if key not in _MATCHED:
+        try:
+            _MATCHED[key] = matched_variation(plant, axes, number, mean_mm)
+        except RelativeRangeError as error:
+            raise PlanError(str(error)) from None
+    return _MATCHED[key]
+
+
+_MATCHED: Final[dict[tuple[str, int, float], ConcentricTubesPlant]] = {}
+"""It takes half a second to find one, and every run on the same body asks."""
 
 
 # What became of one run of a study: a file in its folder, by which it is known to be done.

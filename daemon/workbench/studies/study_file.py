@@ -12,7 +12,11 @@ from config.documents.problems import ConfigError, Problem, did_you_mean_file
 from config.documents.schema_errors import schema_problems
 from config.documents.yaml_document import YamlDocument, read_yaml
 from config.paths import is_file
-from config.tasks.controllers import ControllerOptions, load_controller_options
+from config.tasks.controllers import (
+    ControllerOptions,
+    controller_type,
+    load_controller_options,
+)
 from config.tasks.study import Study, StudyRow
 from daemon.workbench.experiments.experiment_file import (
     ExperimentFile,
@@ -72,9 +76,13 @@ def merged(options: ControllerOptions, overrides: Mapping[str, Any]) -> Controll
 
     Raises OptionsError.
     """
-    other = type(load_controller_options({"kind": options.kind, **overrides}))
+    other = controller_type(str(overrides.get("kind", options.kind)))
+    if other is None:
+        return load_controller_options(dict(overrides))  # which says that there is no such kind
     given = options.model_dump(exclude_unset=True)
     kept = {key: value for key, value in given.items() if key in other.model_fields}
+    if other is not type(options):
+        kept.pop("kind", None)
     return load_controller_options({**kept, **overrides})
 
 

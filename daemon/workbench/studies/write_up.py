@@ -6,7 +6,7 @@ from typing import Final
 
 from matplotlib.figure import Figure
 
-from config.tasks.study import StudyFigure, Variant
+from config.tasks.study import StudyFigure, StudyTable, Variant
 from daemon.files import write_whole
 from daemon.recording.run_folder import formatted_json
 from daemon.reference.trajectories import make_trajectory
@@ -22,6 +22,7 @@ from daemon.workbench.studies.error_tables import (
     trouble_text,
 )
 from daemon.workbench.studies.findings import Findings
+from daemon.workbench.studies.pose_table import pose_table
 from daemon.workbench.studies.run import Outcome, run_folder
 from daemon.workbench.studies.run_figure import Shown, run_figure
 from daemon.workbench.studies.study_file import StudyFile
@@ -39,8 +40,13 @@ def reproduction_tables(file: StudyFile, found: Findings) -> list[Table]:
     return [
         make(file, table, found)
         for table in file.study.tables
-        for make in (error_table, more_table)
+        for make in (_makes_poses(table), more_table)
     ]
+
+
+def _makes_poses(table: StudyTable) -> Callable[[StudyFile, StudyTable, Findings], Table]:
+    """By coordinates, where the paper has it so; else by cycles."""
+    return pose_table if any(row.published_pose for row in table.rows) else error_table
 
 
 def comparison_tables(file: StudyFile, found: Findings) -> list[Table]:

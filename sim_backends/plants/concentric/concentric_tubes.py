@@ -58,6 +58,7 @@ class ConcentricTubes:
         self._carriage = np.array([tube.carriage for tube in config.tubes])
         self._collar_mm = np.array([tube.collar_mm for tube in config.tubes])
         self._end_mm = np.array([length_mm(tube) for tube in config.tubes])
+        self._towards_x_rad = TOWARDS_X_RAD + turned_rad(config)
         self._moves = config.mouth == "first_collar"
         direction = np.array(config.gravity_direction)
         self._down = direction / np.linalg.norm(direction)
@@ -160,7 +161,7 @@ class ConcentricTubes:
                 "first collar would have to come out of it"
             )
         force_n = tip_force(load, self._down, _STRONGEST_N)
-        rotation_rad = values[:count] + TOWARDS_X_RAD
+        rotation_rad = values[:count] + self._towards_x_rad
         return Setting(rotation_rad, np.minimum(collar_mm, 0.0), force_n), forward_mm
 
     def _at_rest(self) -> _Memory:
@@ -204,6 +205,11 @@ def tube_set(tubes: tuple[Tube, ...]) -> TubeSet:
         np.array([tube.torsion_stiffness_n_mm2 for tube in tubes]),
         np.array([1e-3 * GRAVITY_N_G * tube.mass_mg_mm for tube in tubes]),
     )
+
+
+def turned_rad(config: ConcentricTubesPlant) -> FloatArray:
+    """(n,) what homing has left of each tube's angle."""
+    return np.array([tube.turned_rad for tube in config.tubes])
 
 
 def length_mm(tube: Tube) -> float:
