@@ -42,7 +42,7 @@ class BodyCoordinates:
     @property
     def axes(self) -> int:
         """m."""
-        return self.shaping.shape[1]
+        return len(self.roll)
 
     def through(self, matrix: FloatArray, offset: FloatArray) -> "BodyCoordinates":
         """The same of another actuation v, where u = matrix v + offset; roll and insertion of the

@@ -156,7 +156,7 @@ def _farthest(
                     distance += away[a] * metric[a, b] * away[b]
             nearest = min(nearest, distance)
         total += nearest * nearest
-    return np.sqrt(total / len(asked))
+    return float(np.sqrt(total / len(asked)))
 
 
 @njit(cache=True)

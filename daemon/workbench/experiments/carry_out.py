@@ -131,14 +131,12 @@ class Witness:
         pointing = tip.reference_direction is not None
         self._aim.extend(tip.reference_direction or _UNKNOWN)
         self._directed.extend(tip.direction or _UNKNOWN)
-        seen, sensed = _UNKNOWN, _UNKNOWN
-        if measured is not None:
-            turn = np.array(measured)
-            seen, sensed = tip_axis(turn), rotate(turn, self._sensor_axis)
-        self._seen.extend(seen)
+        turn = None if measured is None else np.array(measured)
+        self._seen.extend(_UNKNOWN if turn is None else tip_axis(turn).tolist())
+        sensed = _UNKNOWN if turn is None else rotate(turn, self._sensor_axis).tolist()
         self._sensed.extend(sensed)
-        true = self._truth.direction() if self._truth is not None and pointing else _UNKNOWN
-        self._turned.extend(true)
+        truth = self._truth if pointing else None
+        self._turned.extend(_UNKNOWN if truth is None else truth.direction().tolist())
 
 
 def _points(values: "array[float]") -> Array:

@@ -94,8 +94,7 @@ def learn_pose(
     shape = curvature_metric(poses, settings.points, scale)
     learnt = np.flatnonzero(~test)
     periods = np.array([period or 0.0 for period in tubes.periods]) / scale
-    chance = np.random.default_rng(settings.seed).permutation(len(learnt))
-    order = learnt[chance]
+    order = learnt[np.random.default_rng(settings.seed).permutation(len(learnt))]
     counts = lattice_counts(
         shape, tubes.lowest / scale, tubes.highest / scale, periods, settings.fields
     )

@@ -58,6 +58,7 @@ def test_the_step_leads_the_tip_where_the_reference_is(pointing: bool) -> None:
         moved.position_mm - here.tip_mm, 0.1 * (there - here.tip_mm), atol=0.02
     )
     if pointing:
+        assert here.tip_direction is not None
         assert moved.direction @ here.tip_direction == pytest.approx(1.0, abs=1e-5)
 
 

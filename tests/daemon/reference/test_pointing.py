@@ -10,6 +10,7 @@ from config.tasks.trajectory import load_trajectory_options
 from daemon.reference.reference import Blend, TrajectoryReference
 from daemon.reference.trajectories import Trajectory, make_trajectory
 from daemon.reference.waypoints import WaypointError
+from drivers.pose import Vector
 
 CIRCLE = {
     "kind": "circle", "center_mm": [36.0, 0.0, 179.0], "radius_mm": 15.0,
@@ -26,7 +27,13 @@ def trajectory(**options: object) -> Trajectory:
     return make_trajectory(load_trajectory_options({**CIRCLE, **options}), Path())
 
 
-LAWS = [
+def pointed(pointing: tuple[Vector, Vector] | None) -> tuple[Vector, Vector]:
+    """What there must be."""
+    assert pointing is not None
+    return pointing
+
+
+LAWS: list[dict[str, object]] = [
     {"kind": "fixed", "direction": [0.0, 3.0, 4.0]},
     {"kind": "away_from", "point_mm": [-8.0, -12.0, 136.0]},
     {"kind": "towards", "point_mm": [36.0, 0.0, 300.0]},
@@ -53,7 +60,7 @@ def test_the_laws_point_as_they_say() -> None:
         circle = trajectory(pointing=law)
         pointing = circle.pointing_at(7.0)
         assert pointing is not None
-        way = sign * (circle.at(7.0)[0] - np.array(law["point_mm"]))
+        way = sign * (circle.at(7.0)[0] - np.array(law["point_mm"], dtype=np.float64))
         np.testing.assert_allclose(pointing[0], way / np.linalg.norm(way))
     fixed = trajectory(pointing=LAWS[0]).pointing_at(3.0)
     assert fixed is not None
@@ -79,11 +86,10 @@ def test_a_tip_is_led_to_the_first_direction_along_a_great_circle_and_stands_the
     place = np.zeros(3)
     blend = Blend(place, place, 5.0, one, other)
     assert blend.duration_s == pytest.approx(1.875 * np.pi / 2.0 / 0.2)
-    half, _ = blend.pointing_at(0.5 * blend.duration_s) or (None, None)
+    half, _ = pointed(blend.pointing_at(0.5 * blend.duration_s))
     np.testing.assert_allclose(half, np.array([1.0, 0.0, 1.0]) / np.sqrt(2.0), atol=1e-12)
-    end, rate = blend.pointing_at(blend.duration_s + 1.0) or (None, None)
+    end, rate = pointed(blend.pointing_at(blend.duration_s + 1.0))
     np.testing.assert_allclose(end, other, atol=1e-12)
-    assert rate is not None
     assert rate.tolist() == [0.0, 0.0, 0.0]
     fastest = max(
         float(np.linalg.norm((blend.pointing_at(t_s) or (one, one))[1]))
@@ -96,8 +102,8 @@ def test_opposite_directions_are_led_round_some_way() -> None:
     blend = Blend(
         np.zeros(3), np.ones(3), 5.0, np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1.0])
     )
-    end, _ = blend.pointing_at(blend.duration_s) or (None, None)
-    np.testing.assert_allclose(end, [0.0, 0.0, -1.0], atol=1e-9)
+    end, _ = pointed(blend.pointing_at(blend.duration_s))
+    np.testing.assert_allclose(end, np.array([0.0, 0.0, -1.0]), atol=1e-9)
 
 
 def test_a_reference_says_where_to_point_on_the_way_on_the_path_and_while_it_waits() -> None:
@@ -115,7 +121,8 @@ def test_a_reference_says_where_to_point_on_the_way_on_the_path_and_while_it_wai
         assert np.linalg.norm(aim.direction - last) < 0.01, "nothing jumps"
         last = aim.direction
     assert aim.cycle == 1
-    np.testing.assert_allclose(aim.direction, (circle.pointing_at(reference.elapsed_s) or (0,))[0])
+    there, _ = pointed(circle.pointing_at(reference.elapsed_s))
+    np.testing.assert_allclose(last, there)
 
 
 def test_waypoints_may_say_where_to_point(tmp_path: Path) -> None:

@@ -147,4 +147,6 @@ def test_the_tip_is_where_its_sensor_says_by_its_offset_and_its_rotation() -> No
     alone = FrameAssembler(ROLES, False, from_sensor).frame(data, 0x140, 1_000, 2_000).tip
     assert alone is not None
     assert math.dist(alone.position_mm.tolist(), [12.5, -30.25, -200.0]) == pytest.approx(1.5)
-    assert frame.tools["tip"].pose.position_mm == pytest.approx([12.5, -30.25, -200.0])
+    sensed = frame.tools["tip"].pose
+    assert sensed is not None
+    assert sensed.position_mm == pytest.approx([12.5, -30.25, -200.0])

@@ -20,6 +20,9 @@ class Truth:
     def tip_mm(self) -> Array:
         return self.at
 
+    def direction(self) -> Array:
+        return np.array([0.0, 0.0, 1.0])
+
     def failures(self) -> int:
         return 0
 
