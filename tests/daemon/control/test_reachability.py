@@ -3,9 +3,11 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from config.control import Workspace
+from config.loader import load_robot
 from config.tasks.controllers import Broyden, ConstantCurvature
 from config.tasks.trajectory import Circle, Hold, TrajectoryOptions, Waypoints
 from daemon.control.reachability import Bounds, HasKinematics, KinematicModel, looks, unreachable
@@ -13,7 +15,8 @@ from daemon.controllers.make_controller import make_controller
 from daemon.reference.trajectories import make_trajectory
 from daemon.robot.axes import AxisRanges
 from daemon.workbench.experiments.experiment_file import load_experiment
-from tests import SOFT_ARM
+from drivers.pose import Vector
+from tests import SHIPPED_ROBOTS, SOFT_ARM
 from tests.daemon.control.closed_loop import ROBOT, rectangle
 
 EXPERIMENTS = SOFT_ARM.parent.parent / "experiments"
@@ -135,3 +138,28 @@ def test_shipped_experiments_keep_to_all_bounds(name: str) -> None:
     trajectory = make_trajectory(file.experiment.trajectory, file.path.parent)
     speed = getattr(file.experiment.controller, "max_tip_speed_mm_s", None)
     assert unreachable(trajectory, Bounds(file.robot.workspace, None, speed)) is None
+
+
+class BeyondAtTheEnd:
+    """A model whose axes would have to be where they may not be together."""
+
+    tolerance_mm = 1.0
+
+    def reach(self, position_mm: Vector, near_u: Vector | None) -> tuple[Vector, float]:
+        drawn_in = position_mm[0] > 5.0
+        return np.array([0.0, 0.0, np.pi if drawn_in else 1.0, 9.0, -40.0]), 0.0
+
+
+def test_a_coupled_limit_on_the_way_is_named_with_its_reason() -> None:
+    robot = load_robot(SHIPPED_ROBOTS / "concentric_tubes.yaml").robot
+    circle = Circle(kind="circle", center_mm=(0.0, 0.0, 185.0), radius_mm=8.0, cycle_s=1000.0)
+    bounds = Bounds(None, BeyondAtTheEnd(), None, AxisRanges.of(robot))
+    text = unreachable(make_trajectory(circle, Path()), bounds)
+    assert text is not None
+    assert "the circle trajectory is at" in text
+    assert text.endswith(
+        "by the controller's model the axes would have to be beyond the coupled limit snap_guard: "
+        "tube 3 bends against the pair and would snap"
+    )
+    near = circle.model_copy(update={"radius_mm": 4.0})
+    assert unreachable(make_trajectory(near, Path()), bounds) is None

@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
+from config.loader import load_robot
 from config.tasks.exploration import MotorBabbling
 from daemon.control.controller import Observation
 from daemon.controllers.learning_controller import Babbling
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
+from tests import SHIPPED_ROBOTS
 from tests.daemon.control.closed_loop import DT_S, ROBOT
 
 AXES = AxisRanges.of(ROBOT)
@@ -73,3 +75,23 @@ def test_the_seed_decides() -> None:
     start = np.full(6, 25.0)
     np.testing.assert_array_equal(babbled(start), babbled(start))
     assert not np.array_equal(babbled(start), babbled(start, seed=2))
+
+
+def test_it_stays_within_coupled_limits() -> None:
+    """At 20 mm out and against the pair: nothing that a gate would have to cut, but for dither."""
+    robot = load_robot(SHIPPED_ROBOTS / "concentric_tubes.yaml").robot
+    axes = AxisRanges.of(robot)
+    for start in ([0.0, 0.0, 3.1, 0.0, -33.0], [0.0, 0.0, 1.9, 0.0, -40.0]):
+        babbling = Babbling(OPTIONS, axes, seed=1)
+        goals = np.array([babbling._draw(np.array(start)) for _ in range(50)])
+        assert axes.coupled.inside(goals).all()
+        assert all(axes.coupled.way_inside(np.array(start), goal) for goal in goals)
+        assert np.ptp(goals, axis=0).min() > 0.5
+
+
+def test_where_nothing_near_is_inside_it_stays() -> None:
+    robot = load_robot(SHIPPED_ROBOTS / "concentric_tubes.yaml").robot
+    outside = np.array([0.0, 0.0, 3.1, 0.0, -42.0])
+    axes = AxisRanges.of(robot)
+    options = MotorBabbling(reach_share=0.001, duration_s=10.0)
+    np.testing.assert_array_equal(Babbling(options, axes, seed=1)._draw(outside), outside)

@@ -4,12 +4,15 @@ import numpy as np
 import pytest
 
 from config.control import Workspace
+from config.loader import load_robot
 from config.robot import Robot
 from config.tasks.exploration import WaypointExploration
 from daemon.array_files import ModelError
 from daemon.control.controller import Observation
 from daemon.controllers.waypoint_exploration import WaypointExplorationController
+from daemon.robot.coupled_axes import CoupledAxes
 from drivers.pose import Vector
+from tests import SHIPPED_ROBOTS
 from tests.daemon.control.closed_loop import DT_S, ROBOT, ClosedLoop
 
 TRAVEL_MM = 50.0
@@ -198,3 +201,17 @@ def test_what_is_not_finite_is_not_remembered() -> None:
     control.observe(still(u, np.full(3, np.nan)))
     control.observe(still(np.full(6, np.inf), tip))
     assert np.isfinite(walked(control)).all()
+
+
+def test_waypoints_and_the_ways_between_keep_to_coupled_limits() -> None:
+    robot = load_robot(SHIPPED_ROBOTS / "concentric_tubes.yaml").robot
+    exploration = controller(robot=robot)
+    coupled = CoupledAxes.of(robot)
+    exploration._start = np.array([0.0, 0.0, 1.9, 8.0, -40.0])
+    for _ in range(200):
+        goal = exploration._draw()
+        assert coupled.way_inside(exploration._start, goal)
+        assert bool((goal != exploration._start).any())
+        exploration._start = goal
+    exploration._start = np.array([0.0, 0.0, np.pi, 9.9, -43.4])
+    np.testing.assert_array_equal(exploration._draw(), exploration._start)  # no way out of there

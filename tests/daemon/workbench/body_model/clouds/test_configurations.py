@@ -5,12 +5,15 @@ import pytest
 
 from config.loader import load_robot
 from daemon.robot.axes import AxisRanges
+from daemon.robot.coupled_axes import CoupledAxes
 from daemon.workbench.body_model.clouds.configurations import (
     BoxManifold,
     Candidates,
     TendonManifold,
     manifold_of,
 )
+from daemon.workbench.body_model.clouds.emulated_body import EmulatedBody, UnreachableError
+from tests import SHIPPED_ROBOTS
 from tests.daemon.workbench.body_model.small_clouds import SOFT_ARM, TENDON_ARM
 
 ARM, SOFT = load_robot(TENDON_ARM).robot, load_robot(SOFT_ARM).robot
@@ -69,3 +72,27 @@ def test_only_what_is_in_the_workspace_is_possible() -> None:
     candidates = Candidates(SOFT, seed=1)
     assert candidates.possible(np.full(6, 20.0))
     assert not candidates.possible(np.array([50.0, 0.0, 0.0, 50.0, 0.0, 0.0]))
+
+
+def test_no_body_is_asked_to_break_a_coupled_limit() -> None:
+    """Against the pair's bend and drawn in, tubes are not where a model would be asked for them."""
+    robot = load_robot(SHIPPED_ROBOTS / "concentric_tubes.yaml").robot
+    candidates, coupled = Candidates(robot, seed=1), CoupledAxes.of(robot)
+    u = candidates.actuation(candidates.parameters(0, 1000))
+    inside = coupled.inside(u)
+    assert 10 < (~inside).sum() < 200
+    outside = u[~inside]
+    assert not any(candidates.possible(one) for one in outside)
+    assert sum(candidates.possible(one) for one in u[inside][:20]) > 15
+
+
+def test_an_emulated_body_goes_round_what_the_limits_forbid() -> None:
+    robot = load_robot(SHIPPED_ROBOTS / "concentric_tubes.yaml").robot
+    body = EmulatedBody(robot)
+    start, end = (np.array([0.0, 0.0, turned, 9.0, -38.0]) for turned in (1.6, 4.7))
+    assert not CoupledAxes.of(robot).way_inside(start, end)
+    body.go(start)
+    assert body.go(end).snaps == 0
+    np.testing.assert_array_equal(body.at, end)
+    with pytest.raises(UnreachableError, match="no way there keeps to the coupled limits"):
+        body.go(np.array([0.0, 0.0, np.pi, 9.0, -38.0]))
