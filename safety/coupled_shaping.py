@@ -53,10 +53,6 @@ class CoupledStep:
         self._start = [motion.start for motion in motions]
         self._duration_s = motions[0].duration_ns * 1e-9
         self._coupled = [(limit.name, ranges(limit, self._start)) for limit in coupled]
-        self._boxes = [
-            shaping.acceleration_range(motion, one)
-            for motion, one in zip(motions, limits, strict=True)
-        ]
 
     def course(self, changes: Sequence[int]) -> Course:
         """What becomes of a step with these changes."""
@@ -71,9 +67,8 @@ class CoupledStep:
 
     def rest(self, changes: Sequence[int]) -> Sequence[int]:
         """Where the axes come to rest after a step with these changes."""
-        course = self.course(changes)
-        apart = self._rests_apart(course)
-        return apart if self._all_kept_apart(apart) else course.rest
+        apart = self._rests_apart(changes)
+        return apart if self._all_kept_apart(apart) else self.course(changes).rest
 
     def braking(self) -> list[int]:
         """The changes of braking: each axis as hard as it may, or else all on one line."""
@@ -112,8 +107,9 @@ class CoupledStep:
             self._possible(axis, motion.coasts * left) for axis, motion in enumerate(self._motions)
         ]
 
-    def _rests_apart(self, course: Course) -> list[int]:
-        return rests_apart(self._start, course.end, self._duration_s, self._limits)
+    def _rests_apart(self, changes: Sequence[int]) -> list[int]:
+        end = [at + change for at, change in zip(self._start, changes, strict=True)]
+        return rests_apart(self._start, end, self._duration_s, self._limits)
 
     def _all_kept_apart(self, rests: Sequence[int]) -> bool:
         return all(kept_apart(allowed, self._start, rests) for _, allowed in self._coupled)
@@ -122,9 +118,9 @@ class CoupledStep:
         return [a + int((b - a) * share) for a, b in zip(one, other, strict=True)]
 
     def _keeps(self, changes: Sequence[int]) -> bool:
-        course = self.course(changes)
-        if self._all_kept_apart(self._rests_apart(course)):
+        if self._all_kept_apart(self._rests_apart(changes)):
             return True
+        course = self.course(changes)
         return not any(self._overrun(axis, course) for axis in range(len(changes))) and all(
             kept(allowed, self._start, course.end, course.rest) for _, allowed in self._coupled
         )
@@ -186,7 +182,7 @@ class CoupledStep:
 
     def _possible(self, axis: int, change: float) -> int:
         """The whole change nearest to zero from there, as far as the acceleration allows it."""
-        lowest, highest = self._boxes[axis]
+        lowest, highest = shaping.acceleration_range(self._motions[axis], self._limits[axis])
         return max(lowest, min(highest, int(change)))
 
 

@@ -57,6 +57,8 @@ class _Start(NamedTuple):
     tensions: Sequence[float | None]
     begins_ns: int
     duration_ns: int
+    coupled: CoupledStep | None
+    """None: there are no coupled limits."""
 
 
 class Gate:
@@ -220,7 +222,8 @@ class Gate:
                 )
                 for axis in range(len(positions))
             ]
-        return _Start(motions, positions, measured.tension_n, begins_ns, duration_ns)
+        coupled = CoupledStep(motions, self._limits, self._coupled) if self._coupled else None
+        return _Start(motions, positions, measured.tension_n, begins_ns, duration_ns, coupled)
 
     # What it may be.
 
@@ -275,10 +278,7 @@ class Gate:
             if stoppable != reached:
                 limited.append(f"braking distance: axis {axis}")
             changes.append(stoppable)
-        return self._coupled_step(start).shaped(changes, limited) if self._coupled else changes
-
-    def _coupled_step(self, start: _Start) -> CoupledStep:
-        return CoupledStep(start.motions, self._limits, self._coupled)
+        return changes if start.coupled is None else start.coupled.shaped(changes, limited)
 
     # What it risks.
 
@@ -313,8 +313,8 @@ class Gate:
 
     def _stops(self, changes: Sequence[int], start: _Start) -> Sequence[float]:
         """Where each axis comes to rest if it brakes after such a step."""
-        if self._coupled:
-            return self._coupled_step(start).rest(changes)
+        if start.coupled is not None:
+            return start.coupled.rest(changes)
         return [
             shaping.stops_at(change, motion, limits)
             for change, motion, limits in zip(changes, start.motions, self._limits, strict=True)
@@ -354,9 +354,7 @@ class Gate:
 
     def _braking(self, start: _Start) -> list[int]:
         """The changes of braking: to want none, of each axis or of all the same share."""
-        if self._coupled:
-            return self._coupled_step(start).braking()
-        return [0] * len(self._limits)
+        return [0] * len(self._limits) if start.coupled is None else start.coupled.braking()
 
 
 def _words_of_place(nearest: Nearest) -> str:

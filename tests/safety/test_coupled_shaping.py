@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from safety.coupled_shaping import CoupledStep
 from safety.coupling import AxisSum, Condition, CoupledLimit
 from safety.limits import CountLimits
-from safety.shaping import AxisMotion
+from safety.shaping import AxisMotion, acceleration_range
 from tests.safety.examples import examples
 from tests.safety.gate_rig import LIMITS, STEP_NS
 
@@ -275,7 +275,7 @@ def test_however_it_is_driven_braking_is_always_possible(
     for number, changes in enumerate(wanted):
         one = CoupledStep(motions, limits, coupled)
         # As the gate has them: within the axes' own acceleration.
-        boxes = one._boxes
+        boxes = [acceleration_range(motion, WIDE) for motion in motions]
         possible = [max(a, min(b, w)) for w, (a, b) in zip(changes, boxes, strict=True)]
         done = one.shaped(possible, [])
         for change, (lowest, highest) in zip(done, boxes, strict=True):
