@@ -47,6 +47,21 @@ def count_coupling(robot: Robot) -> tuple[CoupledLimit, ...]:
     )
 
 
+def beyond_alone(robot: Robot) -> list[float]:
+    """How far beyond each coupled limit the axes' own travels reach, mm or rad; 0: not at all.
+
+    A drive keeps its travel by itself, host or no host; what is beyond, only the gate keeps.
+    """
+    low, high = np.array([axis.travel for axis in robot.axes]).T
+    found = []
+    for limit in limits_in_axes(robot):
+        factors, constant = limit.sum.factors, limit.sum.constant
+        least = np.minimum(factors * low, factors * high).sum() + constant
+        most = np.maximum(factors * low, factors * high).sum() + constant
+        found.append(max(0.0, float(limit.lowest - least), float(most - limit.highest)))
+    return found
+
+
 @dataclass(frozen=True)
 class CoupledAxes:
     """Where axes may be together."""

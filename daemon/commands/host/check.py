@@ -13,6 +13,7 @@ from config.documents.problems import ConfigError, Problem, did_you_mean
 from config.documents.yaml_document import read_yaml
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 from daemon.robot.checked_robot import CheckedRobot, check_robot
+from daemon.robot.coupled_axes import beyond_alone
 
 _KINDS: Final = ("robot", "experiment", "scenario", "study")
 """The key that a file of each kind has. An experiment names its robot too."""
@@ -148,4 +149,7 @@ def _described(path: Path, checked: CheckedRobot) -> list[str]:
         lines.append(
             f"  axis      {axis.name}: {axis.kind}, {drive.bus}/{drive.node} axis {drive.axis}"
         )
+    for limit, beyond in zip(robot.coupled_limits, beyond_alone(robot), strict=True):
+        alone = f"drives alone reach {beyond:g} {limit.unit} beyond it" if beyond else "drives, too"
+        lines.append(f"  coupled   {limit.name}: the gate keeps it; {alone}")
     return lines

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from config.loader import load_robot
-from daemon.robot.coupled_axes import CoupledAxes, count_coupling
+from daemon.robot.coupled_axes import CoupledAxes, beyond_alone, count_coupling
 from drivers.axis_scale import axis_scale
 from drivers.pose import Vector
 from tests import SHIPPED_ROBOTS, SOFT_ARM
@@ -78,3 +78,11 @@ def test_a_way_round_leads_by_where_the_guarded_sum_is_as_at_zero() -> None:
     assert way is not None
     np.testing.assert_allclose(way, [at(0.0, np.pi - 1.5, 53.5), at(0.0, np.pi + 1.5, 53.5), back])
     assert TUBES.way(out, at(0.0, np.pi, 5.0)) is None
+
+
+def test_what_the_travels_alone_do_not_keep() -> None:
+    assert beyond_alone(ROBOT) == pytest.approx([0.5, 20.0])
+    inner = ROBOT.axes[4].model_copy(update={"travel_mm": (-43.0, 23.0)})
+    kept = ROBOT.model_copy(update={"axes": [*ROBOT.axes[:4], inner]})
+    assert beyond_alone(kept) == pytest.approx([0.0, 19.5])
+    assert beyond_alone(load_robot(SOFT_ARM).robot) == []
