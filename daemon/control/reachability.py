@@ -103,8 +103,9 @@ def _too_fast(axes: AxisRanges, speeds: Vector, where: str) -> str | None:
     if share[worst] <= _SPEED_MARGIN:
         return None
     return (
-        f"{where}, and {axes.names[worst]} would have to go {speeds[worst]:.1f} per second, where "
-        f"{axes.max_velocity[worst]:g} is the most, by the controller's model"
+        f"{where}, and {axes.names[worst]} would have to go {speeds[worst]:.1f} "
+        f"{axes.units[worst]}/s, where {axes.max_velocity[worst]:g} is the most, by the "
+        "controller's model"
     )
 
 

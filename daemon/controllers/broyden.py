@@ -182,9 +182,9 @@ class Exploration:
 
     def _stuck(self, axis: int, observation: Observation, goal: Vector) -> ControllerError:
         return ControllerError(
-            f"{self._axes.names[axis]} was to go to {goal[axis]:.3g}, and is at "
-            f"{observation.u[axis]:.3g} after {self._elapsed_s:.0f} s: see what holds it, or begin "
-            f"where the tip is free"
+            f"{self._axes.names[axis]} was to go to {goal[axis]:.3g} {self._axes.units[axis]}, and "
+            f"is at {observation.u[axis]:.3g} after {self._elapsed_s:.0f} s: see what holds it, or "
+            "begin where the tip is free"
         )
 
 

@@ -24,6 +24,8 @@ class AxisRanges:
     """After how much the body is where it was; 0: never."""
     coupled: CoupledAxes = field(default_factory=CoupledAxes)
     """Where they may be together."""
+    units: tuple[str, ...] = ()
+    """mm or rad."""
 
     @classmethod
     def of(cls, robot: Robot) -> "AxisRanges":
@@ -34,7 +36,9 @@ class AxisRanges:
         columns = (np.array(column, np.float64) for column in zip(*limits, strict=True))
         names = tuple(axis.name for axis in robot.axes)
         lowest, highest, max_velocity, scale, period = columns
-        return cls(names, lowest, highest, max_velocity, scale, period, CoupledAxes.of(robot))
+        units = tuple(axis.unit for axis in robot.axes)
+        coupled = CoupledAxes.of(robot)
+        return cls(names, lowest, highest, max_velocity, scale, period, coupled, units)
 
     @property
     def count(self) -> int:

@@ -78,7 +78,7 @@ FAULT: Final = Condition(
 FOLLOWING_ERROR: Final = Condition(
     "drive_following_error",
     "the axis does not follow its target",
-    "look for something that blocks it; check load and following_error_mm",
+    "look for something that blocks it; check its load, and its following error in the robot file",
 )
 WARNING: Final = Condition(
     "drive_warning",

@@ -56,6 +56,7 @@ def course(t_s: Array, values: Array, width_in: float) -> tuple[Array, Array]:
 
 _MS: Final = 1e3
 _COLUMNS: Final = 2
+_OF_A_ROTATION: Final = "N mm"
 _LEGEND_COLUMNS: Final = 6
 _DOTS_AT_MOST: Final = 120
 """More of them run into a line."""
@@ -157,7 +158,8 @@ def force_figure(run: RunData) -> Figure | None:
                 _draw(
                     panel, axes_series.t_s, values, color=series_colour(place), lw=0.9, label=label
                 )
-        panel.set_ylabel(f"force / {unit}" if unit else "force")
+        what = "torque" if unit == _OF_A_ROTATION else "force"
+        panel.set_ylabel(f"{what} / {unit}" if unit else what)
         panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=_LEGEND_COLUMNS)
         shade_states(panel, run.states, run.duration_s)
     _time_axis([column[-1]], run)

@@ -105,6 +105,25 @@ def test_a_healthy_robot_is_seen_with_all_its_figures(healthy: Status) -> None:
     assert "…" not in text
 
 
+def test_what_turns_is_told_in_radians_and_newton_millimetres() -> None:
+    found: list[Status] = []
+
+    async def scene(rig: Rig) -> None:
+        await rig.armed()
+        found.append(rig.status)
+
+    on_a_rig(scene, path=SHIPPED_ROBOTS / "concentric_tubes.yaml")
+    lines = printed(status_view(found[0], Size(100, None)))
+    for axis in found[0].axes:
+        turns = axis.name.startswith("rotation")
+        row = next(line for line in lines if line.startswith(f"{axis.name} "))
+        cells = row.split()
+        assert ("rad" if turns else "mm") in cells
+        assert ("rad" in cells) is turns
+        assert cells[-1] == ("mm" if turns else "N"), "of its torque, or its force"
+        assert row.endswith(" N mm") is turns
+
+
 def test_no_model_of_the_risk_is_called_that_and_has_no_figure(healthy: Status) -> None:
     line = next(line for line in printed(status_view(healthy, SMALL)) if line.startswith("risk"))
     assert line == "risk       no model of what the body may touch; 100% of the step let through"

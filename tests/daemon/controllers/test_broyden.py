@@ -141,7 +141,7 @@ def test_it_says_what_it_is_doing() -> None:
 def test_an_axis_that_does_not_move_is_named() -> None:
     loop = LinearRobot()
     loop.stuck = 2
-    with pytest.raises(ControllerError, match=r"proximal_3 was to go to 13, and is at 10"):
+    with pytest.raises(ControllerError, match=r"proximal_3 was to go to 13 mm, and is at 10"):
         loop.explore()
 
 
