@@ -264,3 +264,33 @@ def test_without_a_limit_for_it_nobody_looks_whether_the_tip_jumps() -> None:
         assert not rig.service.loop._jumped()
 
     on_a_rig(scene, path=TUBES, change=change)
+
+
+@pytest.mark.parametrize("mode", ["csv", "pv"])
+def test_tubes_that_are_told_velocities_go_round_and_stand_when_they_are_told_none(
+    mode: str,
+) -> None:
+    def change(robot: Robot) -> Robot:
+        axes = [
+            axis.model_copy(update={"drive": axis.drive.model_copy(update={"mode": mode})})
+            for axis in robot.axes
+        ]
+        return robot.model_copy(update={"axes": axes})
+
+    async def scene(rig: Rig) -> None:
+        await going_round(rig)
+        await rig.until_state(S.ARMED, within_s=60.0)
+        errors = [tip.error_mm for tip in rig.tips if tip.cycle == 1 and tip.error_mm is not None]
+        assert float(np.mean(errors)) < 2.0
+        await rig.do(Start)
+        await asyncio.sleep(3.0)
+        for bus in rig.service.hardware.buses:  # nothing is said to the drives any more
+            bus._outputs = lambda step: []  # type: ignore[method-assign]
+        await asyncio.sleep(1.0)
+        await stands(rig)
+        assert not rig.in_state(S.RUNNING)
+        assert {"drive_emergency"} <= {
+            event.name for event in rig.told if isinstance(event, Event) and event.kind == "cause"
+        }
+
+    on_a_rig(scene, path=TUBES, change=change)

@@ -1,5 +1,7 @@
 """What the loss of the master does: heartbeat, EMCY, NMT state, power state machine."""
 
+from struct import pack
+
 import pytest
 
 from tests.sim_backends.drive.rig import MS, Rig
@@ -114,3 +116,34 @@ def test_a_drive_that_is_not_switched_on_takes_no_offence() -> None:
     rig.nmt(0x80)
     assert rig.state == "switch on disabled"
     assert rig.emergencies() == []
+
+
+@pytest.mark.parametrize(
+    ("option", "state"),
+    [(0, "enabled"), (1, "fault"), (2, "switch on disabled"), (3, "quick stop")],
+)
+@pytest.mark.parametrize("mode", [3, 9])
+def test_set_points_that_do_not_come_do_what_a_lost_connection_does(
+    mode: int, option: int, state: str
+) -> None:
+    rig = Rig()
+    rig.set(0x6007, option)
+    rig.set(0x605A, 6)
+    rig.set(0x60C2, 10, 1)
+    rpdo = rig.map(True, 1, [0x60400010, 0x60FF0020], 1)
+    rig.set(0x1400, 100, 5)
+    rig.enable(mode)
+    rig.heard.clear()
+    for _ in range(30):
+        rig.send(rpdo, pack("<Hi", 0x0F, 20_000))
+        rig.sync()
+        rig.run(9.6)
+    assert rig.get(0x606C) == pytest.approx(20_000, rel=0.05)
+    rig.run(85)
+    assert rig.get(0x606C) == pytest.approx(20_000, rel=0.05), "it goes on for so long"
+    assert rig.emergencies() == []
+    rig.run(400)
+    assert rig.emergencies()[0] == 0x8250
+    assert rig.state == state
+    assert (rig.get(0x606C) == 0) is (option != 0)
+    assert rig.drive.nmt.state == OPERATIONAL
