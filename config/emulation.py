@@ -336,7 +336,9 @@ class ConcentricTubesPlant(ConfigModel):
 
     @property
     def body_radius_mm(self) -> float:
-        """Of what the body may touch with."""
+        """Of what the body may touch with: the outermost tube's, all along. Where an inner one
+        stands out alone the body is thinner, by half a millimetre; it is taken to be as thick,
+        since where that begins moves along the body with the carriages. No risk is too low so."""
         return self.tubes[0].outer_radius_mm
 
     def extent(self, actuators: Sequence[float]) -> BodyExtent:

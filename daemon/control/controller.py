@@ -57,6 +57,12 @@ class Proposal(NamedTuple):
     """Of an exploration: which motion of it this belongs to. None while it follows."""
 
 
+def steers_direction(controller: object) -> bool:
+    """Whether it leads the tip's direction, too, where the reference has one: then it has an
+    attribute `steers_direction` that is true."""
+    return bool(getattr(controller, "steers_direction", False))
+
+
 class Controller(Protocol):
     """Turns a reference for the tip into steps of the axes."""
 

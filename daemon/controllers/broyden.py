@@ -209,6 +209,8 @@ def _fitted(inputs: Vector, outputs: Vector) -> Vector:
 class BroydenController:
     """A `Controller`."""
 
+    steers_direction = True
+
     name = "broyden"
 
     def __init__(self, options: Broyden, robot: Robot) -> None:

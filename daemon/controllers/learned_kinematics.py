@@ -28,6 +28,8 @@ from daemon.learning.lwpr.model import Lwpr
 class LearnedKinematicsController:
     """A `Controller`."""
 
+    steers_direction = True
+
     name = "learned_kinematics"
     ready = True
 

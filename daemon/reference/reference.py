@@ -258,38 +258,62 @@ class TeleoperationReference:
 
     finished = False
 
-    def __init__(self, max_speed_mm_s: float, t_ns: int) -> None:
+    def __init__(
+        self, max_speed_mm_s: float, t_ns: int, max_turn_rad_s: float = _TURN_RAD_S
+    ) -> None:
         """t_ns: now. From here on a set-point is waited for."""
         self._max_speed_mm_s = max_speed_mm_s
+        self._max_turn_rad_s = max_turn_rad_s
+        self._direction: Vector | None = None
+        """Where the reference points; None: nobody knows where the tip does."""
         self._from_mm = _AT_REST
         self._setpoints = SetpointReference(_AT_REST, max_speed_mm_s)
         self._newest: _Newest | None = None
         self._waits_since_ns = t_ns
 
     def begin(self, tip_mm: Vector, direction: Vector | None = None) -> None:
-        del direction
-        self._from_mm = tip_mm
+        self._from_mm, self._direction = tip_mm, direction
         self._setpoints = SetpointReference(tip_mm, self._max_speed_mm_s)
         if self._newest is not None:
-            self._setpoints.set(*self._newest)
+            self._setpoints.set(*self._newest[:-1])
 
     def wait(self) -> Aim:
         return Aim(self._from_mm, _AT_REST, _LED_TO_THE_START)
 
     def advance(self, t_ns: int, dt_s: float) -> Aim:
-        del dt_s
         position, velocity = self._setpoints.advance(t_ns)
-        return Aim(position, velocity, _LED_TO_THE_START)
+        pointing = self._pointing(dt_s if self._setpoints.valid(t_ns) else 0.0) or (None, None)
+        return Aim(position, velocity, _LED_TO_THE_START, *pointing)
+
+    def _pointing(self, dt_s: float) -> tuple[Vector, Vector] | None:
+        """(3,) direction and its change in 1/s, `dt_s` later; None: the tip may point anywhere."""
+        wanted = None if self._newest is None else self._newest.direction
+        if wanted is None or self._direction is None:
+            return None
+        turn = _Turn(self._direction, wanted)
+        share = min(1.0, self._max_turn_rad_s * dt_s / turn.angle) if turn.angle > 0.0 else 1.0
+        before = self._direction
+        if dt_s > 0.0:
+            self._direction = turn.at(share)[0]
+        return self._direction, (self._direction - before) / dt_s if dt_s > 0.0 else _AT_REST
 
     def ahead(self, lead_s: float) -> None:
         """Nobody knows what a hand will do."""
 
     def set(
-        self, t_ns: int, position_mm: Vector, valid_s: float, velocity_mm_s: Vector | None
+        self,
+        t_ns: int,
+        position_mm: Vector,
+        valid_s: float,
+        velocity_mm_s: Vector | None,
+        direction: Vector | None = None,
     ) -> None:
-        """A set-point came. Raises ValueError for one that is not finite."""
-        newest = _Newest(t_ns, position_mm, valid_s, velocity_mm_s)
-        self._setpoints.set(*newest)
+        """A set-point came. direction: (3,) of unit length; None: the tip may point anywhere.
+
+        Raises ValueError for one that is not finite.
+        """
+        newest = _Newest(t_ns, position_mm, valid_s, velocity_mm_s, direction)
+        self._setpoints.set(*newest[:-1])
         self._newest = newest
 
     def age_s(self, t_ns: int) -> float:
@@ -307,3 +331,4 @@ class _Newest(NamedTuple):
     position_mm: Vector
     valid_s: float
     velocity_mm_s: Vector | None
+    direction: Vector | None

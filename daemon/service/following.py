@@ -3,13 +3,15 @@
 from typing import Final, NamedTuple
 
 from config.control import Workspace
-from daemon.control.controller import Controller
+from daemon.control.controller import Controller, steers_direction
 from daemon.loop.control_step import ControlLoop
 from daemon.messages import ReferenceStatus, Setpoint
 from daemon.reference.reference import TrajectoryReference
 from daemon.reference.trajectories import Trajectory
 from daemon.service.setpoints import Setpoints
 
+_AXES_TO_POINT: Final = 5
+"""Three degrees of freedom of a place, two of a direction."""
 _NOT_TELEOPERATED: Final = "the robot is not teleoperated: ask for `teleoperate` first"
 
 
@@ -41,7 +43,10 @@ class Following:
 
     def follow_setpoints(self, controller: Controller, t_ns: int) -> None:
         """The set-points that come from now on."""
-        self._setpoints = Setpoints(self._workspace, t_ns)
+        enough = len(self._loop.channels) >= _AXES_TO_POINT
+        self._setpoints = Setpoints(
+            self._workspace, t_ns, pointing=enough and steers_direction(controller)
+        )
         self._trajectory = None
         self._loop.reference = self._setpoints.reference
         self._loop.controller = controller

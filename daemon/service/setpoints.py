@@ -9,21 +9,27 @@ from config.control import Workspace
 from config.tasks.trajectory import FARTHEST_MM
 from daemon.messages import Setpoint
 from daemon.reference.reference import TeleoperationReference
+from drivers.pose import Vector
 
 _SPEED_MM_S: Final = 15.0
 _LONGEST_VALIDITY_S: Final = 1.0
+_TURN_RAD_S: Final = 0.4
 _POINTS_NOWHERE: Final = (
-    "pointing: this robot's tip is led by its position alone, and no controller points it: send no "
-    "direction"
+    "pointing: this controller leads the tip by its position alone, or the axes are too few for "
+    "five degrees of freedom: send no direction"
 )
+_UNIT: Final = 1e-3
+"""By which the length of a direction may be off."""
 
 
 class Setpoints:
     """Of one teleoperation, from its beginning on."""
 
-    def __init__(self, workspace: Workspace | None, t_ns: int) -> None:
-        self.reference = TeleoperationReference(_SPEED_MM_S, t_ns)
+    def __init__(self, workspace: Workspace | None, t_ns: int, pointing: bool = False) -> None:
+        """pointing: whether they may say where the tip shall point."""
+        self.reference = TeleoperationReference(_SPEED_MM_S, t_ns, _TURN_RAD_S)
         self._workspace = workspace
+        self._pointing = pointing
         self._last = -1
 
     def take(self, setpoint: Setpoint, t_ns: int) -> str:
@@ -38,13 +44,12 @@ class Setpoints:
             np.array(setpoint.position_mm, dtype=np.float64),
             setpoint.valid_s,
             None if velocity is None else np.array(velocity, dtype=np.float64),
+            None if setpoint.direction is None else _unit(setpoint.direction),
         )
         return ""
 
     def _unwanted(self, setpoint: Setpoint) -> str:
         velocity = setpoint.velocity_mm_s
-        if setpoint.direction is not None:
-            return _POINTS_NOWHERE
         if setpoint.sequence <= self._last:
             return f"it is not newer than number {self._last}"
         if len(setpoint.position_mm) != 3 or (velocity is not None and len(velocity) != 3):
@@ -55,7 +60,17 @@ class Setpoints:
             return f"nothing here is {FARTHEST_MM:g} mm away, or so fast"
         if not 0.0 < setpoint.valid_s <= _LONGEST_VALIDITY_S:
             return f"valid_s must be more than 0 and at most {_LONGEST_VALIDITY_S:g}"
-        return self._outside(setpoint)
+        return self._undirected(setpoint.direction) or self._outside(setpoint)
+
+    def _undirected(self, direction: list[float] | None) -> str:
+        if direction is None:
+            return ""
+        if not self._pointing:
+            return _POINTS_NOWHERE
+        if len(direction) != 3 or not all(map(isfinite, direction)):
+            return "a direction has three numbers, all of them finite"
+        length = sum(one * one for one in direction) ** 0.5
+        return "" if abs(length - 1.0) <= _UNIT else f"a direction is as long as 1, not {length:g}"
 
     def _outside(self, setpoint: Setpoint) -> str:
         workspace = self._workspace
@@ -66,3 +81,8 @@ class Setpoints:
             if not low <= value <= high:
                 return f"{name} = {value:.1f} mm is outside the workspace [{low:g}, {high:g}]"
         return ""
+
+
+def _unit(direction: list[float]) -> Vector:
+    vector = np.array(direction, dtype=np.float64)
+    return vector / np.sqrt(vector @ vector)

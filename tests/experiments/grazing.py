@@ -1,9 +1,10 @@
-"""A ball in the tendon arm's way, many times over: with the model nothing is touched.
+"""A ball in a body's way, many times over: with the model nothing is touched.
 
-`python -m tests.experiments.grazing` takes half an hour on two cores. Every seed is another arm,
+`python -m tests.experiments.grazing` takes half an hour on two cores. Every seed is another body,
 another noise and another side, see `tests.daemon.service.grazing`; each goes round with the model
 and without. Ends with exit code 1 where one touches with it, or does not get round, or does not
-touch without it. Prints one JSON.
+touch without it. Prints one JSON. `--tubes`: concentric tubes instead of the tendon arm;
+`--aware-only`: with the model alone, and then also one that is held is good.
 """
 
 import argparse
@@ -11,6 +12,7 @@ import json
 import os
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -19,21 +21,30 @@ import numpy as np
 
 from daemon.host.processes import worker_processes
 from safety.states import OperatingState
-from tests.daemon.service.grazing import Grazed, graze
+from tests.daemon.service.grazing import PAST_TUBES, TENDONS, Grazed, Subject, graze
 
 
-def both(seed: int) -> tuple[Grazed, Grazed]:
+def each_way(
+    seed: int, subject: Subject = TENDONS, ways: Sequence[bool] = (True, False)
+) -> list[Grazed]:
     """With the model and without."""
     with tempfile.TemporaryDirectory() as name:
         os.environ["XDG_CACHE_HOME"] = name
-        aware, unaware = (graze(seed, Path(name), known) for known in (True, False))
-    return aware, unaware
+        return [graze(seed, Path(name), known, subject=subject) for known in ways]
 
 
-def figures_of(found: Sequence[tuple[Grazed, Grazed]]) -> dict[str, Any]:
+def tubes_each_way(seed: int) -> list[Grazed]:
+    return each_way(seed, PAST_TUBES)
+
+
+def tubes_aware(seed: int) -> list[Grazed]:
+    return each_way(seed, PAST_TUBES, (True,))
+
+
+def figures_of(found: Sequence[Sequence[Grazed]]) -> dict[str, Any]:
     """For JSON."""
-    aware, unaware = zip(*found, strict=True)
-    return {
+    aware, *others = zip(*found, strict=True)
+    figures: dict[str, Any] = {
         "seeds": len(found),
         "with_the_model": {
             "touched": sum(one.least_clearance_mm <= 0.0 for one in aware),
@@ -45,13 +56,16 @@ def figures_of(found: Sequence[tuple[Grazed, Grazed]]) -> dict[str, Any]:
             "seeds_turned_aside": sum(one.slid > 0 for one in aware),
             "shortened_by_the_gate": sum(one.shortened for one in aware),
             "mean_error_mm": _spread([one.mean_error_mm for one in aware]),
+            "ended_with": Counter(cause for one in aware for cause in sorted(one.causes)),
         },
-        "without": {
+    }
+    for unaware in others:
+        figures["without"] = {
             "touched": sum(one.least_clearance_mm <= 0.0 for one in unaware),
             "least_clearance_mm": _spread([one.least_clearance_mm for one in unaware]),
             "mean_error_mm": _spread([one.mean_error_mm for one in unaware]),
-        },
-    }
+        }
+    return figures
 
 
 def _spread(values: Sequence[float]) -> dict[str, float]:
@@ -64,12 +78,23 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=100, metavar="N")
     parser.add_argument("--processes", type=int, default=2, metavar="N")
+    parser.add_argument("--tubes", action="store_true")
+    parser.add_argument("--aware-only", action="store_true")
     arguments = parser.parse_args()
+    which = tubes_each_way if arguments.tubes else each_way
+    if arguments.aware_only:
+        which = tubes_aware
     with worker_processes(arguments.processes) as workers:
-        found = list(workers.map(both, range(1, arguments.seeds + 1)))
+        found = []
+        for seed, one in enumerate(workers.map(which, range(1, arguments.seeds + 1)), 1):
+            found.append(one)
+            print(f"seed {seed}: {one}", file=sys.stderr, flush=True)
     figures = figures_of(found)
     print(json.dumps(figures, indent=2))
-    good, without = figures["with_the_model"], figures["without"]["touched"]
+    good = figures["with_the_model"]
+    if arguments.aware_only:
+        return 1 if good["touched"] else 0
+    without = figures["without"]["touched"]
     bad = good["touched"] or good["got_round"] < len(found) or without < len(found)
     return 1 if bad else 0
 

@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 
 from config.tasks.trajectory import load_trajectory_options
-from daemon.reference.reference import Reference, TeleoperationReference, TrajectoryReference
+from daemon.reference.reference import (
+    Aim,
+    Reference,
+    TeleoperationReference,
+    TrajectoryReference,
+)
 from daemon.reference.trajectories import make_trajectory
+from drivers.pose import Vector
 
 MS = 1_000_000
 TIP = np.array([0.0, 0.0, 180.0])
@@ -130,3 +136,58 @@ def test_nobody_sees_ahead_what_a_hand_will_do() -> None:
     reference: Reference = TeleoperationReference(10.0, 0)
     reference.begin(TIP)
     assert reference.ahead(0.5) is None
+
+
+# Where the tip shall point, told by set-points.
+
+
+def pointed(directions: list[Vector | None], turn_rad_s: float = 0.4) -> list[Aim]:
+    """One after the other, each for half a second; the tip points up at first."""
+    reference = TeleoperationReference(15.0, 0, turn_rad_s)
+    reference.begin(np.zeros(3), np.array([0.0, 0.0, 1.0]))
+    found, t_ns = [], 0
+    for direction in directions:
+        for _ in range(20):
+            t_ns += 25_000_000
+            reference.set(t_ns, np.zeros(3), 0.2, None, direction)
+            found.append(reference.advance(t_ns, 0.025))
+    return found
+
+
+def test_a_direction_is_led_on_no_faster_than_it_may_turn() -> None:
+    wanted = np.array([np.sin(0.15), 0.0, np.cos(0.15)])
+    aims = pointed([wanted])
+    first, last = aims[0], aims[-1]
+    assert first.direction is not None
+    assert first.turn is not None
+    assert float(np.arcsin(first.direction[0])) == pytest.approx(0.4 * 0.025)
+    assert float(np.linalg.norm(first.turn)) == pytest.approx(0.4, rel=1e-3)
+    assert last.direction is not None
+    assert last.turn is not None
+    np.testing.assert_allclose(last.direction, wanted, atol=1e-9)
+    np.testing.assert_allclose(last.turn, 0.0, atol=1e-6)
+
+
+def test_set_points_without_a_direction_let_the_tip_point_anywhere() -> None:
+    aims = pointed([None, np.array([0.0, 0.0, 1.0]), None])
+    assert [aim.direction is None for aim in aims[::20]] == [True, False, True]
+
+
+def test_a_direction_stays_when_its_set_point_is_over() -> None:
+    reference = TeleoperationReference(15.0, 0)
+    reference.begin(np.zeros(3), np.array([0.0, 0.0, 1.0]))
+    reference.set(0, np.zeros(3), 0.1, None, np.array([1.0, 0.0, 0.0]))
+    before = reference.advance(90_000_000, 0.09).direction
+    after = reference.advance(900_000_000, 0.025)
+    assert before is not None
+    assert after.direction is not None
+    assert after.turn is not None
+    np.testing.assert_array_equal(after.direction, before)
+    np.testing.assert_array_equal(after.turn, np.zeros(3))
+
+
+def test_where_nobody_knows_where_the_tip_points_it_is_not_led() -> None:
+    reference = TeleoperationReference(15.0, 0)
+    reference.begin(np.zeros(3))
+    reference.set(0, np.zeros(3), 0.1, None, np.array([1.0, 0.0, 0.0]))
+    assert reference.advance(25_000_000, 0.025).direction is None

@@ -1,11 +1,12 @@
-"""The tendon arm goes round a circle, and a ball stands a little in its way.
+"""A body goes round a circle, and a ball stands a little in its way.
 
-Every seed is another arm and another place: how it is built differs from the arm that the model has
-learned from, the tracker's noise is its own, and so is the direction from which the ball is met.
+Every seed is another body and another place: how it is built differs from the body that the model
+has learned from, or is one of the many that it has; the tracker's noise is its own, and so is the
+direction from which the ball is met.
 """
 
 import asyncio
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ import yaml
 from numpy.typing import NDArray
 
 from config.control import RiskSettings
-from config.emulation import TendonArmPlant
+from config.emulation import Emulation, TendonArmPlant
 from config.loader import load_robot
 from config.robot import Robot
 from daemon.loop.step_messages import SLIDING
@@ -26,10 +27,12 @@ from daemon.workbench.body_model.evaluation.shapes import ball
 from safety.gate import RISK
 from safety.risk_source import NoModel
 from safety.states import OperatingState
+from sim_backends.lab.lab import another_body
 from tests import SOFT_ARM
 from tests.daemon.service.rig import Rig, on_a_rig
 
 TENDON_ARM = SOFT_ARM.with_name("tendon_arm.yaml")
+TUBES = SOFT_ARM.with_name("concentric_tubes.yaml")
 BROYDEN = {
     "kind": "broyden",
     "explore_together": False,
@@ -49,6 +52,14 @@ BALL_MM = 15.0
 BALL_HEIGHT_MM = 190.0
 INTO_THE_WAY_MM = 4.0
 """How far the ball reaches into where the arm would be if it were as long everywhere."""
+TUBES_CIRCLE = {
+    "kind": "circle",
+    "center_mm": [36.0, 0.0, 179.0],
+    "plane": "xy",
+    "radius_mm": 15.0,
+    "cycle_s": 30.0,
+}
+_TUBES_BALL_MM, _TUBES_INTO_MM = 8.0, 1.5
 _BUILT = {
     "bending_stiffness_n_mm2": 0.05,
     "tendon_stiffness_n": 0.1,
@@ -57,6 +68,20 @@ _BUILT = {
     "backlash_mm": 0.5,
 }
 """How far each is from what it should be, at most, as a share of it."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A robot, what it does, and how its bodies and the places of the ball differ."""
+
+    file: Path
+    model: str
+    controller: dict[str, Any]
+    circle: dict[str, Any]
+    ball_mm: float
+    ball_at: Callable[[float], NDArray[np.float64]]
+    """Its centre, (3,), by the direction in rad."""
+    built: Callable[[Emulation, np.random.Generator], Emulation]
 
 
 class StoppedClock:
@@ -87,8 +112,8 @@ class Grazed:
 class Witness:
     """Looks at the body itself while the scene plays."""
 
-    def __init__(self, ball_mm: NDArray[np.float64]) -> None:
-        self._ball_mm = ball_mm
+    def __init__(self, ball_mm: NDArray[np.float64], radius_mm: float) -> None:
+        self._ball_mm, self._radius_mm = ball_mm, radius_mm
         self.least_clearance_mm = np.inf
 
     async def watch(self, rig: Rig) -> None:
@@ -98,17 +123,22 @@ class Witness:
             shares = np.linspace(0.0, 1.0, 5)[:, None, None]
             fine = (line[:-1] + shares * (line[1:] - line[:-1])).reshape(-1, 3)
             away_mm = float(np.linalg.norm(fine - self._ball_mm, axis=1).min())
-            clearance_mm = away_mm - BALL_MM - state.radius_mm
+            clearance_mm = away_mm - self._radius_mm - state.radius_mm
             self.least_clearance_mm = min(self.least_clearance_mm, clearance_mm)
             await asyncio.sleep(0.025)
 
 
-async def once_round(rig: Rig, circle: dict[str, Any], watch: Coroutine[Any, Any, None]) -> None:
+async def once_round(
+    rig: Rig,
+    circle: dict[str, Any],
+    watch: Coroutine[Any, Any, None],
+    controller: dict[str, Any] = BROYDEN,
+) -> None:
     """Until the circle is done, or the robot holds; watched from its first motion on."""
     watching = asyncio.create_task(watch)
     try:
         await rig.armed()
-        await rig.do(Load, trajectory=circle, controller=BROYDEN)
+        await rig.do(Load, trajectory=circle, controller=controller)
         await rig.do(Start)
         await rig.until_state(OperatingState.RUNNING)
         await rig.until(lambda: rig.state is not OperatingState.RUNNING, within_s=200.0)
@@ -116,28 +146,30 @@ async def once_round(rig: Rig, circle: dict[str, Any], watch: Coroutine[Any, Any
         watching.cancel()
 
 
-def graze(seed: int, folder: Path, aware: bool, slide: bool = True) -> Grazed:
-    """Once round. aware: the gate knows of the ball. slide: steps are turned aside."""
+def graze(
+    seed: int, folder: Path, aware: bool, slide: bool = True, subject: Subject | None = None
+) -> Grazed:
+    """Once round. aware: the gate knows of the ball. slide: steps are turned aside.
+
+    subject: None: the tendon arm.
+    """
+    subject = subject or TENDONS
     random = np.random.default_rng(seed)
     angle = random.uniform(0.0, 2.0 * np.pi)
-    file = _robot_file(folder, angle, slide)
+    file = _robot_file(folder, subject, angle, slide)
     robot = load_robot(file)
     assert robot.robot.emulation is not None
-    assert isinstance(robot.robot.emulation.plant, TendonArmPlant)
-    plant = _as_built(robot.robot.emulation.plant, random)
+    emulation = subject.built(robot.robot.emulation, random)
     risk = make_risk_source(robot, StoppedClock()) if aware else NoModel()
-    witness = Witness(_ball_at(angle))
+    witness = Witness(subject.ball_at(angle), subject.ball_mm)
     ended: dict[str, Any] = {}
 
     async def scene(rig: Rig) -> None:
-        await once_round(rig, CIRCLE, witness.watch(rig))
+        await once_round(rig, subject.circle, witness.watch(rig), subject.controller)
         ended.update(state=rig.state, causes=rig.causes)
 
     def change(robot: Robot) -> Robot:
-        assert robot.emulation is not None
-        update: dict[str, Any] = {
-            "emulation": robot.emulation.model_copy(update={"plant": plant, "seed": seed})
-        }
+        update: dict[str, Any] = {"emulation": emulation.model_copy(update={"seed": seed})}
         return robot.model_copy(update=update if aware else {**update, "risk": RiskSettings()})
 
     rig = on_a_rig(scene, path=file, change=change, risk=risk, seed=seed)
@@ -163,11 +195,13 @@ def _ball_at(angle_rad: float) -> NDArray[np.float64]:
     return np.array([x, y, BALL_HEIGHT_MM])
 
 
-def _robot_file(folder: Path, angle_rad: float, slide: bool) -> Path:
-    write_mesh(folder / "ball.stl", ball(BALL_MM, _ball_at(angle_rad).tolist(), 2000))
-    robot: dict[str, Any] = yaml.safe_load(TENDON_ARM.read_text())
+def _robot_file(folder: Path, subject: Subject, angle_rad: float, slide: bool) -> Path:
+    there = subject.ball_at(angle_rad).tolist()
+    write_mesh(folder / "ball.stl", ball(subject.ball_mm, there, 2000))
+    robot: dict[str, Any] = yaml.safe_load(subject.file.read_text())
     robot["risk"] = {
-        "model": "builtin:tendon_arm.npz",
+        **robot.get("risk", {}),
+        "model": subject.model,
         "surface": {"mesh": "ball.stl", "free": "outside"},
         "slide": slide,
     }
@@ -176,9 +210,38 @@ def _robot_file(folder: Path, angle_rad: float, slide: bool) -> Path:
     return path
 
 
-def _as_built(plant: TendonArmPlant, random: np.random.Generator) -> TendonArmPlant:
+def _as_built(emulation: Emulation, random: np.random.Generator) -> Emulation:
+    plant = emulation.plant
     off = {
         name: getattr(plant, name) * (1.0 + share * random.uniform(-1.0, 1.0))
         for name, share in _BUILT.items()
     }
-    return plant.model_copy(update=off)
+    return emulation.model_copy(update={"plant": plant.model_copy(update=off)})
+
+
+TENDONS = Subject(
+    TENDON_ARM, "builtin:tendon_arm.npz", BROYDEN, CIRCLE, BALL_MM, _ball_at, _as_built
+)
+
+
+def _beside_the_tip(angle_rad: float) -> NDArray[np.float64]:
+    """(3,) outside of the tubes' circle, at its height."""
+    away_mm = TUBES_CIRCLE["radius_mm"] + 1.4 + _TUBES_BALL_MM - _TUBES_INTO_MM  # type: ignore[operator]
+    centre = np.array(TUBES_CIRCLE["center_mm"], np.float64)
+    return centre + away_mm * np.array([np.cos(angle_rad), np.sin(angle_rad), 0.0])
+
+
+def _other_tubes(emulation: Emulation, random: np.random.Generator) -> Emulation:
+    """As one made set differs from the next, and none that the model has learned from."""
+    return another_body(emulation, 2_000_000 + int(random.integers(1_000_000)))
+
+
+PAST_TUBES = Subject(
+    TUBES,
+    "builtin:concentric_tubes.npz",
+    {"kind": "broyden"},
+    TUBES_CIRCLE,
+    _TUBES_BALL_MM,
+    _beside_the_tip,
+    _other_tubes,
+)

@@ -9,7 +9,7 @@ will be, but for what the cameras are off: see `camera_alignment`.
 import hashlib
 from collections.abc import Sequence
 from concurrent.futures import Executor, Future, as_completed
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -154,10 +154,13 @@ def import_clouds(
     table = read_table(folder, AxisRanges.of(robot))
     files = _files(table)
     clouds = _all_read(files, folder, settings, workers, progress)
-    alignment = _alignment(clouds, folder, settings.surface)
-    clouds = (clouds + alignment.shift_mm).astype(np.float32)
-    fitted = _all_fitted(clouds, files, folder, settings.surface, workers, progress)
     n, s = len(table.files), len(table.files[0])
+    surfaces = [
+        surface for u in table.configurations for surface in [_surface_at(robot, settings, u)] * s
+    ]
+    alignment = _alignment(clouds, folder, surfaces)
+    clouds = (clouds + alignment.shift_mm).astype(np.float32)
+    fitted = _all_fitted(clouds, files, folder, surfaces, workers, progress)
     m = table.configurations.shape[1]
     unknown = [name for name, column in (("starts", table.starts),) if column is None]
     arrays: dict[str, NDArray[Any]] = {
@@ -190,6 +193,22 @@ def import_clouds(
     return CloudDataset.checked(arrays, provenance)
 
 
+def _surface_at(robot: Robot, settings: ImportSettings, u: FloatArray) -> VisibleSurface:
+    """With the axes at (m,) u. The settings' is that with all axes at zero: how much longer or
+    shorter a body is that its axes push out, and where it begins, its emulation says."""
+    surface = settings.surface
+    if robot.emulation is None:
+        return surface
+    plant = robot.emulation.plant
+    rest, there = plant.extent([0.0] * len(u)), plant.extent(u.tolist())
+    return replace(
+        surface,
+        length_mm=surface.length_mm + there.length_mm - rest.length_mm,
+        begin_mm=there.begin_mm,
+        stretch=there.stretch,
+    )
+
+
 def read_all(files: Sequence[tuple[Path, int]], settings: ImportSettings) -> list[ReadCloud | str]:
     """Some of them, in one process. Each, or what is wrong with it."""
     return [_read(path, number, settings) for path, number in files]
@@ -217,9 +236,9 @@ def _read(path: Path, number: int, settings: ImportSettings) -> ReadCloud | str:
     return ReadCloud(some.astype(np.float32), digest)
 
 
-def fit_all(clouds_mm: SingleArray, surface: VisibleSurface) -> list[Fitted | str]:
+def fit_all(clouds_mm: SingleArray, surfaces: Sequence[VisibleSurface]) -> list[Fitted | str]:
     """(k, p, 3) of them, in one process. Each, or what is wrong with it."""
-    return [_fit(cloud, surface) for cloud in clouds_mm]
+    return [_fit(cloud, surface) for cloud, surface in zip(clouds_mm, surfaces, strict=True)]
 
 
 def _fit(cloud_mm: SingleArray, surface: VisibleSurface) -> Fitted | str:
@@ -268,14 +287,15 @@ def _all_fitted(
     clouds_mm: SingleArray,
     files: list[tuple[Path, int]],
     folder: Path,
-    surface: VisibleSurface,
+    surfaces: Sequence[VisibleSurface],
     workers: Executor,
     progress: Progress,
 ) -> list[Fitted]:
     """Raises CloudImportError."""
     progress.begin("centrelines", len(files), 0)
-    parts = [clouds_mm[begin : begin + _PART] for begin in range(0, len(files), _PART)]
-    found = _in_order([workers.submit(fit_all, part, surface) for part in parts], progress)
+    parts = [slice(begin, begin + _PART) for begin in range(0, len(files), _PART)]
+    tasks = [workers.submit(fit_all, clouds_mm[part], surfaces[part]) for part in parts]
+    found = _in_order(tasks, progress)
     told = zip(files, found, strict=True)
     _refuse([(n, f"{path.name}: {one}") for (path, n), one in told if isinstance(one, str)], folder)
     return [one for one in found if not isinstance(one, str)]
@@ -292,9 +312,11 @@ def _refuse(faults: list[tuple[int, str]], folder: Path) -> None:
         raise CloudImportError(folder, [f"line {n}: {what}" for n, what in sorted(faults)])
 
 
-def _alignment(clouds_mm: SingleArray, folder: Path, surface: VisibleSurface) -> CameraAlignment:
+def _alignment(
+    clouds_mm: SingleArray, folder: Path, surfaces: Sequence[VisibleSurface]
+) -> CameraAlignment:
     """Raises CloudImportError."""
-    found = alignment_of(clouds_mm, [surface] * len(clouds_mm), _NODES)
+    found = alignment_of(clouds_mm, surfaces, _NODES)
     if found is None:
         # Every one will be told by its own row.
         return CameraAlignment(np.zeros(3), np.zeros(_NODES), 0)

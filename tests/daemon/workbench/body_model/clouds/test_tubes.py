@@ -11,6 +11,12 @@ from config.loader import RobotFile, load_robot
 from daemon.robot.axes import AxisRanges
 from daemon.workbench.body_model.clouds.centreline_fit import VisibleSurface
 from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset, CloudDatasetError
+from daemon.workbench.body_model.clouds.cloud_import import (
+    ImportSettings,
+    import_clouds,
+    surface_of,
+)
+from daemon.workbench.body_model.clouds.cloud_table import TABLE
 from daemon.workbench.body_model.clouds.collection import CollectionSettings
 from daemon.workbench.body_model.clouds.configurations import Candidates
 from daemon.workbench.body_model.clouds.emulated_body import (
@@ -146,3 +152,27 @@ def test_the_surface_of_tubes_is_that_of_the_thickest_all_along() -> None:
     assert surface.tube_radius_mm == 1.4
     assert surface.begin_mm == 4.0
     assert surface.length_mm == pytest.approx(150.0 + 53.5 + 6.0)
+
+
+def test_clouds_of_a_real_set_are_fitted_as_long_as_its_axes_say(
+    collected: CloudDataset, tmp_path: Path
+) -> None:
+    """The length that is stated is that with all axes at zero."""
+    robot = tubes().robot
+    rows = [["file", *(axis.name for axis in robot.axes), "test"]]
+    for i, u in enumerate(collected.configurations):
+        for j, cloud in enumerate(collected.clouds_mm[i]):
+            np.savez(tmp_path / f"c{i}_{j}.npz", points=cloud)
+            rows.append([f"c{i}_{j}.npz", *map(repr, u.tolist()), str(int(i < 2))])
+    (tmp_path / TABLE).write_text("\n".join(",".join(row) for row in rows))
+    known = surface_of(robot)
+    assert known is not None
+    assert known[0].length_mm == pytest.approx(150.0 + 53.5)
+    with ThreadPoolExecutor(1) as pool:
+        made = import_clouds(robot, tmp_path, ImportSettings(*known, points=200), pool, Silent())
+    true_mm = collected.true_centrelines_mm
+    assert true_mm is not None
+    tips_off = np.linalg.norm(made.centrelines_mm[:, :, -1] - true_mm[:, :, -1], axis=2)
+    assert np.median(tips_off) < 1.0
+    assert tips_off.max() < 3.0
+    np.testing.assert_allclose(made.period[:3], 2.0 * np.pi)
