@@ -192,12 +192,12 @@ def room_alone(
     Where the axis is already, is always between them.
     """
     lowest, highest = -inf, inf
-    at = counts[axis]
     known = [0 if one is None else one for one in counts]
+    at = known[axis]
     for limit in limits:
         sums = [limit.sum, *[condition.sum for condition in limit.only_while]]
         parts = {part for one in sums for part, _ in one.terms}
-        if at is None or axis not in parts or any(counts[part] is None for part in parts):
+        if axis not in parts or any(counts[part] is None for part in parts):
             continue
         rooms = [_room_alone(together, axis, at) for together in ranges(limit, known)]
         low, high = max(rooms, key=lambda room: (room[1] - room[0], -room[0], room[1]))

@@ -102,6 +102,10 @@ def test_what_is_a_limit_is_let_be() -> None:
     limit(only_while=(turned(),)).check(3)
     limit(only_while=(turned(period=None),)).check(3)
     limit(only_while=(turned(within=8.99),)).check(3)
+    limit(only_while=(turned(within=0.25),)).check(3)
+    limit(terms=((0, 0.1), (1, -0.1)), highest=1.7).check(2)
+    limit(only_while=(Condition(AxisSum(((0, 0.1),)), 0.0, 1.0, 2.9),)).check(2)
+    limit(lowest=60.0, highest=100.0).check(2)
 
 
 @pytest.mark.parametrize(
@@ -114,6 +118,8 @@ def test_what_is_a_limit_is_let_be() -> None:
         (limit(terms=((0, 1.0), (1, inf))), "a factor is finite and not zero"),
         (limit(terms=((0, nan),)), "a factor is finite and not zero"),
         (limit(constant=nan), "it: a sum is finite"),
+        (limit(only_while=(Condition(AxisSum(((0, 0.1),)), 0.0, 1.0, 2.8),)), "no room"),
+        (limit(only_while=(Condition(AxisSum(((0, 1.0),)), 0.0, nan, None),)), "no room"),
         (limit(highest=16.0), "it: between its bounds there is no room for whole counts"),
         (limit(lowest=nan), "no room for whole counts"),
         (limit(lowest=50.0, highest=0.0), "no room for whole counts"),
@@ -303,6 +309,7 @@ def test_a_span_is_that_of_all_corners() -> None:
     assert DIFFERENCE.span([10, 4, 0], [20, 8, 0]) == (2.0, 9.0)
     assert DIFFERENCE.span([10, 4, 0], [4, 0, 9]) == (1.0, 6.0)
     assert DIFFERENCE.span([10, 4, 0], [10, 4, 50]) == (4.0, 4.0)
+    assert ALONE.span([0, 0, 8], [0, 0, 9]) == (2.0, 2.25)
 
 
 @pytest.mark.parametrize(
