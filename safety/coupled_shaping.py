@@ -21,6 +21,8 @@ from safety.limits import CountLimits, at_rest, braking_together_s
 from safety.permit import rests_apart
 from safety.shaping import AxisMotion
 
+COUPLED: Final = "coupled limit: "
+"""Before its name, where one has cut a step."""
 _PASSES_PER_LIMIT: Final = 2
 """One for the limit, and one more where another's has changed how long braking takes."""
 _HALVINGS: Final = 6
@@ -145,7 +147,7 @@ class CoupledStep:
                 return less
         for name, allowed in self._coupled:
             if not kept(allowed, self._start, course.end, course.rest):
-                _tell(limited, f"coupled limit: {name}")
+                _tell(limited, COUPLED + name)
                 return self._least_cut(allowed, course)
         return None
 

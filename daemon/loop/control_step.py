@@ -35,6 +35,7 @@ from drivers.aurora.frame import TrackerFrame
 from drivers.cia402.drive_bus import DriveBus
 from drivers.clock import Clock
 from drivers.pose import Vector
+from safety.coupled_shaping import COUPLED
 from safety.gate import RISK, RISK_UNAVAILABLE, Decision, Gate, Measured
 from safety.permit import PermittedStep
 from safety.risk_source import (
@@ -63,7 +64,7 @@ to 25 mm/s it is 0.3 to 0.5 mm in the second that its cause waits, as little as 
 _LITTLE_BELOW: Final = 0.5
 """... and under which a tip cannot be expected to get anywhere in time. Chosen: at half the speed
 the way to a reference takes twice as long."""
-_FROM_OUTSIDE: Final = (RISK, "tension")
+_FROM_OUTSIDE: Final = (RISK, "tension", COUPLED)
 
 
 class ControlLoop:
@@ -117,6 +118,7 @@ class ControlLoop:
         self._tendons = [axis.tension_range_n is not None for axis in robot.axes]
         self._risk = risk
         self._risk_name = name_of(risk)
+        self._limit_reasons = {COUPLED + one.name: one.reason for one in robot.coupled_limits}
         self._tip_comparing = risk if isinstance(risk, TipComparing) else None
         self._compared: TipComparison | None = None
         """The last word on whether the tip is where the model of the body has it."""
@@ -367,9 +369,14 @@ class ControlLoop:
             unknown = False  # that follows from a cause which is told by itself
         moves = any(abs(change) > _REQUESTED_ABOVE for change in requested.delta_u.tolist())
         stuck = moves and not (too_high or unknown) and decision.scale < _STUCK_BELOW
-        limits = decision.refused or ", ".join(decision.limits) if stuck else ""
+        limits = decision.refused or self._in_words(decision.limits) if stuck else ""
         report = GateReport(too_high, unknown, decision.risk_detail, stuck, limits)
         supervisor.checks.gate(now_ns, report)
+
+    def _in_words(self, limits: Sequence[str]) -> str:
+        """What made a step another, with the reason where the robot file gives one."""
+        reasons = self._limit_reasons
+        return ", ".join([f"{one} ({reasons[one]})" if one in reasons else one for one in limits])
 
     def _judge(
         self,
@@ -411,7 +418,7 @@ class ControlLoop:
 
 
 def _hinders(decision: Decision) -> bool:
-    """Whether what is near, or a tendon, leaves little of a step. What the axes' own speed and
-    acceleration leave is still the controller's."""
+    """Whether what is near, a tendon or a coupled limit leaves little of a step. What the axes' own
+    speed and acceleration leave is still the controller's."""
     outside = any(limit.startswith(_FROM_OUTSIDE) for limit in decision.limits)
     return bool(decision.refused) or (outside and decision.scale < _LITTLE_BELOW)

@@ -8,7 +8,7 @@ import pytest
 
 from config.robot import Robot
 from daemon.control.controller import Observation, Proposal
-from daemon.messages import Acquire, Home, Resume
+from daemon.messages import Acquire, Hold, Home, Resume
 from daemon.robot.axes import AxisRanges
 from daemon.robot.coordinates import Coordinates
 from drivers.pose import Vector
@@ -19,6 +19,10 @@ from tests.experiments.coupled_gate import TUBES, OwnReading
 OWN = OwnReading(TUBES)
 PI = float(np.pi)
 HERE = {"kind": "hold", "position_mm": [60.0, 0.0, 170.0], "duration_s": 1000.0}
+REASONS = {
+    "collar_clearance": "the inner tube's collar would come against the pair's",
+    "snap_guard": "tube 3 bends against the pair and would snap",
+}
 _SETTLED = 0.01
 """mm by which drives may pass where they were told to be."""
 
@@ -28,7 +32,9 @@ class Hand:
 
     name, ready = "hand", False
 
-    def __init__(self, rig: Rig, q: tuple[float, ...]) -> None:
+    def __init__(self, rig: Rig, q: tuple[float, ...], share: float = 1.0) -> None:
+        """share: of the axes' highest velocities."""
+        self._share = share
         self._coordinates = coordinates = Coordinates.of(rig.service.robot)
         self._axes = AxisRanges.of(rig.service.robot)
         self.goal = coordinates.axes(np.array(q))
@@ -43,7 +49,8 @@ class Hand:
         pass
 
     def propose(self, observation: Observation) -> Proposal:
-        return Proposal(self._axes.slowed(self.goal - observation.targets, observation.dt_s))
+        way = self.goal - observation.targets
+        return Proposal(self._axes.slowed(way, self._share * observation.dt_s))
 
     def learn(self) -> None:
         pass
@@ -107,7 +114,7 @@ def test_a_limit_come_to_by_hand_is_kept_named_and_left_again(
         at = coordinates.of_axes(await watched.until_rest(30.0))
         await rig.until_state(OperatingState.HOLD)
         (refusal,) = rig.events("cause", "gate_refused")
-        assert f"coupled limit: {limit}" in refusal.text
+        assert f"coupled limit: {limit} ({REASONS[limit]})" in refusal.detail
         if stops is not None:
             assert at[stops[0]] == pytest.approx(stops[1], abs=0.01)
         hand.to(*start)
@@ -144,3 +151,30 @@ def test_homing_ends_where_a_coupled_limit_does() -> None:
         assert -33.7 < rig.shafts()[4] * OWN.units_per_count[4] < -33.4
 
     on_a_rig(scene, path=TUBES, change=homes_inwards, begins_in=OperatingState.READY)
+
+
+def test_a_base_roll_moves_all_rotations_in_the_same_cycles() -> None:
+    """From rest, at speed, and through a hold: within the rounding of steps, 0.3 mrad."""
+
+    async def scene(rig: Rig) -> None:
+        hand, watched = Hand(rig, (0.0, 0.5, 1.0, 0.0, 53.5), 0.3), Watched(rig)
+        await rig.running(HERE, {"kind": "broyden"})
+        rig.service.loop.controller = hand
+        await watched.until_rest(30.0)
+        await watched.until_rest(30.0)
+        hand.to(1.5, 0.5, 1.0, 0.0, 53.5)
+        first = len(watched.told)
+        resumed = asyncio.create_task(watched.until_rest(20.0))
+        await asyncio.sleep(0.7)
+        await rig.do(Hold)
+        await asyncio.sleep(1.0)
+        await rig.do(Resume)
+        u = await resumed
+        np.testing.assert_allclose(u[:3], [1.5, 2.0, 2.5], atol=1e-3)
+        for places, slack in ((watched.told, 8), (watched.been, 12)):
+            rotations = np.array(places[first:])[:, :3]
+            apart = rotations - rotations[0]
+            assert np.ptp(apart, axis=1).max() <= slack
+            assert apart.max() > 40_000
+
+    on_a_rig(scene, path=TUBES)
