@@ -40,6 +40,7 @@ def test_a_velocity_is_neither_too_high_nor_too_soon(
         (LIMITS, 50, 2000.0),
         (GOES_ON, 3400, 20_000.0),
         (GOES_ON, 250, 2000.0),
+        (replace(GOES_ON, lowest=20_000), 250, 2000.0),
     ],
 )
 @pytest.mark.parametrize("upwards", [True, False])

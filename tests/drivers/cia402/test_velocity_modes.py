@@ -192,3 +192,25 @@ def velocities(rig: Rig) -> list[list[int]]:
         elif can_id in (0x201, 0x202):
             newest[can_id - 0x200] = unpack("<Hi", data)[1]
     return told
+
+
+@pytest.mark.parametrize("mode", ["csp", "csv", "pv"])
+def test_drives_whose_host_has_died_stop_and_hold_in_every_mode(mode: str) -> None:
+    """With torque, or, where the missing SYNC was a fault, with their brakes."""
+
+    async def test(rig: Rig) -> None:
+        await rig.enabled()
+        await led(rig, gate_of(rig), [60_000.0, 60_000.0], 1.5)
+        before = real_positions(rig)
+        rig.timer.stop()
+        await asyncio.sleep(0.6)
+        rested = real_positions(rig)
+        way = max(now - then for now, then in zip(rested, before, strict=True))
+        assert 0 < way < 20_000 * (TIMEOUT_S + 0.02) + 20_000**2 / (2 * 200_000)
+        await asyncio.sleep(2.0)
+        assert real_positions(rig) == rested
+        for drive in rig.drives:
+            axis = drive.axes[0]
+            assert axis.shaft.energised or not axis.power.brake_open
+
+    on_a_rig(test, robot_axes=axes(2, mode=mode))
