@@ -69,7 +69,7 @@ class LearnedKinematics(TipFollowing):
     adaptation: bool = True
     """Whether the model is corrected by what the tracker shows."""
 
-    memory_samples: Annotated[float, Field(ge=2.0)] = 12.0
+    memory_samples: Annotated[float, Field(ge=2.0)] = 8.0
     """How many samples a field of the model remembers. A field forgets by how much a sample weighs
     in it: what is far from the path stays."""
 

@@ -97,6 +97,7 @@ class FieldSet:
             float(settings.forgetting_tau), float(settings.init_s2), float(settings.add_threshold),
         )  # fmt: skip
         self._by_weight = bool(settings.forget_by_weight)
+        self._kept_s2 = float(settings.kept_s2)
         self._bisquare, self._cutoff = settings.kernel == "bisquare", float(settings.cutoff)
         self._shape_rule = ShapeRule(
             self._bisquare, float(settings.penalty), bool(settings.meta),
@@ -134,7 +135,15 @@ class FieldSet:
         )
         predicted = np.empty(len(self._norm_out))
         sample = Sample(x, y, found, fields, weights)
-        _learn(self._scales, sample, self._learning, self._errors, predicted, self._by_weight)
+        _learn(
+            self._scales,
+            sample,
+            self._learning,
+            self._errors,
+            predicted,
+            self._by_weight,
+            self._kept_s2,
+        )
         if settings.adapt_metric:
             _adapt(
                 self._scales, sample, self._learning, self._shapes, self._errors, self._shape_rule

@@ -203,10 +203,11 @@ def learn(
     errors: FloatArray,
     predicted: FloatArray,
     by_weight: bool,
+    kept_s2: float,
 ) -> None:
     """Learn a sample in all fields that it fell into.
 
-    by_weight: a field forgets by how much the sample weighs in it.
+    by_weight: a field forgets by how much the sample weighs in it. kept_s2: as in the settings.
 
     For the metric's step it leaves errors (c, k, 2), normalised: of the mean, and of the model
     before it learnt the sample. predicted: (k,) what the trusted fields say after it, in the
@@ -267,7 +268,7 @@ def learn(
             for i in range(width):
                 left[i] = here[i]
             vectors = DirectionVectors(along[f, k], along_sum[f, k], load[f, k], load_sum[f, k])
-            _learn_directions(w, part, settled, output, mine, vectors, left, remainder)
+            _learn_directions(w, part, kept_s2, settled, output, mine, vectors, left, remainder)
             mature = _mature_rank(output.rank, mine, size)
             errors[f, k, 0], errors[f, k, 1] = remainder[0], remainder[mature]
             _sum_up(mature, mine, along[f, k], load[f, k], inherited[f, k], tangent)
@@ -285,6 +286,7 @@ def learn(
 def _learn_directions(
     w: float,
     part: float,
+    kept_s2: float,
     settled: bool,
     output: Record,
     directions: Records,
@@ -313,7 +315,7 @@ def _learn_directions(
         d.weight = keep * d.weight + w
         d.energy = max(keep * d.energy + weight_s * s, _LEAST_ENERGY)
         d.covariance = keep * d.covariance + weight_y * s
-        by_energy = 1.0 / d.energy
+        by_energy = 1.0 / (d.energy + kept_s2)
         d.beta = d.covariance * by_energy
         taken += weight_s * weight_s * by_energy
         slow, norm = 0.9 + 0.1 * keep, 0.0

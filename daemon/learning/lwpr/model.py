@@ -208,6 +208,30 @@ def with_memory(model: Lwpr, samples: float, *, by_weight: bool = False) -> Lwpr
     return Lwpr.from_arrays(settings, arrays)
 
 
+def with_corrections(model: Lwpr, samples: float, kept_s2: float) -> Lwpr:
+    """A copy whose fields go on from what they say, and learn what is to be added to it: no more of
+    the past than so many samples by weight, and along directions that are not seen nothing.
+
+    kept_s2: how much evidence for the slopes as they are never fades, on normalised inputs.
+    """
+    copy = with_memory(model, samples, by_weight=True)
+    settings = replace(copy.settings, kept_s2=kept_s2)
+    arrays: dict[str, NDArray[Any]] = {**copy.to_arrays()}
+    for prefix in {name.rpartition("/")[0] for name in arrays}:
+        slope, outputs = arrays[f"{prefix}/slope"], arrays[f"{prefix}/outputs"]
+        off = arrays[f"{prefix}/mean"] - arrays[f"{prefix}/anchor"]
+        arrays[f"{prefix}/inherited"] = slope.copy()
+        arrays[f"{prefix}/heir"][:] = arrays[f"{prefix}/trusted"]
+        outputs["mean"] = outputs["level"] - np.einsum("ckw,cw->ck", slope, off)
+        directions = arrays[f"{prefix}/directions"]
+        for name in ("energy", "covariance", "beta", "error", "trace_h", "trace_k"):
+            directions[name] = 0.0
+        for name in ("along", "load"):
+            arrays[f"{prefix}/{name}"][:] = np.eye(*slope.shape[2:] * 2)[: directions.shape[2]]
+            arrays[f"{prefix}/{name}_sum"][:] = 0.0
+    return Lwpr.from_arrays(settings, arrays)
+
+
 def warm_up() -> None:
     """Compiles, or loads what was compiled before: to be done when nothing is in a hurry."""
     model = Lwpr(LwprSettings(1, 1, (1.0,), adapt_metric=True))

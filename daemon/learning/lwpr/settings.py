@@ -12,7 +12,8 @@ from drivers.pose import Vector
 
 _FLOATS = (
     "generate_below", "prune_above", "init_learning_rate", "penalty", "meta_rate", "cutoff",
-    "forgetting_initial", "forgetting_final", "forgetting_tau", "init_s2", "add_threshold",
+    "forgetting_initial", "forgetting_final", "forgetting_tau", "init_s2", "kept_s2",
+    "add_threshold",
 )  # fmt: skip
 
 Metric = tuple[float, ...] | tuple[tuple[float, ...], ...]
@@ -60,6 +61,9 @@ class LwprSettings:
     forget_by_weight: bool = False
     """A field forgets by how much a sample weighs in it, and not as much for every one that reaches
     it: what is far from a path does not fade while the path is gone along. Fixed shapes only."""
+    kept_s2: float = 0.0
+    """As much evidence, Σws², speaks for the slope that a field inherited, and is never forgotten:
+    along directions that samples do not show it stays."""
     init_s2: float = 1e-3
     """Σws² that a direction starts with: as much evidence for what the field inherited."""
     add_threshold: float = 0.5
@@ -158,6 +162,7 @@ class LwprSettings:
                 raise ValueError(f"{name}: above 0")
         for name in (
             "penalty",
+            "kept_s2",
             "meta_rate",
             "generate_below",
             "prune_above",

@@ -13,7 +13,7 @@ from daemon.learning.forward.pose_kinematics import (
     PoseKinematics,
 )
 from daemon.learning.forward.pose_model import PoseModel
-from daemon.learning.lwpr.model import Lwpr, with_memory
+from daemon.learning.lwpr.model import Lwpr, with_corrections, with_memory
 from daemon.learning.lwpr.settings import LwprSettings
 from daemon.robot.axes import AxisRanges
 from daemon.robot.coordinates import Coordinates
@@ -133,7 +133,7 @@ def far_points(nearest: float = 0.6) -> list[Vector]:
     return found
 
 
-@pytest.mark.parametrize(("memory", "most_mm"), [(12.0, 0.3), (30.0, 0.8)])
+@pytest.mark.parametrize(("memory", "most_mm"), [(8.0, 0.3), (30.0, 0.8)])
 def test_a_model_of_half_a_million_samples_still_learns_and_forgets_nothing_far_away(
     memory: float, most_mm: float
 ) -> None:
@@ -160,25 +160,33 @@ def test_a_model_of_half_a_million_samples_still_learns_and_forgets_nothing_far_
     assert max(moved) < 0.5
 
 
-def test_forgetting_by_every_sample_would_spoil_what_is_far() -> None:
-    """What the option is for: the same with fields that forget by every sample that reaches them
-    wanders off away from the path by much more."""
+def test_what_is_beside_the_path_is_not_spoilt_by_what_the_path_does_not_show() -> None:
+    """What forgetting by weight, and slopes that are kept, are for: fields that forget by every
+    sample that reaches them are hundreds of millimetres off there."""
 
-    def spoilt(by_weight: bool) -> float:
-        learnt, still = kinematics(), kinematics()
-        learnt.lwpr = with_memory(learnt.lwpr, 12.0, by_weight=by_weight)
+    def off_mm(adapting: Lwpr) -> float:
+        learnt, still = PoseKinematics(adapting, COORDINATES), kinematics()
         random = np.random.default_rng(6)
-        for u in PATH:
+        for u in [*PATH, *reversed(PATH)]:
             pose = still.pose(u)
-            noise = 0.2 * random.normal(size=3)
-            learnt.learn(u, pose.position_mm + np.array([3.0, -2.0, 1.5]) + noise, pose.direction)
-        off = [
-            float(np.linalg.norm(learnt.pose(u).position_mm - still.pose(u).position_mm))
-            for u in far_points(nearest=0.25)
-        ]
-        return max(off)
+            seen = pose.position_mm + np.array([3.0, -2.0, 1.5]) + 0.2 * random.normal(size=3)
+            learnt.learn(u, seen, pose.direction)
+        said = [learnt.lwpr.predict(learnt.configuration(u))[:3] for u in far_points(nearest=0.25)]
+        nominal = [still.lwpr.predict(still.configuration(u))[:3] for u in far_points(nearest=0.25)]
+        return float(np.linalg.norm(np.subtract(said, nominal), axis=1).max())
 
-    assert spoilt(by_weight=False) > 2.0 * spoilt(by_weight=True)
+    model = kinematics().lwpr
+    assert off_mm(with_corrections(model, 8.0, 1e-3)) < 5.0
+    assert off_mm(with_memory(model, 8.0)) > 20.0
+
+
+def test_a_model_that_is_made_to_learn_corrections_says_what_it_said() -> None:
+    learnt, still = kinematics(), kinematics()
+    learnt.lwpr = with_corrections(still.lwpr, 8.0, 1e-3)
+    for u in places(50, 8):
+        here, there = learnt.answer(u), still.answer(u)
+        np.testing.assert_allclose(here.position_mm, there.position_mm, atol=1e-9)
+        np.testing.assert_allclose(here.jacobian, there.jacobian, atol=1e-9)
 
 
 def test_standing_still_teaches_nothing() -> None:
