@@ -6,7 +6,7 @@ import { changedParameters, showExperiments } from "./experiment.js";
 import { Live } from "./live.js";
 import { showCycles, showDrives, showFigures, showReasons, showState } from "./panels.js";
 import { Plot, legend } from "./plots.js";
-import { openReplay } from "./replay.js";
+import { fetchReplay, openReplay, reading } from "./replay.js";
 import { showRuns } from "./runs.js";
 import { Hand } from "./teleoperation.js";
 
@@ -18,6 +18,8 @@ const look = {
   age_s: () => look.age + (performance.now() - look.heard) / 1000,
   pictureAge: () => look.drawnAge + (performance.now() - look.drawnHeard) / 1000,
 };
+const fetched = replayed ? fetchReplay(replayed, reading) : null;
+if (fetched) fetched.catch(() => {});  // told where it is opened
 let scene = null, plots = null, axisNames = "", replay = null, hand = null;
 
 async function makeScene() {
@@ -138,7 +140,8 @@ async function findRobots() {
     else if (names.length) choose();
   }
   robots.forEach((robot, n) => put(select.options[n], names.length > 1 ? `${robot.name} · ${robot.state || "away"}` : robot.name));
-  put($("stopwhom"), names.length ? (names.length > 1 || replayed ? `stops ${select.value}` : "") : "no robot is connected here");
+  select.closest("label").hidden = Boolean(replayed) && !names.length;
+  put($("stopwhom"), names.length ? (names.length > 1 || replayed ? `Stops ${select.value}.` : "") : "No robot is connected here.");
 }
 
 function begin() {
@@ -167,7 +170,7 @@ document.body.dataset.mode = replayed ? "replay" : "live";
 scene = await makeScene();
 try { look.role = (await told("api/me")).role; } catch { /* then nothing else answers either */ }
 if (replayed) {
-  replay = await openReplay(replayed, { draw, scene, makePlots, plots: () => plots, showRoom, role: look.role, forceRange: () => forceRange(look.status) });
+  replay = await openReplay(replayed, fetched, { draw, scene, makePlots, plots: () => plots, showRoom, role: look.role, forceRange: () => forceRange(look.status) });
 } else begin();
 findRobots();
 setInterval(findRobots, 1000);

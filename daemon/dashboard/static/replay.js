@@ -8,7 +8,8 @@ import { Timeline } from "./timeline.js";
 
 const TRAIL = 900;
 
-async function fetched(name, tell) {
+// Begun before there is a picture to draw it in: both take a while.
+export async function fetchReplay(name, tell) {
   const response = await fetch(`api/runs/${encodeURIComponent(name)}/replay`);
   if (!response.ok) throw new Error((await response.text()) || response.statusText);
   const pieces = [], reader = response.body.getReader();
@@ -26,23 +27,24 @@ async function fetched(name, tell) {
   return whole.buffer;
 }
 
-export async function openReplay(name, page) {
-  const began = performance.now();
+export const reading = (bytes) => put($("headline"), `Reading: ${(bytes / 1e6).toFixed(1)} MB`);
+
+export async function openReplay(name, fetched, page) {
   document.title = `${name} · tentacled`;
   put($("connection"), `replay of ${name}`);
   let block;
   try {
-    block = new ReplayBlock(await fetched(name, (bytes) => put($("headline"), `Reading: ${(bytes / 1e6).toFixed(1)} MB`)));
+    block = new ReplayBlock(await fetched);
   } catch (error) {
     put($("headline"), `This recording cannot be replayed: ${error.message}`);
     return null;
   }
   document.body.classList.remove("stale");
-  return new Replay(name, block, page, began);
+  return new Replay(name, block, page);
 }
 
 class Replay {
-  constructor(name, block, page, began) {
+  constructor(name, block, page) {
     Object.assign(this, { block, page, shown: 0, plotted: false });
     const header = block.header;
     eventsJump((t) => this.timeline.go(t));
@@ -54,12 +56,12 @@ class Replay {
     const states = block.kinds.state;
     this.timeline.go(states.times.length ? Math.max(0, states.times[0]) : 0);
     this.timeline.tick(performance.now());
-    this.opened_ms = performance.now() - began;
+    this.opened_ms = performance.now();  // since the page was asked for
   }
 
   about(name, header) {
     const facts = {
-      Robot: header.robot || "–", Began: new Date(header.started_ns / 1e6).toISOString().replace("T", " ").slice(0, 19), Lasts: clock(header.duration_s),
+      Robot: header.robot || "–", Began: header.header.time || new Date(header.started_ns / 1e6).toISOString().replace("T", " ").slice(0, 19), Lasts: clock(header.duration_s),
       Followed: header.result ? `${header.result.trajectory}, ${header.result.controller}` : "–",
       "Worst error": header.worst ? `${number(header.worst.error_mm, 2, " mm")} at ${clock(header.worst.t_s)}` : "–",
       Recording: header.whole ? "ended properly" : "not ended", Left: header.dropped ? `${header.dropped} messages were left out` : "nothing out",
