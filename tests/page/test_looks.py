@@ -155,3 +155,13 @@ def test_without_webgl_the_robot_is_drawn_flat_and_everything_works(
         seen.page.keyboard.press("Escape")
         says = seen.page.locator("#stopsays")
         until(lambda: says.get_attribute("data-outcome") == "confirmed", "STOP is confirmed")
+
+
+def test_a_picture_of_another_size_is_never_empty(browser: "Browser", on: Stage) -> None:
+    with browsing(browser, on.address) as seen:
+        seen.until_live()
+        seen.page.evaluate("window.requestAnimationFrame = () => 0")
+        time.sleep(0.2)
+        before = seen.probe()["drawn"]
+        seen.page.set_viewport_size({"width": 1100, "height": 900})
+        until(lambda: seen.probe()["drawn"] > before, "drawn with its size, not at some later turn")

@@ -270,7 +270,13 @@ export class Scene {
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
+    this.render();  // a new size has emptied the picture: it must not be seen so
     this.dirty = true;
+  }
+
+  render() {
+    this.renderer.render(this.scene, this.camera);
+    this.drawn += 1;
   }
 
   // Returns whether there was something new to draw.
@@ -278,8 +284,7 @@ export class Scene {
     this.controls.update();
     if (!this.dirty) return false;
     this.dirty = false;
-    this.renderer.render(this.scene, this.camera);
-    this.drawn += 1;
+    this.render();
     label.style.visibility = this.label ? "visible" : "hidden";
     if (this.label) {
       const at = this.label.at.clone().project(this.camera);
