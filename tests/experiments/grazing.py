@@ -77,6 +77,7 @@ def main() -> int:
     """Prints one JSON."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=100, metavar="N")
+    parser.add_argument("--first", type=int, default=1, metavar="N", help="of the seeds")
     parser.add_argument("--processes", type=int, default=2, metavar="N")
     parser.add_argument("--tubes", action="store_true")
     parser.add_argument("--aware-only", action="store_true")
@@ -86,7 +87,8 @@ def main() -> int:
         which = tubes_aware
     with worker_processes(arguments.processes) as workers:
         found = []
-        for seed, one in enumerate(workers.map(which, range(1, arguments.seeds + 1)), 1):
+        seeds = range(arguments.first, arguments.first + arguments.seeds)
+        for seed, one in zip(seeds, workers.map(which, seeds), strict=True):
             found.append(one)
             print(f"seed {seed}: {one}", file=sys.stderr, flush=True)
     figures = figures_of(found)

@@ -57,7 +57,7 @@ TUBES_CIRCLE = {
     "center_mm": [36.0, 0.0, 179.0],
     "plane": "xy",
     "radius_mm": 15.0,
-    "cycle_s": 30.0,
+    "cycle_s": 20.0,
 }
 _TUBES_BALL_MM, _TUBES_INTO_MM = 8.0, 1.5
 _BUILT = {
