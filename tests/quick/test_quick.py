@@ -21,8 +21,12 @@ from tests.quick.selection import (
 
 RENEW = "`python -m tests.quick --moved` follows files, `--measure` measures anew"
 MEASURED_ALREADY = read_measured(MEASURED.read_text())
-UNTESTED = {"daemon.commands.body_model", "daemon.commands.client", "daemon.commands.terminal"}
-"""Packages that no quick test imports itself: they are tested as processes."""
+UNTESTED = {
+    *("config.coupling", "daemon.commands.body_model"),
+    *("daemon.commands.client", "daemon.commands.terminal"),
+}
+"""Packages that no quick test imports itself: commands are tested as processes, and what checks a
+part of a robot file by loading whole ones."""
 
 
 def test_what_is_listed_exists() -> None:
