@@ -183,6 +183,10 @@ def test_the_end_of_travel_counts_for_braking_together() -> None:
 
 def test_far_from_all_limits_axes_brake_by_themselves() -> None:
     loose = CoupledLimit("loose", ORDER.sum, -1e6, 1e6)
+    narrow = replace(WIDE, lowest=-1000, highest=1000)
+    # Together with axis 0, axis 1 would not stop before the end of its travel: by itself it does.
+    near_end = step((0, 850), (500.0, 50.0), (loose,), limits=(WIDE, narrow))
+    assert shaped(near_end, 500, 60) == ([500, 60], [])
     far = step((0, 0), (500.0, 250.0), (loose,))
     assert far.braking() == [375, 125]
     assert far.rest([400, 100]) == [1040, 140]
