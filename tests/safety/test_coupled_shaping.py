@@ -144,14 +144,21 @@ def test_a_cut_never_breaks_what_acceleration_leaves() -> None:
     assert one.course(changes).rest[0] <= 992
 
 
-def test_where_a_cut_alone_is_not_enough_it_is_blended_with_braking() -> None:
-    # Axis 1 backwards at 400 a step: its own share cannot be cut below 275, but axis 0 can brake.
+def test_what_cannot_brake_sooner_leaves_it_to_the_others() -> None:
+    # Axis 1 backwards at 400 a step cannot be cut below 275, but axis 0 can.
     one = step((-40, 40), (100.0, -400.0))
     changes, limited = shaped(one, 200, -525)
     assert limited == ["coupled limit: order"]
     course = one.course(changes)
     assert course.rest[0] - course.rest[1] <= 992
     assert -525 <= changes[1] <= -275
+    assert all(type(change) is int for change in changes)
+
+
+def test_what_is_between_braking_and_a_cut_is_whole_counts() -> None:
+    between = step((0, 0))._between([0, 10], [100, -9], 0.5)
+    assert between == [50, 1]
+    assert all(type(change) is int for change in between)
 
 
 def test_two_limits_are_kept_at_once() -> None:
@@ -179,6 +186,23 @@ def test_the_end_of_travel_counts_for_braking_together() -> None:
         out = step((0, 1500 * sign), (500.0, 0.0), (beside,), limits=limits)
         assert shaped(out, 400, 60 * sign)[0][1] == 0
         assert "braking distance: axis 1" in shaped(out, 400, 60 * sign)[1]
+
+
+def test_at_the_end_of_travel_not_one_count_goes_beyond() -> None:
+    narrow = replace(WIDE, lowest=-1000, highest=1000)
+    along = step((992, 0, 1000), (100.0, 100.0, 0.0), limits=(WIDE, WIDE, narrow))
+    assert shaped(along, 100, 100, 1) == ([100, 100, 0], ["braking distance: axis 2"])
+    along = step((992, 0, -1000), (100.0, 100.0, 0.0), limits=(WIDE, WIDE, narrow))
+    assert shaped(along, 100, 100, -1) == ([100, 100, 0], ["braking distance: axis 2"])
+
+
+def test_who_stands_beyond_the_end_of_travel_is_in_nobodys_way() -> None:
+    narrow = replace(WIDE, lowest=-1000, highest=1000)
+    for outside in (1500, -1500):
+        start = (992, 0, outside)
+        along = step(start, (100.0, 100.0, 0.0), limits=(WIDE, WIDE, narrow))
+        assert shaped(along, 100, 100, 0) == ([100, 100, 0], [])
+        assert along._keeps([100, 100, 0])
 
 
 def test_far_from_all_limits_axes_brake_by_themselves() -> None:
