@@ -11,7 +11,7 @@ NEVER = (
 )
 CODE = """
 import sys
-from daemon.commands import {command}
+from daemon.commands.host import {command}
 {more}
 print(",".join(name for name in {never!r} if name in sys.modules))
 """
