@@ -128,8 +128,6 @@ def ranges(limit: CoupledLimit, start: Sequence[int]) -> list[tuple[Range, ...]]
     """
     value = limit.sum.at(start)
     own = _range(limit.sum, value, limit.lowest, limit.highest)
-    if not limit.only_while:
-        return [(own,)]
     allowed: list[tuple[Range, ...]] = [(own,)] if limit.lowest <= value <= limit.highest else []
     outside = [own]
     for condition in limit.only_while:

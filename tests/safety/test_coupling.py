@@ -399,3 +399,21 @@ def test_a_homing_is_permitted_as_far_as_coupled_limits_leave_it() -> None:
     far = CoupledLimit("far", DIFFERENCE, -1e12, 1e12)
     held = permit_homing(0, limits, [50, 10, 0], [far])
     assert (held.lowest, held.highest) == (-(2**31), 2**31 - 1)
+
+
+def test_on_its_very_bound_a_guard_is_kept() -> None:
+    other = CoupledLimit("other", DIFFERENCE, -inf, 20.0, (turned(),))
+    for guard in (GUARD, other):
+        assert names([guard], place(20.0, 10.5), place(20.0, 10.25)) == []
+
+
+def test_apart_who_is_outside_may_not_get_worse_in_anything() -> None:
+    start = place(10.0, 10.5)
+    assert kept_apart(ranges(GUARD, start), start, place(12.0, 11.0))
+    assert not kept_apart(ranges(GUARD, start), start, place(12.0, 10.0))
+    assert not kept_apart(ranges(GUARD, start), start, place(9.0, 11.0))
+
+
+def test_apart_who_stands_may_be_anywhere() -> None:
+    start = place(98.0)
+    assert kept_apart(ranges(SLAB, start), start, place(98.0, 40.0))
