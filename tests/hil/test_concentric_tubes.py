@@ -48,6 +48,7 @@ def patient(folder: Path, change: Callable[[Robot], None]) -> Path:
     robot = yaml.safe_load(TUBES.read_text())
     robot["buses"]["can0"] |= {"cycle_period_s": 0.02, "master_heartbeat_timeout_s": 2.0}
     robot["supervision"] |= {"loop_hold_after_s": 0.4, "loop_fault_after_s": 1.5}
+    robot["emulation"]["patience_s"] = 1.5
     for axis in robot["axes"]:
         if axis["kind"] == "tube_rotation":
             axis["following_error_rad"] = 0.12
@@ -73,11 +74,22 @@ def without_zeros(robot: Robot) -> None:
         axis["homing"] = axis.get("homing", {}) | {"referenced": "home_at_start"}
 
 
+def homed(one: Rig) -> None:
+    """All that do not know their zeros look for them."""
+    with suppress(RefusedError):
+        one._acquire()
+        if one.state in (S.FAULT, S.ESTOP):
+            one.user.do(one.client.clear())
+        one.user.do(one.client.home([], 60.0))
+
+
 def goes_round(one: Rig) -> None:
     """Until the first motions are over, and the tip follows the circle."""
     deadline_s = time.monotonic() + ROUND_WITHIN_S
     while (reference := one.status().reference) is None or reference.cycle < 0 or reference.note:
         assert time.monotonic() < deadline_s, f"{one.state}, {one.status().reasons}"
+        if "not_referenced" in one.causes():  # a drive that was missed for a moment
+            homed(one)
         if one.state in (S.READY, S.ARMED, S.FAULT, S.STANDBY):
             one.armed()
             with suppress(RefusedError):
