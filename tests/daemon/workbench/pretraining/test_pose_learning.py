@@ -53,7 +53,7 @@ def test_a_small_model_knows_the_tip_to_a_few_millimetres(learnt: LearntPose) ->
 def test_more_fields_know_more(learnt: LearntPose) -> None:
     more = learn_pose(tubes(), PoseLearningSettings(points=16, fields=250), {})
     assert (more.errors.position_mm < 0.95 * learnt.errors.position_mm).all()
-    assert more.errors.angle_rad < 0.8 * learnt.errors.angle_rad
+    assert more.errors.angle_rad < 0.85 * learnt.errors.angle_rad
 
 
 def test_the_model_is_the_same_on_both_sides_of_the_seam(learnt: LearntPose) -> None:
