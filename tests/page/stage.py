@@ -121,7 +121,7 @@ class StagedRobot(FakeRobot):
             and self.lease.holder(self.clock.now_ns()) is None
         ):
             self._go("hold")
-        if self.state != "running":
+        if self.state != "running" or not self._following:
             return
         if self._following == "start":
             angle = 0.5 * (now_s - self._begun_s)
