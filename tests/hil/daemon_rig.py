@@ -357,7 +357,7 @@ class Rig:
                     self.user.do(self.client.clear())
             time.sleep(0.1)
 
-    def armed(self) -> None:
+    def armed(self, *, despite_contact: bool = False) -> None:
         """Bring it to ARMED, with nothing that stands in the way of moving."""
         deadline_s = time.monotonic() + PATIENCE_S
         while True:
@@ -365,7 +365,7 @@ class Rig:
             self.ready()
             self._acquire()
             with suppress(RefusedError):
-                self.user.do(self.client.arm())
+                self.user.do(self.client.arm(despite_contact=despite_contact))
                 return
 
     def running(self) -> None:

@@ -206,6 +206,7 @@ def test_a_killed_daemon_has_the_bus_no_more() -> None:
         one.ready()
 
 
+@pytest.mark.long
 def test_a_terminal_that_closes_stops_the_drives_and_keeps_the_recording() -> None:
     with rig(PATIENT, LOOP_TIMES) as one:
         one.running()
@@ -247,6 +248,7 @@ def test_probe_without_its_serial_port_ends_when_it_is_told(
                 assert process.returncode == 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("real_time", "number"),
     [(False, signal.SIGTERM), (False, signal.SIGHUP), (True, signal.SIGTERM)],

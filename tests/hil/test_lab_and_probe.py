@@ -100,6 +100,7 @@ def any_of_three(succeeds: Callable[[], bool]) -> bool:
     return any(succeeds() for _ in range(3))
 
 
+@pytest.mark.long
 def test_probe_works_over_the_serial_adapter_too(tmp_path: Path) -> None:
     robot = soft_arm_over_slcan(tmp_path)
     with lab(tmp_path / "lab", robot=robot), probe(tmp_path / "lab", robot=robot) as one:
@@ -199,6 +200,7 @@ def explored() -> Path:
     return pretrained(load_robot(SOFT_ARM))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("after_s", [0.0, 4.0, 20.0])
 @pytest.mark.usefixtures("explored")
 def test_ctrl_c_ends_the_demonstration_with_nothing_left(tmp_path: Path, after_s: float) -> None:

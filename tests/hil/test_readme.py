@@ -28,6 +28,7 @@ def example() -> str:
     return found[0]
 
 
+@pytest.mark.long
 def test_the_python_example_follows_a_circle_as_printed() -> None:
     with short_folder() as root:
         folder = root / "tentacled" / "soft_arm"

@@ -104,7 +104,7 @@ def test_after_a_long_stall_one_cause_leads_and_clear_and_arm_lead_back(
         elif not leads & STALLED:  # else a busy machine has kept the daemon from its turn as well
             # Nothing but their silence says that drives and tracker have one origin.
             assert len(leads & {"bus_not_open", "bus_queue_full", "node_lost"}) == 1, leads
-        one._acquire()  # the lease may have run out meanwhile
-        one.user.do(one.client.clear())
-        one.user.do(one.client.arm())
+        for command in (one.client.clear, one.client.arm):
+            one._acquire()  # the lease may have run out meanwhile
+            one.user.do(command())
         assert one.state is S.ARMED

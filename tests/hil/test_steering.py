@@ -108,6 +108,7 @@ def test_a_hand_leads_the_tip_lets_go_and_leads_on(one: Rig) -> None:
         puck.push()
         puck.key(DEAD_MAN)
         until_led_on(one)
+        one.until(lambda: one.status().reference_mm is not None)
         reference = one.status().reference_mm
         assert reference is not None
         assert dist(reference, tip(one)) < NEAR_MM, "it begins where the tip is"

@@ -9,8 +9,12 @@ import pytest
 from tests.experiments.floods import FLOODS
 from tests.experiments.stop_under_flood import flooded
 
+_FIRST, *_OTHERS = FLOODS
 
-@pytest.mark.parametrize("flood", FLOODS)
+
+@pytest.mark.parametrize(
+    "flood", [_FIRST, *(pytest.param(one, marks=pytest.mark.long) for one in _OTHERS)]
+)
 def test_every_stop_comes_through_by_every_way(flood: str) -> None:
     outcomes = flooded(flood, stops=1, real_time=False)
     for way, outcome in outcomes.items():

@@ -56,7 +56,8 @@ def test_it_goes_round_in_a_chest_along_what_is_in_its_way() -> None:
         risks, tips = seen(recorded, "/risk"), seen(recorded, "/tip")
         asked = [risk["contact_risk"] for risk in risks]
         assert None not in asked
-        assert min(asked) < max(asked), "the heart is near, and not always"
+        near_mm = [risk["clearance_mm"] for risk in risks if risk["clearance_mm"] is not None]
+        assert min(near_mm) + 1.0 < max(near_mm), "the heart is near, and not always"
         assert any("sliding" in risk["reasons"] for risk in risks)
         assert {len(risk["means_mm"]) for risk in risks if risk["means_mm"]} == {5}
         assert max(tip["cycle"] for tip in tips) >= 0

@@ -120,8 +120,8 @@ class Trial:
         looks_running = in_a_row = 0
         while True:
             await asyncio.sleep(_LOOK_EVERY_S)
-            self._tell_how_far()
             if supervisor.running:
+                self._tell_how_far()
                 looks_running += 1
                 in_a_row = 0 if looks_running > _LOOKS_UNTIL_IT_RUNS else in_a_row
                 continue
