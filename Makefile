@@ -56,7 +56,7 @@ hil: $(DEVELOPMENT)
 	@$(BIN)/pytest -n 2 --dist loadgroup -m long
 
 page: $(DEVELOPMENT)
-	@$(BIN)/pytest -n 2 --dist loadgroup -m page
+	@$(BIN)/pytest -m page
 
 lint: $(DEVELOPMENT)
 	@$(BIN)/ruff format --check .
