@@ -22,10 +22,15 @@ def broken() -> Figures:
     raise ValueError("the drives are on strike")
 
 
+def _marks(name: str) -> list[pytest.MarkDecorator]:
+    """What opens a browser goes with the other tests that do."""
+    return [pytest.mark.hil] * (name in REAL_TIME) + [pytest.mark.page] * (name == "page")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(name, marks=[pytest.mark.hil] * (name in REAL_TIME)) for name in PARTS],
+    [pytest.param(name, marks=_marks(name)) for name in PARTS],
 )
 def test_a_part_runs_as_short_as_it_can(name: str) -> None:
     figures = apart(name, tiny=True)
