@@ -5,6 +5,7 @@ only while other sums are near a value, as the snap of concentric tubes is near 
 against each other.
 """
 
+from abc import ABC, abstractmethod
 from math import pi
 from typing import Annotated, ClassVar, Literal
 
@@ -17,7 +18,7 @@ Sum = Annotated[dict[Name, float], Field(min_length=1)]
 Sentence = Annotated[str, StringConstraints(min_length=1, max_length=200)]
 
 
-class ConditionBase(ConfigModel):
+class ConditionBase(ConfigModel, ABC):
     """A sum is near a value."""
 
     unit: ClassVar[Literal["mm", "rad"]]
@@ -26,14 +27,14 @@ class ConditionBase(ConfigModel):
     """Factors of axes or coordinates, by their names."""
 
     @property
+    @abstractmethod
     def near(self) -> float:
         """The value, in `unit`."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def within(self) -> float:
         """How near is near: half the width of the band."""
-        raise NotImplementedError
 
     @property
     def period(self) -> float | None:
@@ -96,7 +97,7 @@ class LengthCondition(ConditionBase):
 Condition = Annotated[AngleCondition | LengthCondition, Field(discriminator="kind")]
 
 
-class CoupledLimitBase(ConfigModel):
+class CoupledLimitBase(ConfigModel, ABC):
     """A sum that stays between its bounds."""
 
     unit: ClassVar[Literal["mm", "rad"]]
@@ -110,14 +111,14 @@ class CoupledLimitBase(ConfigModel):
     """The limit counts only while all of these are met; empty: always."""
 
     @property
+    @abstractmethod
     def lowest(self) -> float | None:
         """In `unit`; None: there is no such bound."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def highest(self) -> float | None:
         """In `unit`; None: there is no such bound."""
-        raise NotImplementedError
 
 
 class LengthLimit(CoupledLimitBase):

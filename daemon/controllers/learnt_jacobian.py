@@ -13,8 +13,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from config.tasks.controllers import Learner
+from daemon.control.jacobian_estimate import JacobianEstimate
 from daemon.control.jacobian_kernels import in_rows
-from daemon.controllers.jacobian_estimate import JacobianEstimate
 from daemon.learning.lwpr.model import Lwpr
 from daemon.learning.samples.motion import MotionSample
 from drivers.pose import Vector

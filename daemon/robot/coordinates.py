@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from config.coupling.sums import coordinate_map
 from config.robot import Robot
 from drivers.pose import Vector
 
@@ -34,15 +35,14 @@ class Coordinates:
             one = np.eye(len(axes))
             units = tuple(axis.unit for axis in robot.axes)
             return cls(tuple(axes), units, (None,) * len(axes), one, one, np.zeros(len(axes)))
-        columns = [[q.moves.get(name, 0.0) for name in axes] for q in robot.coordinates]
-        matrix = np.array(columns, np.float64).T
+        matrix, at_zero = coordinate_map(robot.coordinates, axes)
         return cls(
             tuple(q.name for q in robot.coordinates),
             tuple(q.unit for q in robot.coordinates),
             tuple(q.period for q in robot.coordinates),
             matrix,
             np.asarray(np.linalg.inv(matrix)),
-            np.array([q.at_zero for q in robot.coordinates], np.float64),
+            at_zero,
         )
 
     @property

@@ -5,26 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from config.documents.problems import ConfigError
 from config.emulation import ConcentricTubesPlant
 from config.loader import load_robot
 from daemon.robot.coupled_axes import CoupledAxes
 from sim_backends.plants.concentric.concentric_tubes import ConcentricTubes
 from sim_backends.plants.plant import TipLoad
 from tests import SHIPPED_ROBOTS
+from tests.config.edited import problems_of
 
 TUBES = SHIPPED_ROBOTS / "concentric_tubes.yaml"
-
-
-def problems_of(tmp_path: Path, old: str, new: str) -> list[str]:
-    """The problems of the shipped file with `old` replaced, without the file's name."""
-    file = tmp_path / "robot.yaml"
-    text = TUBES.read_text()
-    assert old in text
-    file.write_text(text.replace(old, new, 1))
-    with pytest.raises(ConfigError) as raised:
-        load_robot(file)
-    return [str(problem).removeprefix(f"{file}:") for problem in raised.value.problems]
 
 
 @pytest.mark.parametrize(
@@ -84,7 +73,7 @@ def problems_of(tmp_path: Path, old: str, new: str) -> list[str]:
     ],
 )
 def test_what_does_not_fit_is_told(tmp_path: Path, old: str, new: str, expected: str) -> None:
-    problems = problems_of(tmp_path, old, new)
+    problems = problems_of(tmp_path, TUBES, (old, new))
     assert any(expected in problem for problem in problems), problems
 
 

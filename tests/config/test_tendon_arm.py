@@ -10,19 +10,9 @@ from config.emulation import TendonArmPlant
 from config.loader import load_robot
 from drivers.axis_scale import axis_scale
 from tests import SHIPPED_ROBOTS
+from tests.config.edited import problems_of
 
 TENDON_ARM = SHIPPED_ROBOTS / "tendon_arm.yaml"
-
-
-def problems_of(tmp_path: Path, old: str, new: str) -> list[str]:
-    """The problems of the shipped file with `old` replaced, without the file's name."""
-    file = tmp_path / "robot.yaml"
-    text = TENDON_ARM.read_text()
-    assert old in text
-    file.write_text(text.replace(old, new, 1))
-    with pytest.raises(ConfigError) as raised:
-        load_robot(file)
-    return [str(problem).removeprefix(f"{file}:") for problem in raised.value.problems]
 
 
 def test_the_shipped_arm_has_a_motor_for_every_tendon_and_torque_to_spare() -> None:
@@ -71,7 +61,7 @@ def test_middle_of_travel_is_the_straight_arm() -> None:
     ],
 )
 def test_what_does_not_fit_is_told(tmp_path: Path, old: str, new: str, expected: str) -> None:
-    problems = problems_of(tmp_path, old, new)
+    problems = problems_of(tmp_path, TENDON_ARM, (old, new))
     assert any(expected in problem for problem in problems), problems
 
 

@@ -11,17 +11,16 @@ from typing import Final, Literal
 import msgspec
 
 from config.axis import AxisBase
-from config.emulation import ConcentricTubesPlant, SoftArmPlant
+from config.emulation import ConcentricTubesPlant
 from config.tasks.study import Variant
 from daemon.files import write_whole
 from daemon.recording.result import Result
 from daemon.recording.run_folder import formatted_json
 from daemon.workbench.experiments.experiment_file import ExperimentFile
 from daemon.workbench.studies.study_file import StudyFile, merged
-from sim_backends.plants.concentric import concentric_tubes
+from sim_backends.lab.lab import another_body
 from sim_backends.plants.concentric.body_error import matched_variation
 from sim_backends.plants.concentric.relative import RelativeRangeError
-from sim_backends.plants.plant import variation
 
 
 class PlanError(ValueError):
@@ -92,29 +91,21 @@ def _prepared(study: StudyFile, name: str, variant: Variant, plant: int) -> Expe
     emulation = file.robot.emulation
     if plant == 0 or emulation is None:
         return replace(file, experiment=experiment)
-    body: SoftArmPlant | ConcentricTubesPlant
-    axes = tuple(file.robot.axes)
-    if isinstance(emulation.plant, ConcentricTubesPlant):
-        body = _other_tubes(emulation.plant, axes, plant, body_error_mm)
-    elif body_error_mm is not None:
-        raise PlanError(f"nothing tells how far another {emulation.plant.kind} is off")
-    elif isinstance(emulation.plant, SoftArmPlant):
-        body = variation(emulation.plant, plant)
+    if body_error_mm is None:
+        other = another_body(emulation, plant)
+    elif isinstance(emulation.plant, ConcentricTubesPlant):
+        tubes = _other_tubes(emulation.plant, tuple(file.robot.axes), plant, body_error_mm)
+        other = emulation.model_copy(update={"plant": tubes})
     else:
-        raise PlanError(
-            f"{file.robot.robot} has one body only (a {emulation.plant.kind}): --plants 0"
-        )
-    other = emulation.model_copy(update={"plant": body})
+        raise PlanError(f"nothing tells how far another {emulation.plant.kind} is off")
     robot = file.robot.model_copy(update={"emulation": other})
     return replace(file, experiment=experiment, robot=robot)
 
 
 def _other_tubes(
-    plant: ConcentricTubesPlant, axes: tuple[AxisBase, ...], number: int, mean_mm: float | None
+    plant: ConcentricTubesPlant, axes: tuple[AxisBase, ...], number: int, mean_mm: float
 ) -> ConcentricTubesPlant:
     """Another set of tubes, as far off as is wanted. Raises PlanError."""
-    if mean_mm is None:
-        return concentric_tubes.variation(plant, number)
     key = (plant.model_dump_json(), number, mean_mm)
     if key not in _MATCHED:
         try:

@@ -5,22 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from config.documents.problems import ConfigError
 from config.loader import load_robot
 from tests import SHIPPED_ROBOTS, SOFT_ARM
+from tests.config.edited import problems_of
 
 TUBES = SHIPPED_ROBOTS / "concentric_tubes.yaml"
-
-
-def problems_of(tmp_path: Path, old: str, new: str) -> list[str]:
-    """The problems of the shipped file with `old` replaced: line:column, key and text."""
-    file = tmp_path / "robot.yaml"
-    text = TUBES.read_text()
-    assert old in text
-    file.write_text(text.replace(old, new, 1))
-    with pytest.raises(ConfigError) as raised:
-        load_robot(file)
-    return [str(problem).removeprefix(f"{file}:") for problem in raised.value.problems]
 
 
 def test_the_tubes_are_seen_as_the_paper_has_them() -> None:
@@ -95,7 +84,7 @@ def test_a_robot_needs_none() -> None:
     ],
 )
 def test_what_does_not_fit_is_told(tmp_path: Path, old: str, new: str, expected: str) -> None:
-    problems = problems_of(tmp_path, old, new)
+    problems = problems_of(tmp_path, TUBES, (old, new))
     line, column, text = problems[0].split(":", 2)
     assert text.strip() == expected
     first = TUBES.read_text().split("\ncoordinates:")[0].count("\n") + 3
@@ -107,10 +96,12 @@ def test_there_are_as_many_as_axes_and_each_axis_is_moved(tmp_path: Path) -> Non
     last = TUBES.read_text().split("coordinates:")[1].split("\n\n")[0].splitlines()[-1]
     assert any(
         "coordinates: 4 coordinates cannot say where 5 axes are" in problem
-        for problem in problems_of(tmp_path, last, "")
+        for problem in problems_of(tmp_path, TUBES, (last, ""))
     )
     still = "moves: {rotation_1: 1.0, rotation_2: 1.0, rotation_3: 1.0}"
     assert any(
         "coordinates: none of them moves the axis 'rotation_1'" in problem
-        for problem in problems_of(tmp_path, still, "moves: {rotation_2: 1.0, rotation_3: 1.0}")
+        for problem in problems_of(
+            tmp_path, TUBES, (still, "moves: {rotation_2: 1.0, rotation_3: 1.0}")
+        )
     )

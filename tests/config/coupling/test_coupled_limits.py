@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from config.documents.problems import ConfigError
 from config.loader import load_robot
 from tests import SHIPPED_ROBOTS, SOFT_ARM
+from tests.config.edited import problems_of
 
 TUBES = SHIPPED_ROBOTS / "concentric_tubes.yaml"
 TEXT = TUBES.read_text()
@@ -19,19 +19,6 @@ GUARD = """    sum: {d_31: 1.0}
     lowest_mm: 20.0
 """
 OPPOSITE = "sum: {alpha_31: 1.0}, near_rad: 3.1416, within_rad: 1.2"
-
-
-def problems_of(tmp_path: Path, *changes: tuple[str, str]) -> list[str]:
-    """The problems of the shipped file with each first replaced by its second."""
-    text = TEXT
-    for old, new in changes:
-        assert old in text
-        text = text.replace(old, new, 1)
-    file = tmp_path / "robot.yaml"
-    file.write_text(text)
-    with pytest.raises(ConfigError) as raised:
-        load_robot(file)
-    return [str(problem).removeprefix(f"{file}:") for problem in raised.value.problems]
 
 
 def test_the_tubes_limits_are_those_of_the_facts() -> None:
@@ -142,7 +129,7 @@ def test_a_robot_needs_none() -> None:
     ],
 )
 def test_what_does_not_fit_is_told(tmp_path: Path, old: str, new: str, expected: str) -> None:
-    problems = problems_of(tmp_path, (old, new))
+    problems = problems_of(tmp_path, TUBES, (old, new))
     texts = [problem.split(":", 2)[2].strip() for problem in problems]
     assert expected in texts
     line = int(problems[texts.index(expected)].split(":")[0])
@@ -157,7 +144,7 @@ def test_limits_that_exclude_each_other_are_told_at_the_one_that_leaves_no_room(
     tmp_path: Path,
 ) -> None:
     other = "  - {name: other, reason: it is so, kind: length, sum: {d_31: 2.0}, highest_mm: 0.9}\n"
-    (problem,) = problems_of(tmp_path, ("homing_order:", f"{other}homing_order:"))
+    (problem,) = problems_of(tmp_path, TUBES, ("homing_order:", f"{other}homing_order:"))
     assert problem.endswith(
         "coupled_limits[2]: nowhere within the axes' travels can 'other' be kept, beside "
         "'collar_clearance', 'snap_guard'"
@@ -172,16 +159,15 @@ def test_a_limit_may_be_kept_beside_its_band_alone(tmp_path: Path) -> None:
     assert load_robot(file).robot.coupled_limits[1].lowest == 500.0
     always = turned_away.replace("within_rad: 1.2", "within_rad: 3.1, comes_round: false")
     always = always.replace("near_rad: 3.1416", "near_rad: 0.0")
-    (problem,) = problems_of(tmp_path, (TEXT, always.replace("6.2832", "1.5")))
+    (problem,) = problems_of(tmp_path, TUBES, (TEXT, always.replace("6.2832", "1.5")))
     assert "coupled_limits[1]: nowhere within the axes' travels can 'snap_guard' be kept" in problem
 
 
 def test_a_drive_that_goes_its_own_way_cannot_keep_a_coupled_limit(tmp_path: Path) -> None:
-    mode = "lead_mm: 2.0\n"
     problems = problems_of(
         tmp_path,
+        TUBES,
         ("drive: {<<: *drive, node: 4}", "drive: {<<: *drive, node: 4, mode: pp}"),
-        (mode, mode),
     )
     assert any(
         "the drive of 'carriage_pair' is in mode pp and goes its own way" in p for p in problems
@@ -190,7 +176,9 @@ def test_a_drive_that_goes_its_own_way_cannot_keep_a_coupled_limit(tmp_path: Pat
 
 def test_axes_that_share_a_coupled_limit_are_homed_one_after_the_other(tmp_path: Path) -> None:
     (problem,) = problems_of(
-        tmp_path, ("[[carriage_pair], [carriage_inner],", "[[carriage_inner, carriage_pair],")
+        tmp_path,
+        TUBES,
+        ("[[carriage_pair], [carriage_inner],", "[[carriage_inner, carriage_pair],"),
     )
     assert problem.endswith(
         "homing_order[0]: carriage_pair and carriage_inner share the coupled limit "

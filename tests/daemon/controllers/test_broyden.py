@@ -12,9 +12,9 @@ from config.robot import Robot
 from config.tasks.controllers import Broyden, ConstantCurvature
 from daemon.array_files import ModelError
 from daemon.control.controller import ControllerError, Observation
+from daemon.control.jacobian_estimate import JacobianEstimate
 from daemon.controllers.broyden import BroydenController
 from daemon.controllers.constant_curvature import ConstantCurvatureController
-from daemon.controllers.jacobian_estimate import JacobianEstimate
 from drivers.pose import Vector
 from tests.daemon.control.closed_loop import DT_S, ROBOT
 
