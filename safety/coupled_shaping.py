@@ -87,9 +87,7 @@ class CoupledStep:
         cut = self._cut(changes, limited)
         if self._keeps(cut):
             return cut
-        safe = self.braking()
-        if not self._keeps(safe):
-            safe = self._cut(safe, [])
+        safe = self._cut(self.braking(), [])
         share, step = 0.0, 0.5
         for _ in range(_HALVINGS):
             if self._keeps(self._between(safe, cut, share + step)):

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from daemon.host.compilation import forgive_caches
 from tests.compile_once import compile_once
 
 RERUNS = 2
@@ -39,7 +38,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """What was compiled of another version is forgiven; workers share what they compile."""
-    forgive_caches()
+    """Workers share what they compile."""
     if hasattr(config, "workerinput"):
         compile_once()

@@ -22,6 +22,21 @@ GUARD = CoupledLimit(
     "guard", AxisSum(((1, 1.0),)), 0.0, inf, (Condition(AxisSum(((2, 1.0),)), 2000, 500, None),)
 )
 
+SUM = CoupledLimit("sum", AxisSum(((0, 1.0), (1, 1.0))), -1000.0, 1000.0)
+# Half a unit to a count of axis 0, two of axis 1.
+GEARED = CoupledLimit("geared", AxisSum(((0, 0.5), (1, -2.0))), -1000.0, 1000.0)
+# As a guard in halves: axis 0 stays before axis 1 while one of two sums is in its band.
+HALVES = CoupledLimit(
+    "halves",
+    AxisSum(((0, 0.5), (1, -0.5))),
+    0.0,
+    inf,
+    (
+        Condition(AxisSum(((2, 0.5),)), 1000.0, 250.0, None),
+        Condition(AxisSum(((0, 0.5),)), 0.0, 300.0, None),
+    ),
+)
+
 
 def step(
     start: tuple[int, ...],
@@ -153,6 +168,53 @@ def test_what_cannot_brake_sooner_leaves_it_to_the_others() -> None:
     assert course.rest[0] - course.rest[1] <= 992
     assert -525 <= changes[1] <= -275
     assert all(type(change) is int for change in changes)
+
+
+@pytest.mark.parametrize(
+    ("limit", "start", "last", "wanted", "done"),
+    [
+        # Axis 1 cannot be cut enough: axis 0 gives up an eighth of what it was cut to, not more.
+        (ORDER, (2178, 2338), (0, 461), (-108, 428), [-39, 336]),
+        # Outside, and too fast to be inside after this step: what is left is braking.
+        (ORDER, (-970, -510), (-475, -36), (-463, 3), [-350, -26]),
+        (ORDER, (-767, 2104), (-37, 170), (41, 194), [0, 45]),
+        (ORDER, (1820, 2181), (-42, 493), (-69, 489), [-5, 368]),
+    ],
+)
+def test_where_a_cut_is_not_enough_it_is_blended_with_braking(
+    limit: CoupledLimit,
+    start: tuple[int, int],
+    last: tuple[float, float],
+    wanted: tuple[int, int],
+    done: list[int],
+) -> None:
+    assert shaped(step(start, last, (limit,)), *wanted)[0] == done
+
+
+@pytest.mark.parametrize(
+    ("limit", "start", "last", "wanted", "done"),
+    [
+        # What leads out is counted in the sum's unit, and cut by the same share of each axis.
+        (GEARED, (767, -306, 0), (-4, 0, 0), (-98, -62, 0), [-98, -21, 0]),
+        (GEARED, (232, 555, 0), (0, 0, 0), (-1, -2, -56), [0, -2, -56]),
+        # To the count: what is exactly used up is not too much, and half a count is none.
+        (SUM, (837, 159, 0), (7, 0, 0), (13, -4, -48), [0, -4, -48]),
+        (SUM, (1117, -126, 0), (0, 0, 0), (54, 0, 0), [0, 0, 0]),
+        (HALVES, (-115, -126, 2478), (0, 0, 0), (-14, 1, 0), [-2, 0, 0]),
+        (HALVES, (59, 66, 2505), (0, 5, 0), (-50, 0, -48), [-50, 0, 0]),
+        (HALVES, (-276, -260, 1769), (0, 0, 0), (-4, 1, -24), [0, 0, -24]),
+        # Nothing leads out of the guard, but its bound is within rounding: less is taken there.
+        (GUARD, (0, 2, 1499), (0, 0, 0), (0, 1, 2), [0, 0, 2]),
+    ],
+)
+def test_what_is_cut_is_known_to_the_count(
+    limit: CoupledLimit,
+    start: tuple[int, int, int],
+    last: tuple[float, float, float],
+    wanted: tuple[int, int, int],
+    done: list[int],
+) -> None:
+    assert shaped(step(start, last, (limit,)), *wanted)[0] == done
 
 
 def test_what_is_between_braking_and_a_cut_is_whole_counts() -> None:
