@@ -13,7 +13,7 @@ help:
 	@echo "make run          emulated lab, daemon and a client: once round a rectangle, live"
 	@echo "make quick        lint, types and cheap tests of every package, after each change"
 	@echo "make test         lint, types and tests"
-	@echo "make hil          the daemon as processes, through every fault: five minutes of real time"
+	@echo "make hil          the daemon as processes, through every fault: ten minutes of real time"
 	@echo "make page         the operator's page in a real Chromium, with its pictures"
 	@echo "make bench        measure latency and CPU time; prints one JSON, plots to runs/bench"
 	@echo "make experiments  the long checks: a million fuzzed inputs, then the studies (hours)"

@@ -28,7 +28,7 @@ from daemon.service.following import Following
 from daemon.service.lease import Lease
 from daemon.service.monitors import Monitors
 from daemon.service.telemetry.body_teller import BodyTeller
-from daemon.service.telemetry.events import Events
+from daemon.service.telemetry.events import EventHistory
 from daemon.service.telemetry.status import StatusReport
 from daemon.supervision.supervisor import Supervisor
 from drivers.aurora.frame import TrackerFrame
@@ -62,7 +62,7 @@ class RobotService:
         self.version = version("tentacled")
         self.publish = dependencies.subscribers.publish
         """Tells everybody."""
-        self.events = Events(self.clock, self.publish)
+        self.events = EventHistory(self.clock, self.publish)
         self.holds = 0
         """How often the motion was held, by anything but the operator."""
         self.verbs: Callable[[], list[Verb]] = list

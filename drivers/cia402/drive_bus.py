@@ -17,7 +17,7 @@ from drivers.canopen.codec.nmt import NmtCommand, NmtState, encode_heartbeat, en
 from drivers.canopen.object_dictionary import ObjectDictionary
 from drivers.cia402.axis_channel import AxisChannel
 from drivers.cia402.foreign_frames import ForeignFrames
-from drivers.cia402.homing import Homing, HomingError, ModeLeftError
+from drivers.cia402.homing import HomingError, HomingProcedure, ModeLeftError
 from drivers.cia402.modes import CYCLIC_MODES
 from drivers.cia402.node import Node, NodeState
 from drivers.cia402.pdo_plan import RPDO_LAYOUT, TPDO_LAYOUT, sends_steps_at_once
@@ -194,7 +194,7 @@ class DriveBus:
         if node.state is not NodeState.OPERATIONAL:
             raise HomingError(f"{channel.axis.name}: its drive is {node.state.value}")
         try:
-            await Homing(channel, node.dictionary, node.sdo, permitted).run()
+            await HomingProcedure(channel, node.dictionary, node.sdo, permitted).run()
         except ModeLeftError as error:
             node.set_up_anew(str(error))
             raise

@@ -50,7 +50,7 @@ def homing_progress(statusword: int) -> HomingProgress:
     return HomingProgress.NOT_STARTED if reached else HomingProgress.IN_PROGRESS
 
 
-class Homing:
+class HomingProcedure:
     """One axis looks for its zero. The bus cycle must go on meanwhile.
 
     It gives up as soon as the axis is told something else than to be enabled, and as soon as it

@@ -9,7 +9,7 @@ HOMING_MODE: Final = 6
 
 
 @dataclass(frozen=True)
-class Mode:
+class OperationMode:
     """One mode of operation."""
 
     number: int
@@ -25,10 +25,10 @@ class Mode:
 
 
 MODES: Final = {
-    "pp": Mode(1, "profile position", objects.TARGET_POSITION),
-    "pv": Mode(3, "profile velocity", objects.TARGET_VELOCITY),
-    "csp": Mode(8, "cyclic synchronous position", objects.TARGET_POSITION),
-    "csv": Mode(9, "cyclic synchronous velocity", objects.TARGET_VELOCITY),
+    "pp": OperationMode(1, "profile position", objects.TARGET_POSITION),
+    "pv": OperationMode(3, "profile velocity", objects.TARGET_VELOCITY),
+    "csp": OperationMode(8, "cyclic synchronous position", objects.TARGET_POSITION),
+    "csv": OperationMode(9, "cyclic synchronous velocity", objects.TARGET_VELOCITY),
 }
 CYCLIC_MODES: Final = ("csp", "csv")
 """Drives in these follow a stream of targets, one for each SYNC."""

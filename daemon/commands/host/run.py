@@ -39,7 +39,7 @@ from daemon.service.dependencies import Dependencies
 from daemon.service.motion_loader import in_a_thread
 from daemon.service.operation.run_recording import MakeFolder
 from daemon.service.operation.session import Session
-from daemon.service.telemetry.emulated_body import EmulatedBody
+from daemon.service.telemetry.emulated_body import LabBody
 from drivers.can.bus_lock import BusTakenError, check_buses_are_free
 from drivers.canopen.object_dictionary import EdsError
 from drivers.clock import WallClock
@@ -153,7 +153,7 @@ async def _serve(checked: CheckedRobot, arguments: argparse.Namespace, risk: Ris
     lab = LabListener(
         directory, lambda what: service.events.tell("note", "happening", what, subject="lab")
     )
-    truth = EmulatedBody(directory)
+    truth = LabBody(directory)
     await server.open()
     dependencies.subscribers.add(server.publish)
     try:

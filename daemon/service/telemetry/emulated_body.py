@@ -13,7 +13,7 @@ from daemon.service.telemetry.body_teller import spread
 _ASKS_EACH_S: Final = 0.1
 
 
-class EmulatedBody:
+class LabBody:
     """Asks a lab's control socket ten times a second, in a thread that nobody waits for."""
 
     def __init__(self, directory: Path) -> None:

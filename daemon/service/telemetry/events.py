@@ -9,7 +9,7 @@ from safety.failsafe import ActiveReason
 from safety.states import OperatingState
 
 
-class Events:
+class EventHistory:
     """Numbers events, and publishes them."""
 
     def __init__(self, clock: Clock, publish: Callable[[Message], None]) -> None:

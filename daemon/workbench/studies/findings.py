@@ -12,7 +12,7 @@ from daemon.workbench.studies.summary import Summary, cycle_mean_mm, summary
 from daemon.workbench.studies.table import number
 
 
-class Aim(msgspec.Struct, frozen=True, kw_only=True):
+class StudyAim(msgspec.Struct, frozen=True, kw_only=True):
     """One thing that the study set out to show, for one controller."""
 
     experiment: str
@@ -31,7 +31,7 @@ class Findings(msgspec.Struct, frozen=True, kw_only=True):
     """Of the programs that made them; more than one: they do not quite compare."""
     summaries: list[Summary]
     """Experiment by experiment; one that was not run is not there."""
-    aims: list[Aim]
+    aims: list[StudyAim]
     runs: list[Outcome]
 
     def of(self, experiment: str, variant: str) -> Summary | None:
@@ -72,7 +72,7 @@ def _aims(
     file: StudyFile,
     summaries: Sequence[Summary],
     grouped: dict[tuple[str, str], list[Outcome]],
-) -> list[Aim]:
+) -> list[StudyAim]:
     aims = []
     for one in summaries:
         row = file.rows[one.experiment]
@@ -91,7 +91,7 @@ def _aims(
     return aims
 
 
-def _first_no_worse(one: Summary, mine: Sequence[Outcome], others: Sequence[Outcome]) -> Aim:
+def _first_no_worse(one: Summary, mine: Sequence[Outcome], others: Sequence[Outcome]) -> StudyAim:
     """Compares run by run: same body, same tracker."""
     other_mm = {(run.plant, run.seed): cycle_mean_mm(run, 0) for run in others}
     pairs = [
@@ -104,5 +104,5 @@ def _first_no_worse(one: Summary, mine: Sequence[Outcome], others: Sequence[Outc
     return _aim(one, text, 2 * better > len(pairs))
 
 
-def _aim(one: Summary, text: str, reached: bool) -> Aim:
-    return Aim(experiment=one.experiment, variant=one.variant, text=text, reached=reached)
+def _aim(one: Summary, text: str, reached: bool) -> StudyAim:
+    return StudyAim(experiment=one.experiment, variant=one.variant, text=text, reached=reached)

@@ -7,7 +7,7 @@ from typing import Final, Literal, NamedTuple
 
 from config.tasks.study import PoseFigures, StudyTable
 from daemon.recording.result import PoseError
-from daemon.workbench.studies.findings import Aim, Findings
+from daemon.workbench.studies.findings import Findings, StudyAim
 from daemon.workbench.studies.run import Outcome
 from daemon.workbench.studies.study_file import StudyFile
 from daemon.workbench.studies.summary import spread
@@ -61,7 +61,7 @@ def pose_table(file: StudyFile, table: StudyTable, found: Findings) -> Table:
     return made
 
 
-def pose_aims(file: StudyFile, found: Findings) -> list[Aim]:
+def pose_aims(file: StudyFile, found: Findings) -> list[StudyAim]:
     """What the study set out to show of these errors."""
     aims = []
     for name, row in file.rows.items():
@@ -100,7 +100,7 @@ def pose_rms(outcome: Outcome, seen: Seen) -> PoseRms:
     )
 
 
-def _aim(name: str, variant: str, aim: PoseFigures, runs: Sequence[Outcome]) -> Aim:
+def _aim(name: str, variant: str, aim: PoseFigures, runs: Sequence[Outcome]) -> StudyAim:
     said = [pose_rms(run, "tip_pose") for run in runs]
     pairs = [
         (spread([getattr(one, axis) for one in said]).median, getattr(aim, f"{axis}_mm"))
@@ -110,7 +110,7 @@ def _aim(name: str, variant: str, aim: PoseFigures, runs: Sequence[Outcome]) -> 
     theirs = "/".join(number(wanted) for _, wanted in pairs)
     reached = all(mine <= wanted for mine, wanted in pairs)
     text = f"{ours} mm, at most {theirs} mm, over {len(runs)} runs"
-    return Aim(experiment=name, variant=variant, text=text, reached=reached)
+    return StudyAim(experiment=name, variant=variant, text=text, reached=reached)
 
 
 def _published(label: str, figures: PoseFigures) -> list[str]:

@@ -14,7 +14,7 @@ from sim_backends.devices.drive.axis.cyclic import (
     CyclicVelocity,
     InterpolationPeriod,
 )
-from sim_backends.devices.drive.axis.homing import METHODS, Homing
+from sim_backends.devices.drive.axis.homing import METHODS, HomingMode
 from sim_backends.devices.drive.axis.limits import Limits
 from sim_backends.devices.drive.axis.mechanics import AxisMechanics, Units
 from sim_backends.devices.drive.axis.mode import FOLLOWING_ERROR as FOLLOWING_ERROR_BIT
@@ -118,7 +118,7 @@ class Axis:
         modes: tuple[Mode, ...] = (
             ProfilePosition(parts),
             ProfileVelocity(parts),
-            Homing(parts),
+            HomingMode(parts),
             self._cyclic_position,
             CyclicVelocity(parts, self.period),
         )

@@ -72,7 +72,7 @@ class Phase(Enum):
 _STATUS: Final = TARGET_REACHED | HOMING_ATTAINED | HOMING_ERROR
 
 
-class Homing(Mode):
+class HomingMode(Mode):
     """One homing run after the other."""
 
     code = 6
