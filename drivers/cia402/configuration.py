@@ -48,6 +48,7 @@ _ON_FAULT: Final = {"off": 0, "ramp_then_off": 2}
 
 _RAMP_FIRST: Final = 1
 _LEEWAY: Final = 1.05
+"""For a cycle longer than the last: on a good host SYNC is within a twentieth of its time."""
 _TO_PRE_OPERATIONAL: Final = 0
 _TO_STOPPED: Final = 2
 

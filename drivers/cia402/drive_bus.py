@@ -29,9 +29,9 @@ from safety.permit import PermittedHoming, PermittedStep, is_genuine
 LinkOpener = Callable[[FrameReceiver], Awaitable[CanLink]]
 
 _SYNC: Final = (cob_ids.SYNC, b"")
-_OPEN_AGAIN_S: Final = 0.1
-_LIVES_END_WITHIN_S: Final = 1.0
-_WATCH_EVERY_NS: Final = 10_000_000
+_OPEN_AGAIN_S: Final = 0.1  # as soon as an operator notices, and no load on a port that is gone
+_LIVES_END_WITHIN_S: Final = 1.0  # an SDO transfer waits shorter for its answer
+_WATCH_EVERY_NS: Final = 10_000_000  # a tenth of the shortest time-out that is watched
 _LAST_FRAMES_S: Final = 0.01  # until what was sent has left the interface's queue
 _WAITS_FOR_OTHERS: Final = (PowerState.OPERATION_ENABLED, PowerState.SWITCHED_ON)
 _BITS: Final = tuple(worst_case_bits(length) for length in range(9))

@@ -15,11 +15,12 @@ from drivers.cia402.modes import HOMING_MODE, MODES
 from drivers.cia402.power_state import PowerGoal, PowerState, StatuswordBit
 from safety.permit import PermittedHoming
 
-_POLL_S: Final = 0.02
-_MODE_WITHIN_S: Final = 1.0
-_STARTED_WITHIN_S: Final = 0.1
-_ENABLED_WITHIN_S: Final = 3.0
-_AT_REST_WITHIN_S: Final = 2.0
+# Judgements, of what drives were seen to need; a drive that is slower is named, and is not homed.
+_POLL_S: Final = 0.02  # by SDO, a few frames each time
+_MODE_WITHIN_S: Final = 1.0  # a drive changes its mode within a few of its own cycles
+_STARTED_WITHIN_S: Final = 0.1  # ten cycles of the slowest bus
+_ENABLED_WITHIN_S: Final = 3.0  # longer than the two seconds after which a drive is unwilling
+_AT_REST_WITHIN_S: Final = 2.0  # a homing search is slow, and its ramp ends long before
 
 
 class HomingError(RuntimeError):

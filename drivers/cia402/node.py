@@ -21,20 +21,21 @@ from drivers.cia402.power_state import PowerState, StatuswordBit
 from drivers.clock import Clock
 from drivers.conditions import Condition, Conditions
 
-_BOOT_UP_WITHIN_S: Final = 1.5
-_BOOTS_WITHIN_S: Final = 0.6
+# Judgements, where no source is named: drives say in their manuals how long they boot, if at all.
+_BOOT_UP_WITHIN_S: Final = 1.5  # of a reset of communication alone
+_BOOTS_WITHIN_S: Final = 0.6  # of a drive whose supply had a dip; it is tried again anyway
 _SETTLE_S: Final = 0.1  # a boot loader announces itself first, then the drive does
-_OPERATIONAL_WITHIN_S: Final = 1.0
+_OPERATIONAL_WITHIN_S: Final = 1.0  # ten heartbeats, which tell of it
 _TRY_AGAIN_S: Final = 0.5
-_LIMIT_STAYS_NS: Final = 500_000_000
-_PDO_SILENT_CYCLES: Final = 5
+_LIMIT_STAYS_NS: Final = 500_000_000  # longer than between two steps of the slowest tracker
+_PDO_SILENT_CYCLES: Final = 5  # one lost frame is common, five in a row are a drive that is silent
 _FOLLOWING_ERROR: Final = 0x8611
 _CLASS: Final = 0xFF00
 _SENSOR: Final = 0x7300
 """Speed and position sensors: positions may count from anywhere afterwards."""
 _FOUND_WHILE_SET_UP: Final = (c.SAFETY_MISSING, c.CYCLIC_MODE_NOT_LISTED, c.MODE_REFUSED)
 _KEPT_WHEN_SET_UP: Final = (*_FOUND_WHILE_SET_UP, c.EMERGENCY)
-_MALFORMED_STAYS_NS: Final = 500_000_000
+_MALFORMED_STAYS_NS: Final = 500_000_000  # so that somebody can read it
 
 Send = Callable[[int, bytes], bool]
 

@@ -31,6 +31,7 @@ TPDO_LAYOUT: Final = Struct("<Hih")
 
 _MS: Final = 1000
 _SLOW_CYCLE_S: Final = 0.004
+"""On average a step waits for half a cycle: 2 ms are more than the whole step may take (1.5 ms)."""
 _SHORTEST_STEP_S: Final = 0.015
 """Between two frames of the fastest tracker."""
 
