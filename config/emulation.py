@@ -1,12 +1,13 @@
 """What stands in for the hardware when there is none. A real rig ignores this part."""
 
 from collections.abc import Sequence
-from typing import Annotated, Final, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Final, Literal, NamedTuple
 
 from pydantic import AfterValidator, Field, StringConstraints, model_validator
 
 from config.bodies import BodyName, with_body
 from config.documents.model import ConfigModel, NotNegative, Positive, Quaternion, Vector3
+from config.kinds import PLANTS, Kind, KindOptions, Named
 
 # The emulated CiA 402 drives and their quirks.
 
@@ -69,6 +70,25 @@ _METAL_STRETCH: Final = 0.003
 """Collars are clamped to some tenths of a millimetre, and metal does not stretch."""
 
 
+class PlantOptions(KindOptions):
+    """What every kind of body has, as fields of its class or as properties."""
+
+    if TYPE_CHECKING:
+
+        @property
+        def length_mm(self) -> float:
+            """The body is not longer, without loads."""
+
+        @property
+        def body_radius_mm(self) -> float:
+            """Of what it may touch with."""
+
+    def extent(self, actuators: Sequence[float]) -> BodyExtent:
+        """As `BodyExtent` says, at (m,) actuators: here they do not change it."""
+        del actuators
+        return BodyExtent(0.0, self.length_mm, _SILICONE_STRETCH)
+
+
 PerChamber = Annotated[
     tuple[Positive, Positive, Positive, Positive, Positive, Positive], Field(strict=False)
 ]
@@ -83,7 +103,7 @@ def _not_zero(vector: Vector3) -> Vector3:
 Direction = Annotated[Vector3, AfterValidator(_not_zero)]
 
 
-class SoftArmPlant(ConfigModel):
+class SoftArmPlant(PlantOptions):
     """Two pneumatic segments, three chambers each, moved by cylinders (Ho 2018, section 2.1).
 
     The paper gives the sizes: 155 mm long, 27 mm across, 41.71 g, Dragon Skin 10, 0.040 MPa before
@@ -151,11 +171,6 @@ class SoftArmPlant(ConfigModel):
     def _figures_of_the_body(cls, given: object) -> object:
         return with_body(given)
 
-    def extent(self, actuators: Sequence[float]) -> BodyExtent:
-        """As `BodyExtent` says; (m,) actuators do not change it."""
-        del actuators
-        return BodyExtent(0.0, self.length_mm, _SILICONE_STRETCH)
-
 
 class TendonRoute(ConfigModel):
     """Where a tendon runs: through a hole in every plate."""
@@ -166,7 +181,7 @@ class TendonRoute(ConfigModel):
     """How often it winds round the arm from base to tip; 0: it runs straight."""
 
 
-class TendonArmPlant(ConfigModel):
+class TendonArmPlant(PlantOptions):
     """One flexible backbone with disks, bent by tendons through them (Thompson's prototype).
 
     The paper gives 0.2 m, nine disks, three parallel tendons and a helical one. The robot files
@@ -228,11 +243,6 @@ class TendonArmPlant(ConfigModel):
     def _figures_of_the_body(cls, given: object) -> object:
         return with_body(given)
 
-    def extent(self, actuators: Sequence[float]) -> BodyExtent:
-        """As `BodyExtent` says; (m,) actuators do not change it."""
-        del actuators
-        return BodyExtent(0.0, self.length_mm, _SILICONE_STRETCH)
-
 
 class TubeSection(ConfigModel):
     """A length of a tube that alone would be an arc."""
@@ -267,7 +277,7 @@ _PAIR_CURVATURE = 3.7736e-3
 _INNER_CURVATURE = 14.29e-3
 
 
-class ConcentricTubesPlant(ConfigModel):
+class ConcentricTubesPlant(PlantOptions):
     """Precurved tubes in each other, each turned by an axis and pushed by a carriage.
 
     The tubes are those of Fagogenis, Bergeles and Dupont (IROS 2016, Table I): a balanced pair of
@@ -359,7 +369,24 @@ class ConcentricTubesPlant(ConfigModel):
         return max(sum(section.length_mm for section in tube.sections) for tube in self.tubes)
 
 
-Plant = Annotated[SoftArmPlant | TendonArmPlant | ConcentricTubesPlant, Field(discriminator="kind")]
+# Each with the functions that make it, (options, robot) → sim_backends.plants.plant.Plant, and
+# another of its design.
+
+SOFT_ARM: Final = Kind(
+    SoftArmPlant, "sim_backends.lab.bodies:soft_arm", "sim_backends.plants.plant:variation"
+)
+TENDON_ARM: Final = Kind(
+    TendonArmPlant,
+    "sim_backends.lab.bodies:tendon_arm",
+    "sim_backends.plants.tendon_arm.tendon_arm:variation",
+)
+CONCENTRIC_TUBES: Final = Kind(
+    ConcentricTubesPlant,
+    "sim_backends.lab.bodies:concentric_tubes",
+    "sim_backends.plants.concentric.concentric_tubes:variation",
+)
+
+Plant = Annotated[PlantOptions, Named(PLANTS)]
 
 
 # The emulated Aurora: its tools, its place and its errors.

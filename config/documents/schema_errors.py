@@ -42,6 +42,8 @@ def _problem(document: YamlDocument, schema: JsonSchema, details: ErrorDetails) 
     elif kind == "union_tag_not_found":
         location = (*location, str(context["discriminator"]).strip("'"))
         return document.problem(location, "this key is required and is not there")
+    elif kind == "kind_refused":
+        location, message = (*location, "kind"), str(context["why"])
     elif kind == "value_error":
         message = str(context["error"])
     elif kind == "string_pattern_mismatch":

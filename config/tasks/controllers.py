@@ -1,17 +1,18 @@
 """The controllers that an experiment or a client can choose, and what can be set on them."""
 
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field
 
 from config.documents.model import ConfigModel, NotNegative, Positive, Vector3, checked_options
+from config.kinds import CONTROLLERS, Kind, KindError, KindOptions, Named, kind_of
 from config.tasks.exploration import MotorBabbling, WaypointExploration
 
 Share = Annotated[float, Field(gt=0.0, le=1.0)]
 PerAxis = Annotated[tuple[float, ...], Field(min_length=1, strict=False)]
 
 
-class TipFollowing(ConfigModel):
+class TipFollowing(KindOptions):
     """The law that turns a reference into a step of the tip, and this into a step of the axes."""
 
     gain_per_s: Positive = 3.0
@@ -254,24 +255,30 @@ class RewardWeighted(Learner):
     """Whether the forward model takes over where fields or samples are missing."""
 
 
-ControllerOptions = Annotated[
-    Broyden
-    | ConstantCurvature
-    | ForwardJacobian
-    | LearnedKinematics
-    | RewardWeighted
-    | WaypointExploration,
-    Field(discriminator="kind"),
-]
+# Each with what makes it: (options, robot, seed) → a Controller of daemon/control/controller.py.
+
+BROYDEN: Final = Kind(Broyden, "daemon.controllers.broyden:make")
+CONSTANT_CURVATURE: Final = Kind(ConstantCurvature, "daemon.controllers.constant_curvature:make")
+FORWARD_JACOBIAN: Final = Kind(
+    ForwardJacobian, "daemon.controllers.forward_jacobian:ForwardJacobianController"
+)
+LEARNED_KINEMATICS: Final = Kind(LearnedKinematics, "daemon.controllers.learned_kinematics:make")
+REWARD_WEIGHTED: Final = Kind(
+    RewardWeighted, "daemon.controllers.reward_weighted:RewardWeightedController"
+)
+WAYPOINT_EXPLORATION: Final = Kind(
+    WaypointExploration, "daemon.controllers.waypoint_exploration:WaypointExplorationController"
+)
+
+ControllerOptions = Annotated[KindOptions, Named(CONTROLLERS)]
 
 
-def controller_type(kind: str) -> type[TipFollowing] | type[WaypointExploration] | None:
-    """The class of options of a kind; None: there is no such kind."""
-    for candidate in get_args(get_args(ControllerOptions)[0]):
-        if kind in get_args(candidate.model_fields["kind"].annotation):
-            found: type[TipFollowing] | type[WaypointExploration] = candidate
-            return found
-    return None
+def controller_type(kind: str) -> type[KindOptions] | None:
+    """The class of options of a kind; None: there is no such kind, or it cannot be used."""
+    try:
+        return kind_of(CONTROLLERS, kind).options
+    except KindError:
+        return None
 
 
 class _Asked(ConfigModel):

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from config.documents.model import ConfigModel, NotNegative, Positive
+from config.kinds import KindOptions
 
 Share = Annotated[float, Field(gt=0.0, le=1.0)]
 
@@ -24,7 +25,7 @@ class RandomMotion(ConfigModel):
     """Of the first axis; the others' are up to twice as long, and no two are the same."""
 
 
-class WaypointExploration(RandomMotion):
+class WaypointExploration(RandomMotion, KindOptions):
     """Goes through the whole of the axes' travel, as far as the tip stays in its workspace."""
 
     kind: Literal["waypoint_exploration"]

@@ -5,6 +5,7 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import Field, model_validator
 
 from config.documents.model import ConfigModel, checked_options
+from config.kinds import TRAJECTORIES, Kind, KindOptions, Named
 
 FARTHEST_MM: Final = 10_000.0
 """From the base sensor's origin: no tracker sees ten metres."""
@@ -56,7 +57,7 @@ class PointPointing(ConfigModel):
 Pointing = Annotated[FixedPointing | PointPointing, Field(discriminator="kind")]
 
 
-class Pointed(ConfigModel):
+class Pointed(KindOptions):
     """A path, along which the tip may have to point somewhere."""
 
     pointing: Pointing | None = None
@@ -148,9 +149,17 @@ class Hold(Pointed):
     duration_s: Duration
 
 
-TrajectoryOptions = Annotated[
-    Rectangle | Circle | Lissajous | Helix | Waypoints | Hold, Field(discriminator="kind")
-]
+# Each with the function that makes it: (options, base folder, cycles) → a cycle of
+# daemon/reference/trajectories.py.
+
+RECTANGLE: Final = Kind(Rectangle, "daemon.reference.trajectories:rectangle")
+CIRCLE: Final = Kind(Circle, "daemon.reference.trajectories:circle")
+LISSAJOUS: Final = Kind(Lissajous, "daemon.reference.trajectories:lissajous")
+HELIX: Final = Kind(Helix, "daemon.reference.trajectories:helix")
+WAYPOINTS: Final = Kind(Waypoints, "daemon.reference.trajectories:waypoints")
+HOLD: Final = Kind(Hold, "daemon.reference.trajectories:hold")
+
+TrajectoryOptions = Annotated[Pointed, Named(TRAJECTORIES)]
 
 
 class _Asked(ConfigModel):

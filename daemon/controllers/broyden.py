@@ -324,3 +324,9 @@ class BroydenController:
         )
         self._anchor = None
         self._first = np.array(jacobian)
+
+
+def make(options: Broyden, robot: Robot, seed: int) -> BroydenController:
+    """It does nothing at random. Raises ControllerError."""
+    del seed
+    return BroydenController(options, robot)

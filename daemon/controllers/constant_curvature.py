@@ -335,3 +335,9 @@ def _bore_mm2(robot: Robot) -> Vector:
             )
         areas.append(area_mm2)
     return np.array(areas)
+
+
+def make(options: ConstantCurvature, robot: Robot, seed: int) -> ConstantCurvatureController:
+    """It does nothing at random. Raises ControllerError."""
+    del seed
+    return ConstantCurvatureController(options, robot)

@@ -102,3 +102,9 @@ class LearnedKinematicsController:
                 options.sample_tip_mm,
                 options.sample_travel_share,
             )
+
+
+def make(options: LearnedKinematics, robot: Robot, seed: int) -> LearnedKinematicsController:
+    """It does nothing at random. Raises ControllerError."""
+    del seed
+    return LearnedKinematicsController(options, robot)

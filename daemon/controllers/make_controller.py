@@ -5,76 +5,64 @@ daemon whose robot moves meanwhile has them all from the beginning.
 """
 
 from importlib import import_module
-from typing import Final, assert_never
 
 import numpy as np
 
-from config.robot import Robot
-from config.tasks.controllers import (
-    Broyden,
-    ConstantCurvature,
-    ControllerOptions,
-    ForwardJacobian,
-    LearnedKinematics,
-    RewardWeighted,
+from config.kinds import (
+    CONTROLLERS,
+    KindError,
+    KindOptions,
+    described,
+    entries,
+    entry_of,
+    kind_of,
+    maker,
 )
-from config.tasks.exploration import WaypointExploration
+from config.robot import Robot
 from daemon.control import tip_following
-from daemon.control.controller import Controller
+from daemon.control.controller import Controller, ControllerError
+from daemon.control.guarded_controller import Answering, GuardedController, at_once
 from daemon.learning.forward.forward_model import forward_settings, slopes_by_step
 from daemon.learning.inverse import engines
 from daemon.learning.lwpr.model import Lwpr, with_memory
 from daemon.learning.samples.motion import MotionSample, MotionTable
 
-_MODULES: Final = (
-    "broyden",
-    "constant_curvature",
-    "forward_jacobian",
-    "learned_kinematics",
-    "reward_weighted",
-    "waypoint_exploration",
-)
+
+def import_all() -> list[str]:
+    """After this, no controller has to be waited for. Returns why those of
+    packages that are not there are not."""
+    why_not: list[str] = []
+    for name, entry in entries(CONTROLLERS).items():
+        try:
+            import_module(kind_of(CONTROLLERS, name).make.partition(":")[0])
+        except Exception as error:
+            if entry.shipped:
+                raise
+            told = isinstance(error, KindError)
+            why_not.append(
+                str(error) if told else f"{entry} cannot be imported: {described(error)}"
+            )
+    return why_not
 
 
-def import_all() -> None:
-    """After this, no controller has to be waited for."""
-    for name in _MODULES:
-        import_module(f"daemon.controllers.{name}")
-
-
-def make_controller(options: ControllerOptions, robot: Robot, seed: int) -> Controller:
+def make_controller(
+    options: KindOptions, robot: Robot, seed: int, answering: Answering = at_once
+) -> Controller:
     """The controller that `options` describe, for the axes of `robot`.
 
-    seed: for whatever a controller does at random. Raises ControllerError where the
-    options do not fit the robot.
+    seed: for whatever a controller does at random. answering: how one of a package is asked.
+    Raises ControllerError where the options do not fit the robot.
     """
-    match options:
-        case Broyden():
-            from daemon.controllers.broyden import BroydenController
-
-            return BroydenController(options, robot)
-        case ConstantCurvature():
-            from daemon.controllers.constant_curvature import ConstantCurvatureController
-
-            return ConstantCurvatureController(options, robot)
-        case ForwardJacobian():
-            from daemon.controllers.forward_jacobian import ForwardJacobianController
-
-            return ForwardJacobianController(options, robot, seed)
-        case LearnedKinematics():
-            from daemon.controllers.learned_kinematics import LearnedKinematicsController
-
-            return LearnedKinematicsController(options, robot)
-        case RewardWeighted():
-            from daemon.controllers.reward_weighted import RewardWeightedController
-
-            return RewardWeightedController(options, robot, seed)
-        case WaypointExploration():
-            from daemon.controllers.waypoint_exploration import WaypointExplorationController
-
-            return WaypointExplorationController(options, robot, seed)
-        case _:
-            assert_never(options)
+    try:
+        make, entry = maker(CONTROLLERS, options), entry_of(CONTROLLERS, options)
+    except KindError as error:
+        raise ControllerError(str(error)) from None
+    if entry.shipped:
+        controller: Controller = make(options, robot, seed)
+        return controller
+    return GuardedController.made(
+        str(entry), entry.name, lambda: make(options, robot, seed), len(robot.axes), answering
+    )
 
 
 # Everything that controllers compile, compiled before the robot moves.
@@ -88,15 +76,16 @@ _SAMPLES = 3
 _MEMORY = 100.0
 
 
-def warm_up() -> None:
+def warm_up() -> list[str]:
     """Import every controller, and run every kernel once that one uses.
 
-    Takes seconds where nothing is compiled yet.
+    Takes seconds where nothing is compiled yet. Returns why controllers of packages are not there.
     """
-    import_all()
+    why_not = import_all()
     tip_following.warm_up()
     engines.warm_up()
     _warm_up_forward_model()
+    return why_not
 
 
 def _warm_up_forward_model() -> None:

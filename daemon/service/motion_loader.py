@@ -16,7 +16,9 @@ from config.paths import is_shipped_model
 from config.robot import Robot
 from config.tasks.controllers import Broyden, ControllerOptions, load_controller_options
 from config.tasks.trajectory import Waypoints, load_trajectory_options
+from daemon.control import guarded_controller
 from daemon.control.controller import Controller, ControllerError
+from daemon.control.guarded_controller import Answering
 from daemon.control.reachability import Bounds, HasKinematics
 from daemon.controllers.make_controller import make_controller
 from daemon.messages import Load
@@ -89,12 +91,15 @@ class MotionLoader:
         seed: int,
         folder: Path | None = None,
         off_the_loop: OffTheLoop = at_once,
+        answering: Answering = guarded_controller.at_once,
     ) -> None:
-        """seed: of controllers. folder: whose files may be named; None: none."""
+        """seed: of controllers. folder: whose files may be named; None: none. answering: how
+        controllers of packages are asked."""
         self._robot = robot
         self._seed = seed
         self._folder = folder
         self._off_the_loop = off_the_loop
+        self._answering = answering
         self._busy = False
 
     async def to_follow(self, command: Load) -> tuple[Trajectory, Controller, Bounds]:
@@ -111,7 +116,7 @@ class MotionLoader:
     def make_controller(self, options: ControllerOptions) -> Controller:
         """A controller for this robot. Raises RefusedError."""
         try:
-            return make_controller(options, self._robot, self._seed)
+            return make_controller(options, self._robot, self._seed, self._answering)
         except ControllerError as error:
             raise CommandRefusedError("bad_controller", str(error)) from None
 

@@ -47,13 +47,20 @@ class Body:
     """The plant, coupled to the shafts of its axes."""
 
     def __init__(
-        self, plant: Plant, axes: Sequence[Axis], shafts: Sequence[Shaft], load: TipLoad
+        self,
+        plant: Plant,
+        axes: Sequence[Axis],
+        shafts: Sequence[Shaft],
+        load: TipLoad,
+        tell: Callable[[str], None] = lambda _: None,
     ) -> None:
+        """tell: hears why the plant begins to fail. Raises PlantError if that is at once."""
         self.load = load
         """What hangs on the tip; may change at any time."""
         self.play: Callable[[float], FloatArray] | None = None
         """Scripted actuation: (m,) mm or rad at a time in s since it began."""
         self._plant = plant
+        self._tell, self._failing = tell, False
         self._shafts = shafts
         self._scales = [axis_scale(axis) for axis in axes]
         self._torque_per_force = [
@@ -84,6 +91,11 @@ class Body:
         except PlantError as error:
             self._failures += 1
             self._last_failure = str(error)
+            if not self._failing:
+                self._tell(f"the body stays as it is: {error}")
+            self._failing = True
+        else:
+            self._failing = False
         for shaft, force, ratio in zip(
             self._shafts, self._state.actuator_forces, self._torque_per_force, strict=True
         ):

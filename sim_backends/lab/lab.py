@@ -13,7 +13,6 @@ from typing import Final
 import numpy as np
 
 from config.axis import Axis
-from config.emulation import ConcentricTubesPlant, Emulation, SoftArmPlant, TendonArmPlant
 from config.paths import eds_path
 from config.robot import Robot
 from drivers.clock import Clock
@@ -26,26 +25,17 @@ from sim_backends.devices.drive.axis.axis import Axis as DriveAxis
 from sim_backends.devices.drive.axis.mechanics import AxisMechanics
 from sim_backends.devices.drive.drive import EmulatedDrive
 from sim_backends.faults import FaultyDevice, inject
+from sim_backends.lab.bodies import LabError, plant_of
 from sim_backends.lab.body import Body
 from sim_backends.lab.play import PLAYS
-from sim_backends.plants.concentric.concentric_tubes import ConcentricTubes
-from sim_backends.plants.concentric.concentric_tubes import variation as other_tubes
-from sim_backends.plants.plant import Plant, PlantError, TipLoad
-from sim_backends.plants.plant import variation as another_soft_arm
+from sim_backends.plants.plant import PlantError, TipLoad
 from sim_backends.plants.shooting import warm_up
-from sim_backends.plants.soft_arm.soft_arm import SoftArm
-from sim_backends.plants.tendon_arm.tendon_arm import TendonArm
-from sim_backends.plants.tendon_arm.tendon_arm import variation as another_tendon_arm
 
 _BEYOND_TRAVEL = 0.02
 """End stops and their switches lie this share of the travel beyond its ends."""
 
 _REMEMBERED: Final = 1000
 """Entries of a diary."""
-
-
-class LabError(ValueError):
-    """The lab cannot be built; the text says why."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +71,11 @@ class Lab:
         shafts = [self._shaft(axis) for axis in robot.axes]
         load = TipLoad(emulation.tip_load_g)
         warm_up()
-        self.body = Body(plant_of(emulation, robot), robot.axes, shafts, load)
+        self.diary = Diary()
+        try:
+            self.body = Body(plant_of(emulation, robot), robot.axes, shafts, load, self.diary.note)
+        except PlantError as error:
+            raise LabError(str(error)) from None
         self.tracker = EmulatedAurora(
             emulation.tracker, self._poses, seeds.tracker, powered_up_ns=clock.now_ns()
         )
@@ -90,7 +84,6 @@ class Lab:
             **{f"bus.{name}": BusFaults(bus) for name, bus in self.buses.items()},
             **{f"drive.{name}": drive for name, drive in self.drives.items()},
         }
-        self.diary = Diary()
         self.pumps: dict[str, Pump] = {}
         self._stop_heart: Callable[[], None] = lambda: None
 
@@ -179,60 +172,6 @@ class _Heart:
         if 2 * (t_ns - self._body.advanced_ns) >= 3 * self._period_ns:
             self._beat(t_ns)
         return max(self._body.advanced_ns + 3 * self._period_ns // 2, t_ns + 1)
-
-
-def plant_of(emulation: Emulation, robot: Robot) -> Plant:
-    """The body of this robot, at rest. Raises LabError where its axes cannot move it."""
-    if isinstance(emulation.plant, TendonArmPlant):
-        return _tendon_arm(emulation.plant, robot)
-    if isinstance(emulation.plant, ConcentricTubesPlant):
-        return _concentric_tubes(emulation.plant, robot)
-    pistons_mm2 = [axis.piston_area_mm2 for axis in robot.axes]
-    if None in pistons_mm2:
-        raise LabError("a soft arm needs linear_stepper axes with a bore_mm: they push its gas")
-    try:
-        return SoftArm(emulation.plant, [area for area in pistons_mm2 if area is not None])
-    except (ValueError, PlantError) as error:
-        raise LabError(f"this soft arm cannot be at rest: {error}") from None
-
-
-def another_body(emulation: Emulation, seed: int) -> Emulation:
-    """The same lab with another body of the same design in it, as one made body differs from the
-    next; the same seed gives the same body."""
-    plant = emulation.plant
-    other: SoftArmPlant | TendonArmPlant | ConcentricTubesPlant
-    if isinstance(plant, SoftArmPlant):
-        other = another_soft_arm(plant, seed)
-    elif isinstance(plant, TendonArmPlant):
-        other = another_tendon_arm(plant, seed)
-    else:
-        other = other_tubes(plant, seed)
-    return emulation.model_copy(update={"plant": other})
-
-
-def _tendon_arm(plant: TendonArmPlant, robot: Robot) -> Plant:
-    pulling = [axis.tension_range_n is not None for axis in robot.axes]
-    if not all(pulling) or len(pulling) != len(plant.tendons):
-        raise LabError(
-            f"a tendon arm needs a tendon_motor axis for each of its {len(plant.tendons)} tendons"
-        )
-    try:
-        return TendonArm(plant)
-    except (ValueError, PlantError) as error:
-        raise LabError(f"this tendon arm cannot be at rest: {error}") from None
-
-
-def _concentric_tubes(plant: ConcentricTubesPlant, robot: Robot) -> Plant:
-    units = ["rad"] * len(plant.tubes) + ["mm"] * plant.carriages
-    if [axis.unit for axis in robot.axes] != units:
-        raise LabError(
-            f"concentric tubes need a tube_rotation axis for each of the {len(plant.tubes)} tubes, "
-            f"then a tube_translation axis for each of the {plant.carriages} carriages"
-        )
-    try:
-        return ConcentricTubes(plant)
-    except (ValueError, PlantError) as error:
-        raise LabError(f"these tubes cannot be at rest: {error}") from None
 
 
 def _drives(

@@ -17,7 +17,8 @@ from sim_backends.devices.aurora.wires import PtyAurora
 from sim_backends.devices.can.bus import CanBus
 from sim_backends.devices.can.slcan_adapter import SlcanAdapter
 from sim_backends.devices.can.socket_server import SocketServer
-from sim_backends.lab.lab import Lab, LabError
+from sim_backends.lab.bodies import LabError
+from sim_backends.lab.lab import Lab
 
 LONGEST_LINE_BYTES: Final = 65_536
 

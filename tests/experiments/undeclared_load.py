@@ -36,7 +36,7 @@ from drivers.pose import PlainPose
 from safety.risk.model.mixture import FloatArray
 from safety.risk.tip_consistency import REFERENCE, TipConsistency, TipModel
 from sim_backends.devices.aurora.measurement import Sensing
-from sim_backends.lab.lab import plant_of
+from sim_backends.lab.bodies import plant_of
 from sim_backends.plants.plant import TipLoad
 from sim_backends.plants.shooting import warm_up
 from tests import SOFT_ARM

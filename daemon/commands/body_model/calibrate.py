@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     from daemon.workbench.body_model.evaluation.rollouts import roll_out
     from safety.risk.model.risk_model import RiskModelError
-    from sim_backends.lab.lab import LabError
+    from sim_backends.lab.bodies import LabError
     from sim_backends.plants.shooting import warm_up
 
     try:

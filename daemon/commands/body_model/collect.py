@@ -153,7 +153,7 @@ def _emulated(arguments: argparse.Namespace) -> int:
     from daemon.workbench.body_model.clouds.collection import CollectionError, CollectionSettings
     from daemon.workbench.body_model.clouds.emulated_body import UnreachableError
     from daemon.workbench.body_model.clouds.parallel_collection import collect
-    from sim_backends.lab.lab import LabError
+    from sim_backends.lab.bodies import LabError
     from sim_backends.plants.shooting import warm_up
 
     checked = robot_or_explain(arguments.robot)

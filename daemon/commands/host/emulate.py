@@ -16,7 +16,8 @@ from daemon.host.resident_memory import give_back_compiler
 from daemon.host.stop_signals import StopSignals
 from daemon.robot.checked_robot import CheckedRobot, add_robot_argument, robot_or_explain
 from daemon.robot.runtime_directory import default_runtime_directory
-from sim_backends.lab.lab import Lab, LabError
+from sim_backends.lab.bodies import LabError
+from sim_backends.lab.lab import Lab
 from sim_backends.lab.lab_ports import LabPorts
 from sim_backends.lab.play import PLAYS
 from sim_backends.lab.scenario import load_scenario, play_scenario

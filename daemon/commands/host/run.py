@@ -89,7 +89,8 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         with telling_progress():
             risk = make_risk_source(checked.file, MonotonicClock())
-            warm_up()
+            for why_not in warm_up():
+                print(why_not, file=sys.stderr)
         with logging_to_stderr("daemon"):
             run_in_real_time(_serve(checked, arguments, risk))
     except (

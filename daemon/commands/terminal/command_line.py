@@ -65,6 +65,7 @@ _COMMANDS: Final = {
         "collect data of a body, and learn where it is: the mixture density network",
     ),
     "risk": ("workbench", "say how likely a random point of a mixture is in something solid"),
+    "plugins": ("host", "list the controllers, plants and trajectories that files may name"),
     "certificates": ("host", "make keys and certificates for clients on other machines"),
     "schema": ("host", "write the JSON Schema of robot files, for editors"),
     "doctor": ("host", "look for what would stop tentacled from working on this machine"),

@@ -33,7 +33,8 @@ def compile_all(file: RobotFile | None = None) -> None:
     """
     # What is compiled takes its time to be imported too.
     from daemon.controllers.make_controller import warm_up
-    from sim_backends.lab.lab import Lab, LabError
+    from sim_backends.lab.bodies import LabError
+    from sim_backends.lab.lab import Lab
     from sim_backends.plants.shooting import warm_up as warm_up_plant
 
     warm_up_plant()

@@ -7,6 +7,8 @@ from typing import Any, Final
 
 from config.tasks.controllers import ControllerOptions
 from daemon.control.controller import Controller
+from daemon.control.guarded_controller import at_once as answers_at_once
+from daemon.control.guarded_controller import in_a_thread
 from daemon.control.reachability import Bounds, looks
 from daemon.messages import (
     Acquire,
@@ -70,7 +72,9 @@ class Operator:
         """
         self._service = service
         self._recording = recording
-        self._loader = MotionLoader(service.robot, seed, files, off_the_loop)
+        timed = off_the_loop is not at_once or service.dependencies.real_time is not None
+        answering = in_a_thread if timed else answers_at_once
+        self._loader = MotionLoader(service.robot, seed, files, off_the_loop, answering)
         self._inject_fault = inject
         self._homing = RobotHoming(service)
         self._clearing = Clearing(service)

@@ -18,7 +18,7 @@ from daemon.recording.result import Result
 from daemon.recording.run_folder import formatted_json
 from daemon.workbench.experiments.experiment_file import ExperimentFile
 from daemon.workbench.studies.study_file import StudyFile, merged
-from sim_backends.lab.lab import another_body
+from sim_backends.lab.bodies import another_body
 from sim_backends.plants.concentric.body_error import matched_variation
 from sim_backends.plants.concentric.relative import RelativeRangeError
 

@@ -2,14 +2,12 @@
 
 import subprocess
 import sys
-from typing import get_args
 
 import pytest
 
-from config.tasks.controllers import ControllerOptions
+from config.kinds import CONTROLLERS, entries
 
-KINDS = [kind.model_fields["kind"].annotation for kind in get_args(get_args(ControllerOptions)[0])]
-NAMES = [get_args(kind)[0] for kind in KINDS]
+NAMES = [name for name, entry in entries(CONTROLLERS).items() if entry.shipped]
 
 NEWLY_IMPORTED = """
 import sys

@@ -27,7 +27,7 @@ from daemon.workbench.body_model.evaluation.shapes import ball
 from safety.gate import RISK
 from safety.risk_source import NoModel
 from safety.states import OperatingState
-from sim_backends.lab.lab import another_body
+from sim_backends.lab.bodies import another_body
 from tests import SOFT_ARM
 from tests.daemon.service.rig import Rig, on_a_rig
 

@@ -15,7 +15,7 @@ import numpy as np
 from config.emulation import TendonArmPlant
 from config.robot import Robot
 from daemon.robot.axes import AxisRanges
-from sim_backends.lab.lab import plant_of
+from sim_backends.lab.bodies import plant_of
 from sim_backends.plants.plant import FloatArray, PlantError, TipLoad
 
 _LOOSER_MM: Final = 0.4

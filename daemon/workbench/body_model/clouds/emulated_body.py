@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 from config.robot import Robot
 from daemon.robot.axes import AxisRanges
 from safety.risk.model.mixture import FloatArray
-from sim_backends.lab.lab import another_body, plant_of
+from sim_backends.lab.bodies import another_body, plant_of
 from sim_backends.plants.plant import BodyState, PlantError, TipLoad
 
 _STEP_S: Final = 0.2

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from config.tasks.controllers import RewardWeighted
 from config.tasks.trajectory import Rectangle
 from daemon.commands.terminal.study_command import shipped_study
 from daemon.workbench.studies.findings import cycles_of
@@ -59,7 +60,7 @@ def test_only_what_is_said_to_learn_learns_and_the_models_never_felt_a_load(
 ) -> None:
     for name, file in ho2018.experiments.items():
         controller, pretraining = file.experiment.controller, file.experiment.pretraining
-        assert controller.kind == "reward_weighted"
+        assert isinstance(controller, RewardWeighted)
         assert controller.learning == ("online" in name)
         assert pretraining is not None
         expected = (80, 425) if "table1" in name else (320, 550)
