@@ -1,7 +1,7 @@
 """Reads an experiment file, and the robot file that it names: sound, or every problem at once."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -49,10 +49,15 @@ class ExperimentFile:
         )
 
 
-def load_experiment(path: Path) -> ExperimentFile:
-    """Raises ConfigError with every problem of the file."""
+def load_experiment(path: Path, overrides: Mapping[str, Any] | None = None) -> ExperimentFile:
+    """Raises ConfigError with every problem of the file.
+
+    overrides: instead of the file's keys; a mapping goes into the file's, key by key.
+    """
     document = read_yaml(path)
     problems = list(document.problems)
+    if overrides and isinstance(document.value, dict):
+        document = replace(document, value=_merged(document.value, overrides))
     if not problems:
         try:
             experiment = Experiment.model_validate(document.value)
@@ -61,6 +66,19 @@ def load_experiment(path: Path) -> ExperimentFile:
         else:
             return _with_robot(path, document, experiment)
     raise ConfigError(problems)
+
+
+def _merged(values: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
+    """Another `kind` begins anew: its options are not those of the file's."""
+    merged = dict(values)
+    for key, value in overrides.items():
+        before = values.get(key)
+        both = isinstance(before, Mapping) and isinstance(value, Mapping)
+        if both and value.get("kind", before.get("kind")) == before.get("kind"):
+            merged[key] = {**before, **value}
+        else:
+            merged[key] = value
+    return merged
 
 
 def _with_robot(path: Path, document: YamlDocument, experiment: Experiment) -> ExperimentFile:

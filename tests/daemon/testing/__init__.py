@@ -1,0 +1,1 @@
+"""The pytest plug-in, as whoever tests a robot meets it."""

@@ -1,0 +1,161 @@
+"""The fixtures in a suite of somebody else's: run by pytest in a process of its own."""
+
+import json
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+
+pytest_plugins = ["pytester"]
+
+EXPERIMENT = """
+experiment: short
+robot: builtin:soft_arm
+trajectory: {kind: circle, center_mm: [0, 0, 185], radius_mm: 15, cycle_s: 4}
+controller: {kind: constant_curvature}
+risk: false
+"""
+
+TESTS = """
+import pytest
+
+def test_circle(lab):
+    result = lab.run("short.yaml")
+    assert result.holds == 0 and not result.faults
+    assert result.cycle(1).mean_mm < 3.0
+    assert result.state_at(1.0) == "running"
+    assert result.final_state in ("standby", "ready")
+
+def test_too_good(lab):
+    figures = lab.run("short.yaml", seed=5).cycle(1)
+    assert figures.mean_mm < 0.001
+
+@pytest.mark.tentacled_seeds(2, plants=2)
+def test_many(seed, plant):
+    assert seed in (1, 2) and plant in (0, 1)
+
+@pytest.mark.tentacled_rig
+def test_real(rig):
+    raise AssertionError("it moved")
+"""
+
+
+@pytest.fixture
+def suite(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> pytest.Pytester:
+    """A suite with an experiment beside it."""
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[3]))
+    pytester.makefile(".yaml", short=EXPERIMENT)
+    pytester.makepyfile(TESTS)
+    return pytester
+
+
+def run(suite: pytest.Pytester, *words: str) -> pytest.RunResult:
+    """Whether it is installed with an entry point or not."""
+    plugin = ("-p", "no:tentacled", "-p", "daemon.testing.pytest_plugin")
+    strict = ("-W", "error", "--strict-markers", "-p", "no:cacheprovider")
+    return suite.runpytest_subprocess(*plugin, *strict, *words)
+
+
+@pytest.mark.parametrize("workers", [(), ("-n", "2")], ids=["alone", "two workers"])
+def test_a_failing_test_is_explained_in_millimetres_and_kept(
+    suite: pytest.Pytester, workers: tuple[str, ...]
+) -> None:
+    artifacts, junit = suite.path / "kept", suite.path / "junit.xml"
+    result = run(suite, *workers, "--tentacled-artifacts", str(artifacts), f"--junitxml={junit}")
+    result.assert_outcomes(passed=5, failed=1, skipped=1)
+    told = result.stdout.str()
+    assert "where" in told and "= cycle 1 of run-0: mean " in told
+    assert "run-0: circle, constant_curvature" in told
+    assert f"kept in {artifacts}" in told
+    (kept,) = artifacts.iterdir()
+    assert "test_too_good" in kept.name
+    left = {path.name for path in (kept / "run-0").iterdir()}
+    assert {"result.json", "report.html", "steps.npz"} <= left
+    assert any(name.endswith(".mcap") for name in left)
+    cases = ET.parse(junit).getroot().iter("testcase")
+    properties = {
+        case.attrib["name"]: {
+            one.attrib["name"]: one.attrib["value"] for one in case.iter("property")
+        }
+        for case in cases
+    }
+    figure = float(properties["test_too_good"]["tentacled.run-0.cycle_1.mean_mm"])
+    recorded = json.loads((kept / "run-0" / "result.json").read_text())["cycles"][0]["mean_mm"]
+    assert figure == pytest.approx(recorded, abs=1e-4)
+    assert properties["test_too_good"]["tentacled.run-0.seed"] == "5"
+    assert properties["test_circle"]["tentacled.run-0.holds"] == "0"
+
+
+def test_seeds_and_bodies_come_from_the_marker_and_the_options(suite: pytest.Pytester) -> None:
+    names = run(suite, "--collect-only", "-q", "-k", "many").stdout.str()
+    for seed in (1, 2):
+        for plant in (0, 1):
+            assert f"test_many[{plant}-{seed}]" in names or f"test_many[{seed}-{plant}]" in names
+    options = ("--tentacled-seeds", "3", "--tentacled-plants", "1")
+    names = run(suite, "--collect-only", "-q", "-k", "many", *options).stdout.str()
+    assert names.count("test_many[") == 3
+
+
+def test_a_real_robot_is_never_moved_by_accident(suite: pytest.Pytester) -> None:
+    robot = Path(__file__).parents[3] / "config" / "robots" / "soft_arm.yaml"
+    for words, why in (
+        ((), "--tentacled-rig ROBOT.yaml is not given"),
+        (("--tentacled-rig", str(robot)), "--tentacled-rig-yes soft_arm is not given"),
+        (
+            ("--tentacled-rig", str(robot), "--tentacled-rig-yes", "tendon_arm"),
+            "--tentacled-rig-yes soft_arm is not given",
+        ),
+        (
+            ("--tentacled-rig", str(robot), "--tentacled-rig-yes", "soft_arm"),
+            "start it with `tentacled run",
+        ),
+    ):
+        result = run(suite, "-k", "test_real", "-rs", *words)
+        result.assert_outcomes(skipped=1, deselected=6)
+        assert why in " ".join(result.stdout.str().split())
+    suite.makepyfile(test_unmarked="def test_unmarked(rig): pass")
+    result = run(suite, "-k", "test_unmarked.py")
+    result.assert_outcomes(errors=1, deselected=7)
+
+
+def test_nothing_of_ours_is_imported_before_a_fixture_is_used(suite: pytest.Pytester) -> None:
+    suite.makepyfile(
+        test_none="""
+        import sys
+        def test_none():
+            ours = ("daemon.", "config.", "sim_backends.", "safety.", "drivers.", "numpy")
+            came = {name for name in sys.modules if name.startswith(ours)}
+            assert came == {"daemon.testing", "daemon.testing.pytest_plugin"}
+        """
+    )
+    run(suite, "test_none.py").assert_outcomes(passed=1)
+
+
+def test_a_run_that_does_not_come_to_its_end_fails_with_the_reason(
+    suite: pytest.Pytester,
+) -> None:
+    suite.makepyfile(
+        test_lost="""
+        import pytest
+
+        LOST = [{"at_s": 1.0, "inject": "bus.can0.off"}]
+
+        def test_fails(lab):
+            lab.run("short.yaml", happenings=LOST)
+
+        def test_expects_it(lab):
+            result = lab.run("short.yaml", happenings=LOST, may_end_early=True)
+            assert "bus_off" in " ".join(result.faults) + result.problem
+            assert result.state_at(0.5) == "running"
+            with pytest.raises(LookupError, match="nothing is recorded"):
+                result.state_at(-1.0)
+
+        def test_other_numbers(lab):
+            trajectory = {"radius_mm": 5.0, "cycle_s": 2.0}
+            result = lab.run("short.yaml", trajectory=trajectory)
+            assert result.result.duration_s < 2.5
+        """
+    )
+    result = run(suite, "test_lost.py")
+    result.assert_outcomes(passed=2, failed=1)
+    assert "did not come to its end: the robot is fault" in result.stdout.str()
