@@ -261,8 +261,9 @@ class Named:
         del schema
         known = [*_shipped(self.group).values(), *(e for e in _KINDS if e.group == self.group)]
         kinds = [kind for e in dict.fromkeys(known) if isinstance(kind := _loaded(e), Kind)]
-        union = Annotated[reduce(or_, (k.options for k in kinds)), Field(discriminator="kind")]
-        return handler(TypeAdapter(union).core_schema)
+        union: Any = reduce(or_, (kind.options for kind in kinds))
+        known_by: Any = Annotated[union, Field(discriminator="kind")]
+        return handler(TypeAdapter[Any](known_by).core_schema)
 
     def _checked(self, value: object) -> KindOptions:
         if isinstance(value, KindOptions):

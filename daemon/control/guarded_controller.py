@@ -242,4 +242,9 @@ class GuardedController:
 
 def _copy(observation: Observation) -> Observation:
     """What it does to its observation, or keeps of it, is its own."""
-    return Observation(*(one.copy() if isinstance(one, np.ndarray) else one for one in observation))
+    arrays: dict[str, Any] = {
+        name: value.copy()
+        for name, value in observation._asdict().items()
+        if isinstance(value, np.ndarray)
+    }
+    return observation._replace(**arrays)

@@ -109,11 +109,12 @@ def make_trajectory(options: Pointed, base: Path, cycles: int | None = None) -> 
     """
     if cycles is not None and cycles < 1:
         raise ValueError(f"a trajectory has 1 cycle or more, not {cycles}")
-    repeated: int = cycles or getattr(options, "cycles", 1)
+    declared: int = getattr(options, "cycles", 1)
+    repeated = declared if cycles is None else cycles
     make, entry = maker(TRAJECTORIES, options), entry_of(TRAJECTORIES, options)
     if entry.shipped:
         cycle: Cycle = make(options, base, repeated)
-        lasts_s = getattr(options, "cycle_s", cycle.lasts_s)
+        lasts_s = cycle.lasts_s or float(getattr(options, "cycle_s", 0.0))
     else:
         cycle, lasts_s = sampled(entry, lambda: make(options, base, repeated), options)
     if options.pointing is not None and cycle.pointing is not None:
@@ -290,7 +291,7 @@ def sampled(entry: Entry, make: Callable[[], object], options: Pointed) -> tuple
         cycle = make()
         if not isinstance(cycle, Cycle):
             raise TypeError(f"it made no Cycle, but {cycle!r:.60}")
-        lasts_s = float(cycle.lasts_s or getattr(options, "cycle_s", 0.0))
+        lasts_s = cycle.lasts_s or float(getattr(options, "cycle_s", 0.0))
         if not 0.0 < lasts_s <= LONGEST_S:
             raise ValueError(f"a cycle cannot last {lasts_s:g} s")
         corners = np.asarray(cycle.corners_s, np.float64).ravel()

@@ -73,11 +73,10 @@ def _merged(values: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str
     merged = dict(values)
     for key, value in overrides.items():
         before = values.get(key)
-        both = isinstance(before, Mapping) and isinstance(value, Mapping)
-        if both and value.get("kind", before.get("kind")) == before.get("kind"):
-            merged[key] = {**before, **value}
-        else:
-            merged[key] = value
+        merged[key] = value
+        if isinstance(before, Mapping) and isinstance(value, Mapping):
+            kind = before.get("kind")
+            merged[key] = {**before, **value} if value.get("kind", kind) == kind else value
     return merged
 
 
