@@ -37,7 +37,9 @@ export class FlatScene {
     return [(clientX - box.left - box.width / 2) / this.scale, through[1], (box.height - 40 - (clientY - box.top)) / this.scale];
   }
 
-  draw() {
+  get waiting() { return this.dirty; }
+
+  draw(_label, _now, finished) {
     if (!this.dirty) return false;
     this.dirty = false;
     const { clientWidth: width, clientHeight: height } = this.element;
@@ -52,6 +54,7 @@ export class FlatScene {
       pen.fillStyle = color; pen.beginPath(); pen.arc(...at(place), 5, 0, 7); pen.fill();
     }
     this.drawn += 1;
+    finished();
     return true;
   }
 }

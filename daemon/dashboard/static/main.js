@@ -176,19 +176,24 @@ findRobots();
 setInterval(findRobots, 1000);
 
 const drawnTimes = [];
+
+function drawnAt(age_s, sent_s) {
+  const age_ms = (age_s - sent_s) * 1000 + performance.timeOrigin + performance.now();
+  look.pictureFigure = number(age_ms, 0, " ms");
+  drawnTimes.push(age_ms);
+  if (drawnTimes.length > 2000) drawnTimes.shift();
+}
+
 (function each(now) {
   if (replay) replay.tick(now);
-  const drawn = scene.draw($("clearance"));
+  const { tipAge, tipSent, tipFresh } = look;
+  const drawn = scene.draw($("clearance"), now, () => { if (tipFresh && !replay) drawnAt(tipAge, tipSent); });
+  if (drawn) look.tipFresh = false;
   if (!replay) {
-    look.drawnNumber = look.number; look.drawnHeard = look.heard; look.drawnAge = look.age;
-    if (drawn && look.tipFresh) {
-      look.tipFresh = false;
-      const shown = performance.timeOrigin + performance.now();
-      look.pictureFigure = number(look.tipAge * 1000 + shown - look.tipSent * 1000, 0, " ms");
-      drawnTimes.push(look.tipAge * 1000 + shown - look.tipSent * 1000);
-      if (drawnTimes.length > 2000) drawnTimes.shift();
-    }
+    // What waits to be drawn is not in the picture: its age is that of what is.
+    if (drawn || !scene.waiting) { look.drawnNumber = look.number; look.drawnHeard = look.heard; look.drawnAge = look.age; }
     if (hand) hand.tick(performance.now());
+    if (scene.pace) scene.pace.led = Boolean(hand && hand.held);
   }
   requestAnimationFrame(each);
 })(performance.now());
@@ -196,5 +201,7 @@ const drawnTimes = [];
 window.probe = () => ({
   ...look, age: look.age_s(), drawn: scene.drawn, events: eventCount(), held: hand ? hand.held : "", flat: Boolean(scene.flat),
   tipOnScreen: look.tip && look.tip.tip_mm ? scene.onScreen(look.tip.tip_mm) : null, replay: replay ? replay.told() : null,
+  pace: scene.pace ? { every_ms: scene.pace.every_ms, cost_ms: scene.pace.cost_ms, fineness: scene.pace.fineness } : null,
 });
 window.drawnTimes = () => drawnTimes.splice(0);
+window.beFine = (on) => { if (!scene.flat) scene.beFine(on); };

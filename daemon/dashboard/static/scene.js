@@ -1,19 +1,25 @@
 // The robot in three dimensions: body with its thickness, reference, trail, surroundings, ellipsoids.
 import * as THREE from "three";
 import { OrbitControls } from "./vendor/three/OrbitControls.js";
+import { Pace } from "./frame_pace.js";
 
 const AROUND = 20, MOST = 32, TRAIL = 900, TRIAD_MM = 30;
 const VIEWS = { free: [0.85, -1, 0.35], front: [0, -1, 0], side: [1, 0, 0], top: [0, -0.001, 1] };
 const REFERENCE = { free: 0x27a567, reduced: 0xe0a022, held: 0xe0464f };
 const TARGET = 0xb455d6;
+const TRAIL_MM = 0.3;  // a tracker's noise is no way that was gone
+const FENCE_ASKED_MS = 3, GIVEN_UP_MS = 1000;
 
 export class Scene {
   constructor(element) {
     this.element = element;
     this.drawn = 0;
-    this.dirty = true;  // drawn only where there is something new: a software renderer shares the robot's processor
-    this.renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true });
-    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+    this.dirty = true;  // drawn only where there is something new, where it is seen, and as often as it may
+    this.seen = true;
+    this.pace = new Pace();
+    this.fence = null;
+    this.renderer = new THREE.WebGLRenderer({ antialias: false, alpha: true });  // smooth by fineness, where that is cheap
+    this.renderer.setPixelRatio(this.pace.fineness);
     element.prepend(this.renderer.domElement);
     this.scene = new THREE.Scene();
     this.camera = new THREE.PerspectiveCamera(38, 1, 1, 5000);
@@ -50,6 +56,7 @@ export class Scene {
     this.unit = new THREE.SphereGeometry(1, 24, 16);
     this.view("free");
     new ResizeObserver(() => this.resize()).observe(element);
+    new IntersectionObserver((entries) => { this.seen = entries.at(-1).isIntersecting; }).observe(element);
     this.resize();
   }
 
@@ -164,6 +171,8 @@ export class Scene {
   }
 
   addTo(line, place) {
+    const last = line.places.at(-1);
+    if (last && Math.hypot(place[0] - last[0], place[1] - last[1], place[2] - last[2]) < TRAIL_MM) return;
     line.places.push(place);
     if (line.places.length > TRAIL) line.places.shift();
     this.drawLine(line, line.places);
@@ -279,19 +288,51 @@ export class Scene {
     this.drawn += 1;
   }
 
-  // Returns whether there was something new to draw.
-  draw(label) {
+  // Whether there is something new that is not in the picture yet.
+  get waiting() { return this.dirty; }
+
+  // Returns whether there was something new to draw. finished: called when the picture is ready.
+  draw(label, now, finished) {
     this.controls.update();
-    if (!this.dirty) return false;
+    if (!this.dirty || !this.seen || this.fence || !this.pace.due(now)) return false;
     this.dirty = false;
+    this.pace.began(now);
+    const began = performance.now();
     this.render();
-    label.style.visibility = this.label ? "visible" : "hidden";
-    if (this.label) {
-      const at = this.label.at.clone().project(this.camera);
-      label.textContent = this.label.text;
-      label.style.left = `${((at.x + 1) / 2) * this.element.clientWidth + 10}px`;
-      label.style.top = `${((1 - at.y) / 2) * this.element.clientHeight - 12}px`;
-    }
+    this.place(label);
+    const gl = this.renderer.getContext();
+    this.fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
+    this.waitForFence(gl, began, finished);
     return true;
+  }
+
+  place(label) {
+    label.style.visibility = this.label ? "visible" : "hidden";
+    if (!this.label) return;
+    const at = this.label.at.clone().project(this.camera);
+    label.textContent = this.label.text;
+    label.style.left = `${((at.x + 1) / 2) * this.element.clientWidth + 10}px`;
+    label.style.top = `${((1 - at.y) / 2) * this.element.clientHeight - 12}px`;
+  }
+
+  // The renderer works in a process of its own: only a fence tells when it is through, and what it cost.
+  waitForFence(gl, began, finished) {
+    const ready = !this.fence || gl.isContextLost() || gl.getSyncParameter(this.fence, gl.SYNC_STATUS) === gl.SIGNALED;
+    const took = performance.now() - began;
+    if (!ready && took < GIVEN_UP_MS) { setTimeout(() => this.waitForFence(gl, began, finished), FENCE_ASKED_MS); return; }
+    gl.deleteSync(this.fence);
+    this.fence = null;
+    finished();
+    if (this.fine || !this.pace.took(took)) return;
+    this.renderer.setPixelRatio(this.pace.fineness);  // empties the picture: drawn at once
+    this.render();
+  }
+
+  // As fine as can be, whatever it costs, for a picture that is kept.
+  beFine(on) {
+    this.fine = on;
+    this.renderer.setPixelRatio(on ? 2 : this.pace.fineness);
+    this.render();
   }
 }
