@@ -17,11 +17,19 @@ PATIENCE_S: Final = 60.0
 DESKTOP: Final = {"width": 1500, "height": 1180}
 
 
-def until(true: Callable[[], object], what: str = "it", within_s: float = PATIENCE_S) -> None:
-    """The page's rules forbid what playwright would evaluate to wait: so look again and again."""
+def until(
+    true: Callable[[], object],
+    what: str | Callable[[], object] = "it",
+    within_s: float = PATIENCE_S,
+) -> None:
+    """The page's rules forbid what playwright would evaluate to wait: so look again and again.
+
+    what: is waited for; asked only when it has not come.
+    """
     ends_s = time.monotonic() + within_s
     while not true():
-        assert time.monotonic() < ends_s, what
+        if time.monotonic() > ends_s:
+            raise AssertionError(what() if callable(what) else what)
         time.sleep(0.03)
 
 
@@ -63,7 +71,14 @@ class Browsing:
         return self.page.locator("body.stale").count() == 1
 
     def until_state(self, *states: str) -> None:
-        until(lambda: self.state() in states, f"{states}, and it is {self.state()}")
+        until(lambda: self.state() in states, lambda: f"{states}, and {self.told()}")
+
+    def told(self) -> str:
+        """What an operator reads of the robot's state, for whoever wonders why a test failed."""
+        shown = ("state", "connection", "holder", "headline", "remedy", "answer", "reasons")
+        texts = {name: self.page.locator(f"#{name}").inner_text() for name in shown}
+        texts["events"] = self.page.locator("#events").inner_text()[:1500]
+        return "\n".join(f"{name}: {text}" for name, text in texts.items())
 
     def until_live(self) -> None:
         until(lambda: not self.stale and self.probe().get("status"), "the page is live")
@@ -77,7 +92,7 @@ class Browsing:
     def press(self, verb: str, hold_s: float = 0.0) -> None:
         """Press a command's button, for so long."""
         button = self.page.locator(f'[data-verb="{verb}"]')
-        until(button.is_enabled, f"{verb}: {button.get_attribute('title')}")
+        until(button.is_enabled, lambda: f"{verb}: {button.get_attribute('title')}\n{self.told()}")
         button.scroll_into_view_if_needed()
         if not hold_s:
             button.click()
@@ -100,7 +115,7 @@ class Browsing:
                     self.press("arm", 1.2)
             return self.state() == "armed"
 
-        until(armed, "it is armed")
+        until(armed, lambda: f"it is armed\n{self.told()}")
 
     def begin_teleoperation(self) -> None:
         """From ARMED: until the tip may be taken hold of."""

@@ -68,7 +68,7 @@ def run_until(seen: Browsing, true: Any, what: str) -> None:
             resume.click()
         return seen.state() == "running" and true()
 
-    until(there, what, _EXPLORED_WITHIN_S)
+    until(there, lambda: f"{what}\n{seen.told()}", _EXPLORED_WITHIN_S)
 
 
 def test_an_operator_finds_arms_runs_holds_leads_stops_and_replays(browser: "Browser") -> None:
@@ -140,7 +140,7 @@ def _start(b: Browsing) -> None:
             start.click()
         return b.state() == "running"
 
-    until(runs, "it runs")
+    until(runs, lambda: f"it runs\n{b.told()}")
 
 
 def _arm_again(b: Browsing) -> None:
@@ -153,7 +153,7 @@ def _arm_again(b: Browsing) -> None:
             time.sleep(0.5)
         return b.state() == "ready"
 
-    until(ready, "it is ready again")
+    until(ready, lambda: f"it is ready again\n{b.told()}")
     b.arm()
 
 
@@ -171,7 +171,7 @@ def _lead(b: Browsing) -> None:
             b.page.mouse.move(x - 30, y, steps=3)
         return _apart(before, b.probe()["tip"]["tip_mm"]) > 2.0
 
-    until(followed, "the tip follows the hand")
+    until(followed, lambda: f"the tip follows the hand\n{b.told()}")
     b.page.mouse.up()
     b.until_state("hold")
 

@@ -1,4 +1,4 @@
-"""How often the page draws, by what pictures cost: its own module, run by the node of playwright."""
+"""How often the page draws, by what pictures cost: its own module, run by playwright's node."""
 
 import json
 import subprocess
@@ -10,21 +10,26 @@ import pytest
 
 _MODULE: Final = Path("daemon/dashboard/static/frame_pace.js").resolve()
 _DRAW: Final = """
-import { Pace } from "%s";
-const [cost, seconds, led] = JSON.parse(process.argv[2]);
+import { Pace } from "./frame_pace.mjs";
+const [cost, half_ms, led] = JSON.parse(process.argv[2]);
 const pace = new Pace();
 pace.led = led;
-let pictures = 0, spent = 0, longest = 0, last = 0;
-for (let now = 0; now < seconds * 1000; now += 1000 / 60) {
+let asked = 0, pictures = 0, spent = 0, longest = 0, last = half_ms;
+for (let now = 0; now < 2 * half_ms; now += 1000 / 60) {
   if (!pace.due(now)) continue;
-  const took = cost.each + cost.pixels * pace.fineness ** 2 + (pictures %% 6 === 5 ? cost.odd || 0 : 0);
+  asked += 1;
+  const took = cost.each + cost.pixels * pace.fineness ** 2 + (asked % 6 ? 0 : cost.odd);
   pace.began(now);
   pace.took(took);
-  if (now > seconds * 500) { pictures += 1; spent += took; if (last) longest = Math.max(longest, now - last); last = now; }
-  else pictures = 0;
+  if (now < half_ms) continue;
+  pictures += 1;
+  spent += took;
+  longest = Math.max(longest, now - last);
+  last = now;
 }
-const half = seconds * 500;
-console.log(JSON.stringify({ per_s: pictures / half * 1000, share: spent / half, longest, fineness: pace.fineness }));
+const { fineness } = pace;
+const per_s = 1000 * pictures / half_ms;
+console.log(JSON.stringify({ per_s, share: spent / half_ms, longest, fineness }));
 """
 
 
@@ -37,8 +42,8 @@ def drawn(tmp_path: Path, each: float, pixels: float, led: bool = False, odd: fl
     node = Path(package.origin).parent / "driver" / "node"
     (tmp_path / "frame_pace.mjs").write_bytes(_MODULE.read_bytes())
     script = tmp_path / "draw.mjs"
-    script.write_text(_DRAW % "./frame_pace.mjs")
-    what = json.dumps([{"each": each, "pixels": pixels, "odd": odd}, 20, led])
+    script.write_text(_DRAW)
+    what = json.dumps([{"each": each, "pixels": pixels, "odd": odd}, 10_000, led])
     done = subprocess.run([node, script, what], capture_output=True, text=True, check=True)
     return json.loads(done.stdout)
 
