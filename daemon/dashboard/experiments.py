@@ -98,7 +98,8 @@ class ExperimentFiles:
 
 
 def _parameters(trajectory: dict[str, Any]) -> list[dict[str, Any]]:
-    """Numbers and choices, with their values in the file or by default; empty: it is none."""
+    """Numbers and choices, with their values in the file or by default; empty: it is none. What is
+    left open in the file is no number that somebody could change."""
     try:
         options = load_trajectory_options(trajectory)
     except OptionsError:
@@ -108,6 +109,8 @@ def _parameters(trajectory: dict[str, Any]) -> list[dict[str, Any]]:
         if name in _NOT_ASKED:
             continue
         parameter: dict[str, Any] = {"name": name, "value": getattr(options, name)}
+        if parameter["value"] is None:
+            continue
         if isinstance(parameter["value"], str):
             parameter["choices"] = list(get_args(field.annotation))
         told.append(parameter)

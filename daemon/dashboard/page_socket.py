@@ -202,7 +202,7 @@ def buttons(
         elif told is None:
             why, helps = "the daemon does not know this command", "Update the daemon"
         elif not told.possible:
-            why, helps = told.why_not, told.helps
+            why, helps = told.why_not or "not now", told.helps
         drawn.append(
             {
                 "verb": look.verb,

@@ -142,7 +142,10 @@ class Browsing:
     def picture(self, name: str) -> None:
         """For the documentation."""
         PICTURES.mkdir(parents=True, exist_ok=True)
+        self.page.evaluate("scrollTo(0, 0); window.beFine(true)")
+        time.sleep(0.4)
         self.page.screenshot(path=str(PICTURES / f"{name}.png"))
+        self.page.evaluate("window.beFine(false)")
 
 
 @contextmanager

@@ -146,7 +146,12 @@ class StagedRobot(FakeRobot):
             reasons=self.reasons,
             axes=[_axis(name) for name in _AXES],
             verbs=[
-                Verb(name=verb(kind), needs_lease=True, possible=_possible(verb(kind), self.state))
+                Verb(
+                    name=verb(kind),
+                    needs_lease=True,
+                    possible=_possible(verb(kind), self.state),
+                    why_not=f"the robot is {self.state}",
+                )
                 for kind in COMMANDS
             ],
             reference=ReferenceStatus(
@@ -208,7 +213,7 @@ class StagedRobot(FakeRobot):
 
 def _possible(word: str, state: str) -> bool:
     return {
-        "arm": state == "ready",
+        "arm": state in ("ready", "standby"),
         "start": state == "armed",
         "teleoperate": state in ("armed", "hold"),
         "hold": state == "running",

@@ -101,9 +101,7 @@ def test_an_operator_finds_arms_runs_holds_leads_stops_and_replays(browser: "Bro
         time.sleep(3.0)
         run_until(b, lambda: True, "it runs")
         b.picture("running")
-        assert made.lab.inject("tracker.missing=4s").returncode == 0
-        remedy = b.page.locator("#remedy")
-        until(lambda: b.state() == "hold" and remedy.inner_text(), "it says what helps")
+        _hold(made, b)
         time.sleep(0.3)
         b.picture("hold")
         _lead(b)
@@ -118,7 +116,6 @@ def test_an_operator_finds_arms_runs_holds_leads_stops_and_replays(browser: "Bro
         until(lambda: says.get_attribute("data-outcome") == "confirmed", "STOP is confirmed")
         assert "ms" in says.inner_text()
         b.until_state("ready", "standby")
-        b.picture("stopped")
         b.page.set_viewport_size({"width": 400, "height": 860})
         assert b.page.locator("#stop").is_visible()
         width = b.page.evaluate("document.documentElement.scrollWidth")
@@ -141,6 +138,22 @@ def _start(b: Browsing) -> None:
         return b.state() == "running"
 
     until(runs, lambda: f"it runs\n{b.told()}")
+
+
+def _hold(made: Bench, b: Browsing) -> None:
+    """The tracker sees nothing for a while: held, and it says what helps."""
+    remedy, ends_s = b.page.locator("#remedy"), 0.0
+
+    def held() -> object:
+        nonlocal ends_s
+        if b.state() == "running" and time.monotonic() > ends_s:
+            ends_s = time.monotonic() + 6.0
+            assert made.lab.inject("tracker.missing=4s").returncode == 0
+        elif b.state() not in ("running", "hold"):
+            _start(b)
+        return b.state() == "hold" and remedy.inner_text()
+
+    until(held, lambda: f"it holds and says what helps\n{b.told()}")
 
 
 def _arm_again(b: Browsing) -> None:

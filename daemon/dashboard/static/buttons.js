@@ -28,7 +28,7 @@ export function showButtons(told) {
     let drawn = document.querySelector(`[data-verb="${button.verb}"]`);
     if (!drawn) { drawn = made(button); $("buttons").append(drawn); }
     drawn.disabled = !button.enabled;
-    drawn.title = button.enabled ? (button.hold_s ? "press and hold" : "") : `${button.why}. ${button.helps}`;
+    drawn.title = button.enabled ? (button.hold_s ? "press and hold" : "") : [button.why, button.helps].filter(Boolean).join(". ");
   }
 }
 

@@ -1,11 +1,11 @@
 // Loading an experiment: which, and with which numbers in place of the file's.
-import { $, made } from "./dom.js";
+import { $, made, put } from "./dom.js";
 
 let found = [];
 
 export function showExperiments(list) {
   found = list;
-  $("experiment").replaceChildren(...list.map((one) => new Option([one.name, one.trajectory, one.controller].filter(Boolean).join(" · "), one.name)));
+  $("experiment").replaceChildren(...list.map((one) => new Option(one.name, one.name)));
   $("experiment").disabled = !list.length;
   showParameters();
 }
@@ -14,6 +14,8 @@ const chosen = () => found.find((one) => one.name === $("experiment").value);
 
 function showParameters() {
   const one = chosen();
+  put($("experimentabout"), one ? [one.trajectory, one.controller && `led by ${one.controller}`].filter(Boolean).join(", ") : "none is for this robot");
+  $("numbers").hidden = !(one && one.parameters.length);
   $("parameters").replaceChildren(...(one ? one.parameters : []).map((parameter) => {
     const input = parameter.choices
       ? made("select", {}, ...parameter.choices.map((choice) => new Option(choice, choice, false, choice === parameter.value)))

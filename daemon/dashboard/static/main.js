@@ -56,6 +56,7 @@ function draw(frame) {
     const status = look.status = frame.status;
     makePlots(status);
     showState(status);
+    put($("stopstate"), replayed ? "" : `${$("state").textContent}: ${$("headline").textContent}`);
     put($("holder"), replayed ? "" : status.lease.holder ? `in control: ${look.inControl ? "this page" : status.lease.holder}` : "nobody is in control");
   }
   if (frame.risk) { look.risk = frame.risk; scene.setClearance(frame.risk); }
@@ -103,6 +104,7 @@ function showAge() {
   else $("load").disabled = !$("experiment").value;
   const age = Number.isFinite(seconds) ? `no data for ${seconds.toFixed(1)} s` : "no data";
   put($("connection"), stale ? look.problem || age : "live");
+  if (stale) put($("stopstate"), look.problem || age);
   $("connection").dataset.live = String(!stale);
 }
 

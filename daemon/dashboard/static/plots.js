@@ -30,7 +30,7 @@ export class Plot {
     this.chart = new uPlot({
       width: this.width(), height: HEIGHT, legend: { show: false }, cursor: { show: false },
       scales: { x: { time: false }, y: { range: (_, low, high) => [Math.min(0, low ?? 0), Math.max((high ?? 1) * 1.1, 1e-3)] } },
-      axes: [{ ...axis, size: 30, values: (_, ticks) => ticks.map((t) => `${t} s`) }, { ...axis, size: 52 }],
+      axes: [{ ...axis, size: 30, values: (_, ticks) => ticks.map((t) => `${t} s`) }, { ...axis, size: 52, values: (_, ticks) => ticks.map((value) => String(Number(value.toPrecision(4)))) }],
       series: [{}, ...series],
     }, [[], ...this.rows], this.element);
   }

@@ -64,7 +64,7 @@ class Replay {
       Robot: header.robot || "–", Began: header.header.time || new Date(header.started_ns / 1e6).toISOString().replace("T", " ").slice(0, 19), Lasts: clock(header.duration_s),
       Followed: header.result ? `${header.result.trajectory}, ${header.result.controller}` : "–",
       "Worst error": header.worst ? `${number(header.worst.error_mm, 2, " mm")} at ${clock(header.worst.t_s)}` : "–",
-      Recording: header.whole ? "ended properly" : "not ended", Left: header.dropped ? `${header.dropped} messages were left out` : "nothing out",
+      Recording: header.whole ? "ended properly" : "not ended", "Left out": header.dropped ? `${header.dropped} messages` : "nothing",
     };
     const every = header.kinds.tip.every;
     if (every > 1) facts.Frames = `every ${every}th is shown`;

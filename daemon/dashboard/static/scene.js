@@ -6,8 +6,10 @@ import { Pace } from "./frame_pace.js";
 const AROUND = 20, MOST = 32, TRAIL = 900, TRIAD_MM = 30;
 const VIEWS = { free: [0.85, -1, 0.35], front: [0, -1, 0], side: [1, 0, 0], top: [0, -0.001, 1] };
 const REFERENCE = { free: 0x27a567, reduced: 0xe0a022, held: 0xe0464f };
-const TARGET = 0xb455d6;
+const TARGET = 0xb455d6, FIELD = 38;
 const TRAIL_MM = 0.3;  // a tracker's noise is no way that was gone
+const DOT_PX = 2.4;  // WebGL's own lines are one pixel wide, however fine the pixels are
+const UP = new THREE.Vector3(0, 1, 0);
 const FENCE_ASKED_MS = 3, GIVEN_UP_MS = 1000;
 
 export class Scene {
@@ -22,10 +24,11 @@ export class Scene {
     this.renderer.setPixelRatio(this.pace.fineness);
     element.prepend(this.renderer.domElement);
     this.scene = new THREE.Scene();
-    this.camera = new THREE.PerspectiveCamera(38, 1, 1, 5000);
+    this.camera = new THREE.PerspectiveCamera(FIELD, 1, 1, 5000);
     this.camera.up.set(0, 0, 1);
     this.controls = new OrbitControls(this.camera, this.renderer.domElement);
     this.controls.addEventListener("change", () => { this.dirty = true; });
+    this.controls.addEventListener("start", () => { this.looked = ""; });  // turned by hand: it stays so
     this.middle = new THREE.Vector3(0, 0, 110);
     this.size = 210;
     this.follows = false;
@@ -36,7 +39,7 @@ export class Scene {
     const grid = new THREE.GridHelper(300, 12, 0x8090a4, 0x8090a4);
     grid.rotation.x = Math.PI / 2;
     grid.material.transparent = true;
-    grid.material.opacity = 0.22;
+    grid.material.opacity = 0.32;
     this.scene.add(grid);
     this.triad = new THREE.AxesHelper(TRIAD_MM);
     this.triad.setColors(0xd1242f, 0x2da44e, 0x1f6feb);
@@ -47,7 +50,9 @@ export class Scene {
     this.reference = this.ball(3.0, REFERENCE.free);
     this.trail = this.line(0x1f6feb, TRAIL);
     this.aims = this.line(0x27a567, TRAIL);
-    this.clearance = this.line(0xe0464f, 2);
+    this.clearance = new THREE.Mesh(new THREE.CylinderGeometry(0.7, 0.7, 1, 8), new THREE.MeshBasicMaterial({ color: 0xe0464f, depthTest: false }));
+    this.clearance.renderOrder = 6;
+    this.scene.add(this.clearance);
     this.target = this.ball(4.2, TARGET);
     this.target.material.transparent = true;
     this.target.material.opacity = 0.75;
@@ -91,7 +96,10 @@ export class Scene {
     line.frustumCulled = false;
     line.renderOrder = 4;
     line.places = [];
-    this.scene.add(line);
+    const dots = new THREE.Points(geometry, new THREE.PointsMaterial({ color, size: DOT_PX, sizeAttenuation: false, transparent: true, opacity: 0.85, depthTest: false }));
+    dots.frustumCulled = false;
+    dots.renderOrder = 4;
+    this.scene.add(line, dots);
     return line;
   }
 
@@ -224,7 +232,14 @@ export class Scene {
 
   setClearance(risk) {
     const near = risk && risk.place_mm && risk.obstacle_mm;
-    this.drawLine(this.clearance, near ? [risk.place_mm, risk.obstacle_mm] : []);
+    this.dirty = true;
+    this.clearance.visible = Boolean(near);
+    if (near) {
+      const from = new THREE.Vector3(...risk.place_mm), way = new THREE.Vector3(...risk.obstacle_mm).sub(from), length = way.length();
+      this.clearance.position.copy(from).addScaledVector(way, 0.5);
+      this.clearance.scale.set(1, Math.max(length, 1e-3), 1);
+      this.clearance.quaternion.setFromUnitVectors(UP, length > 0 ? way.divideScalar(length) : UP);
+    }
     this.label = near ? { at: new THREE.Vector3(...risk.obstacle_mm), text: `${risk.clearance_mm.toFixed(1)} mm` } : null;
   }
 
@@ -237,7 +252,7 @@ export class Scene {
     const corners = new THREE.Box3(new THREE.Vector3(x[0], y[0], z[0]), new THREE.Vector3(x[1], y[1], z[1]));
     this.box = new THREE.Box3Helper(corners, 0x8090a4);
     this.box.material.transparent = true;
-    this.box.material.opacity = 0.5;
+    this.box.material.opacity = 0.75;
     this.scene.add(this.box);
     this.triad.position.copy(corners.min);
     this.triad.visible = true;
@@ -267,7 +282,10 @@ export class Scene {
     const [x, y, z] = VIEWS[name];
     this.dirty = true;
     this.controls.target.copy(this.middle);
-    this.camera.position.copy(this.middle).addScaledVector(new THREE.Vector3(x, y, z).normalize(), 1.55 * this.size);
+    this.looked = name;
+    // As far off as it takes for the room to fill the picture, however narrow that is.
+    const half = Math.atan(Math.tan((FIELD * Math.PI) / 360) * Math.min(1, this.camera.aspect));
+    this.camera.position.copy(this.middle).addScaledVector(new THREE.Vector3(x, y, z).normalize(), (0.44 * this.size) / Math.sin(half));
     this.controls.update();
   }
 
@@ -279,6 +297,7 @@ export class Scene {
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
+    if (this.looked) this.view(this.looked);
     this.render();  // a new size has emptied the picture: it must not be seen so
     this.dirty = true;
   }

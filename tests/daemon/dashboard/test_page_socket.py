@@ -29,6 +29,11 @@ def test_what_the_daemon_would_refuse_is_not_offered_and_says_what_helps() -> No
     assert (drawn["start"]["why"], drawn["start"]["helps"]) == ("nothing is loaded", "Do something")
 
 
+def test_what_is_refused_without_a_reason_is_not_offered_either() -> None:
+    drawn = {b["verb"]: b for b in buttons(status(start=""), "operator", True)}
+    assert not drawn["start"]["enabled"] and drawn["start"]["why"]
+
+
 @pytest.mark.parametrize(
     ("role", "in_control", "why"),
     [
