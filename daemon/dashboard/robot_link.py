@@ -107,6 +107,8 @@ class RobotLink:
         self._errors = ErrorTable()
         self._cycle = -1
         self._holding: asyncio.Task[None] | None = None
+        self._handing_over = asyncio.Lock()
+        """A page that leaves and one that comes: what the first gives back is not the second's."""
 
     @property
     def cycles(self) -> list[CycleError]:
@@ -176,6 +178,10 @@ class RobotLink:
 
     async def take_control(self, page: str) -> str:
         """Returns why not; empty: the page is in control. Whoever had it is held first."""
+        async with self._handing_over:
+            return await self._take_control(page)
+
+    async def _take_control(self, page: str) -> str:
         client = self._client
         if client is None:
             return self.problem
@@ -194,11 +200,12 @@ class RobotLink:
 
     async def give_control(self, page: str) -> None:
         """The page lets go. Drives that are on are held by the daemon, when the lease has ended."""
-        client = self._client
-        if self.control.give(page) and client is not None:
-            with suppress(ClientError):
-                await client.send(Release())
-            client.token = ""
+        async with self._handing_over:
+            client = self._client
+            if self.control.give(page) and client is not None:
+                with suppress(ClientError):
+                    await client.send(Release())
+                client.token = ""
 
     def heard(self, page: str) -> None:
         """A page's heartbeat: the only thing that renews the lease."""

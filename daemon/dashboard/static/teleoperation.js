@@ -7,6 +7,7 @@ const PLANES = { xy: [[1, 0, 0], [0, 1, 0], [0, 0, 1]], xz: [[1, 0, 0], [0, 0, 1
 const KEYS = { ArrowRight: [0, 1], ArrowLeft: [0, -1], ArrowUp: [1, 1], ArrowDown: [1, -1], PageUp: [2, 1], PageDown: [2, -1] };
 const SHOULDERS = [4, 5];
 
+const gripped = (pad) => SHOULDERS.some((n) => pad.buttons[n] && pad.buttons[n].pressed);
 const plus = (a, b, scale = 1) => a.map((value, n) => value + scale * b[n]);
 const apart = (a, b) => Math.hypot(...a.map((value, n) => value - b[n]));
 
@@ -101,10 +102,9 @@ export class Hand {
   }
 
   // The pad whose shoulder button is held, and how far its sticks are pushed.
-  padPush() {
-    const pads = navigator.getGamepads ? [...navigator.getGamepads()].filter(Boolean) : [];
-    const pad = this.held === "pad" ? pads.find((one) => one.index === this.pad) : pads.find((one) => SHOULDERS.some((n) => one.buttons[n] && one.buttons[n].pressed));
-    if (!pad || !pad.connected || !SHOULDERS.some((n) => pad.buttons[n] && pad.buttons[n].pressed)) return null;
+  padPush(pads) {
+    const pad = this.held === "pad" ? pads.find((one) => one.index === this.pad) : pads.find(gripped);
+    if (!pad || !gripped(pad)) return null;
     this.pad = pad.index;
     const stick = (n) => (Math.abs(pad.axes[n] || 0) > DEAD_ZONE ? pad.axes[n] : 0);
     return [stick(0), -stick(1), -stick(3)];
@@ -112,10 +112,12 @@ export class Hand {
 
   // Once for each picture that is drawn: a page that draws none leads nothing.
   tick(now) {
-    const push = this.padPush();
+    const pads = navigator.getGamepads ? [...navigator.getGamepads()].filter((pad) => pad && pad.connected) : [], push = this.padPush(pads);
     if (this.held === "pad" && !push) this.letGo("let go");
     if (!this.held && push && this.padFree) this.take("pad");
-    this.padFree = !push;  // held before there was anything to lead: it has to be pressed anew
+    // Held when it was plugged in, or before there was anything to lead: it has to be pressed anew.
+    if (push) this.padFree = false;
+    else if (pads.length) this.padFree = true;
     const why = this.held && this.whyNot();
     if (why) this.letGo(why);
     if (this.held) this.lead(now, push);

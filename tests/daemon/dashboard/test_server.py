@@ -18,7 +18,7 @@ from daemon.dashboard.recorded_runs import RecordedRuns
 from daemon.dashboard.robot_link import RobotLink
 from daemon.dashboard.server import PageServer
 from daemon.host.clock import run_in_real_time
-from daemon.messages import Acquire, Hold, Load
+from daemon.messages import Acquire, Answer, Command, Hold, Load, Refusal, Release
 from tests.daemon.remote.rig import ROBOT, FakeRobot, serving, tip, until
 
 OPERATOR, VIEWER = "operator-token", "viewer-token"
@@ -210,6 +210,28 @@ def test_a_page_that_is_closed_gives_control_back(tmp_path: Path) -> None:
                 await stream.send_str("heart")
             await until(lambda: page.link.control.page == "")
             await until(lambda: page.robot.lease.holder(page.robot.clock.now_ns()) is None)
+
+    run_in_real_time(test())
+
+
+def test_what_a_page_that_leaves_gives_back_is_not_the_next_one_s(tmp_path: Path) -> None:
+    async def test() -> None:
+        async with served(tmp_path, 60.0) as page:
+            assert (await page.do("take"))["ok"]
+            whole, asked = page.robot.handle, asyncio.Event()
+
+            async def slow(user: str, command: Command) -> Answer | Refusal:
+                if isinstance(command, Release):
+                    asked.set()
+                    await asyncio.sleep(0.3)
+                return await whole(user, command)
+
+            page.robot.handle = slow  # type: ignore[method-assign]
+            leaving = asyncio.create_task(page.do("give"))
+            await asked.wait()
+            assert (await page.do("take", OTHER))["ok"]
+            await leaving
+            assert (await page.do("arm", OTHER))["ok"], "it is in control and the daemon knows it"
 
     run_in_real_time(test())
 
