@@ -97,6 +97,12 @@ class Browsing:
         if not hold_s:
             button.click()
             return
+        self.hold_down(verb, hold_s)
+
+    def hold_down(self, verb: str, hold_s: float) -> None:
+        """A command's button, whatever comes of it."""
+        button = self.page.locator(f'[data-verb="{verb}"]')
+        button.scroll_into_view_if_needed()
         box = button.bounding_box()
         assert box is not None
         self.page.mouse.move(box["x"] + 20, box["y"] + 15)
@@ -112,7 +118,7 @@ class Browsing:
                 if not self.probe()["inControl"]:
                     self.take_control()
                 if self.page.locator('[data-verb="arm"]').is_enabled():
-                    self.press("arm", 1.2)
+                    self.hold_down("arm", 1.2)
             return self.state() == "armed"
 
         until(armed, lambda: f"it is armed\n{self.told()}")

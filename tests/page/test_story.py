@@ -58,15 +58,10 @@ def bench(browser: "Browser") -> Iterator[tuple[Bench, Browsing]]:
 
 
 def run_until(seen: Browsing, true: Any, what: str) -> None:
-    """While it runs; resumed as an operator would where a busy machine has held it."""
+    """While it runs; helped on where a busy machine has held it or switched the drives off."""
 
     def there() -> object:
-        if seen.state() in ("ready", "standby", "armed"):
-            _start(seen)
-        resume = seen.page.locator('[data-verb="resume"]')
-        if seen.state() == "hold" and resume.is_enabled():
-            resume.click()
-        return seen.state() == "running" and true()
+        return _helped_on(seen) and true()
 
     until(there, lambda: f"{what}\n{seen.told()}", _EXPLORED_WITHIN_S)
 
@@ -127,17 +122,20 @@ def test_an_operator_finds_arms_runs_holds_leads_stops_and_replays(browser: "Bro
 
 
 def _start(b: Browsing) -> None:
-    """Armed anew where a stall of a busy machine has switched the drives off meanwhile."""
+    until(lambda: _helped_on(b), lambda: f"it runs\n{b.told()}")
 
-    def runs() -> bool:
-        start = b.page.locator('[data-verb="start"]')
-        if b.state() in ("ready", "standby"):
-            b.arm()
-        if start.is_enabled():
-            start.click()
-        return b.state() == "running"
 
-    until(runs, lambda: f"it runs\n{b.told()}")
+def _helped_on(b: Browsing) -> bool:
+    """One step towards RUNNING, as an operator would do it. Returns whether it runs."""
+    state = b.state()
+    if state in ("ready", "standby"):
+        b.arm()
+    for verb in {"armed": ["start"], "hold": ["resume"], "fault": ["clear"]}.get(state, []):
+        button = b.page.locator(f'[data-verb="{verb}"]')
+        if button.is_enabled():
+            button.click()
+            time.sleep(0.3)
+    return b.state() == "running"
 
 
 def _hold(made: Bench, b: Browsing) -> None:
