@@ -332,6 +332,9 @@ def test_within_rounding_of_a_bound_what_does_not_lead_away_is_no_motion() -> No
     changes, _ = shaped(near, 100, 100, 7)
     assert changes[1:] == [100, 7]
     assert 90 <= changes[0] <= 96
+    # On the very bound as well, which is inside.
+    assert shaped(step((1000, 0)), 100, 100)[0] == [92, 100]
+    assert shaped(step((-1000, 0)), -100, -100)[0] == [-92, -100]
 
 
 def test_what_is_told_is_told_once() -> None:
