@@ -16,8 +16,6 @@ from tests.benchmarks.timing import Figures, pieces, reference_ms
 
 REAL_TIME = {"aurora", "can_cycle", "daemon", "emulation", "page", "recording", "remote"}
 """Parts with processes, ptys or sockets of their own."""
-DEAR = {"can_cycle", "concentric_tubes", "daemon", "experiment", "memory", "risk"}
-"""Parts of ten seconds and more even so, and of three times that where nothing is compiled yet."""
 
 
 def broken() -> Figures:
@@ -25,9 +23,8 @@ def broken() -> Figures:
 
 
 def _marks(name: str) -> list[pytest.MarkDecorator]:
-    """What opens a browser goes with the other tests that do; what is dear with `make hil`."""
-    named = (pytest.mark.hil, REAL_TIME), (pytest.mark.page, {"page"}), (pytest.mark.long, DEAR)
-    return [mark for mark, parts in named if name in parts]
+    """What opens a browser goes with the other tests that do."""
+    return [pytest.mark.hil] * (name in REAL_TIME) + [pytest.mark.page] * (name == "page")
 
 
 @pytest.mark.slow
