@@ -65,6 +65,10 @@ _COMMANDS: Final = {
         "collect data of a body, and learn where it is: the mixture density network",
     ),
     "risk": ("workbench", "say how likely a random point of a mixture is in something solid"),
+    "init": (
+        "host",
+        "begin a controller of your own, or a robot: something whole, in a new folder",
+    ),
     "plugins": ("host", "list the controllers, plants and trajectories that files may name"),
     "certificates": ("host", "make keys and certificates for clients on other machines"),
     "schema": ("host", "write the JSON Schema of robot files, for editors"),

@@ -1,0 +1,1 @@
+"""What others build on: written down, and the same as yesterday."""
