@@ -280,7 +280,7 @@ def test_the_attractor_keeps_the_posture_over_many_laps(kind: str, model: str) -
     """Off, every lap ends with the axes elsewhere; on, they come back to where they were."""
     off, on = (
         drift_per_lap(
-            followed(started(made(kind, model=model, posture_gain_per_s=gain), START_MM), laps=5)
+            followed(started(made(kind, model=model, posture_gain_per_s=gain), START_MM), laps=4)
         )
         for gain in (0.0, 0.3)
     )

@@ -30,7 +30,7 @@ Change = Callable[[list[list[Cell]], Path], object]
 
 @pytest.fixture(scope="module")
 def seen() -> Seen:
-    return seen_bodies("tendon_arm", configurations=10)
+    return seen_bodies("tendon_arm", configurations=6)
 
 
 @pytest.fixture
@@ -87,22 +87,22 @@ def test_what_was_seen_comes_back(
     write_table(tmp_path, table(seen, tmp_path))
     heard = Silent()
     made = import_clouds(seen.robot, tmp_path, settings, worker, heard)
-    assert heard.begun == [("clouds", 20, 0), ("centrelines", 20, 0)]
-    assert heard.done == 20
+    assert heard.begun == [("clouds", 12, 0), ("centrelines", 12, 0)]
+    assert heard.done == 12
     np.testing.assert_array_equal(made.configurations, seen.plan["configurations"])
     np.testing.assert_array_equal(made.starts, seen.plan["starts"])
     assert np.flatnonzero(made.test).tolist() == [0, 5]
     assert made.radius_mm == 15.0
     for cloud, all_of_it in zip(
         made.clouds_mm.reshape(-1, POINTS, 3),
-        seen.clouds["clouds_mm"].reshape(20, -1, 3),
+        seen.clouds["clouds_mm"].reshape(12, -1, 3),
         strict=True,
     ):
         seen_there = cloud - np.array(made.provenance["clouds_moved_by_mm"])
         away = np.abs(seen_there[:, None] - all_of_it).max(axis=2).min(axis=1)
         assert away.max() < 1e-3
-    truly = seen.clouds["true_centrelines_mm"].astype(np.float64).reshape(20, -1, 3)
-    fitted = made.centrelines_mm.astype(np.float64).reshape(20, -1, 3)
+    truly = seen.clouds["true_centrelines_mm"].astype(np.float64).reshape(12, -1, 3)
+    fitted = made.centrelines_mm.astype(np.float64).reshape(12, -1, 3)
     off = [off_curve(line, fit) for line, fit in zip(truly, fitted, strict=True)]
     assert np.median(off) < 0.5
     assert 0.05 < np.median(made.fit_error_mm) < 1.0
@@ -285,7 +285,7 @@ def test_from_files_to_a_model(
     words = ["mdn", "collect", str(TENDON_ARM), "--out", str(clouds), "--from", str(folder)]
     more = ["--points", str(POINTS), "--processes", "1", "--tip-load-g", "12", "--seen-on"]
     assert main([*words, *more, "2026-11-21"]) == EXIT_OK
-    assert "10 configurations (2 to test with), 20 clouds of 200 points" in capsys.readouterr().out
+    assert "6 configurations (2 to test with), 12 clouds of 200 points" in capsys.readouterr().out
     words = ["mdn", "train", str(TENDON_ARM), str(clouds), "--out", str(model), "--steps", "20"]
     few = ["--components", "2", "--shape-components", "1", "--coefficients", "2"]
     assert main([*words, *few]) == EXIT_OK
