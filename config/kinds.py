@@ -59,6 +59,7 @@ _SHIPPED: Final[Mapping[Group, Mapping[str, str]]] = {
         "helix": "config.tasks.trajectory:HELIX",
         "waypoints": "config.tasks.trajectory:WAYPOINTS",
         "hold": "config.tasks.trajectory:HOLD",
+        "planned": "config.tasks.trajectory:PLANNED",
     },
 }
 

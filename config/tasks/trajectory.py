@@ -6,6 +6,7 @@ from pydantic import Field, model_validator
 
 from config.documents.model import ConfigModel, checked_options
 from config.kinds import TRAJECTORIES, Kind, KindOptions, Named
+from config.tasks.planned_path import PlannedPath
 
 FARTHEST_MM: Final = 10_000.0
 """From the base sensor's origin: no tracker sees ten metres."""
@@ -149,6 +150,24 @@ class Hold(Pointed):
     duration_s: Duration
 
 
+class Planned(Pointed):
+    """What `tentacled plan` has made: where the tip goes, and the axes with it."""
+
+    kind: Literal["planned"]
+    file: Annotated[str, Field(min_length=1)] | None = None
+    """A path file, relative to the file that names it."""
+    path: PlannedPath | None = None
+    """What such a file holds, instead of it."""
+
+    @model_validator(mode="after")
+    def _from_one_place(self) -> "Planned":
+        if (self.file is None) == (self.path is None):
+            raise ValueError("say either file or path")
+        if self.pointing is not None:
+            raise ValueError("where the tip points stands in the path: plan it with --pointing")
+        return self
+
+
 # Each with the function that makes it: (options, base folder, cycles) → a cycle of
 # daemon/reference/trajectories.py.
 
@@ -158,6 +177,7 @@ LISSAJOUS: Final = Kind(Lissajous, "daemon.reference.trajectories:lissajous")
 HELIX: Final = Kind(Helix, "daemon.reference.trajectories:helix")
 WAYPOINTS: Final = Kind(Waypoints, "daemon.reference.trajectories:waypoints")
 HOLD: Final = Kind(Hold, "daemon.reference.trajectories:hold")
+PLANNED: Final = Kind(Planned, "daemon.reference.trajectories:planned")
 
 TrajectoryOptions = Annotated[Pointed, Named(TRAJECTORIES)]
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from config.documents.model import Vector3
 from config.kinds import TRAJECTORIES, Entry, KindError, described, entry_of, maker
+from config.tasks.planned_path import PlannedPath
 from config.tasks.trajectory import (
     FARTHEST_MM,
     LONGEST_S,
@@ -19,11 +20,13 @@ from config.tasks.trajectory import (
     Hold,
     Lissajous,
     Plane,
+    Planned,
     Pointed,
     Pointing,
     Rectangle,
     Waypoints,
 )
+from daemon.reference.planned_path import read_path
 from daemon.reference.waypoints import checked_waypoints, read_waypoints
 from drivers.pose import Vector
 
@@ -41,6 +44,8 @@ class Cycle:
     """(3,) unit vector along the tip's axis, and how it changes, 1/s. None: it may be any."""
     lasts_s: float | None = None
     """Its length. None: the options' `cycle_s`."""
+    path: PlannedPath | None = None
+    """The planned path that it is: it says where the axes should be as well."""
 
 
 _NEAREST_MM = 1e-3
@@ -60,6 +65,8 @@ class Trajectory:
         self.corners_s = cycle.corners_s
         self.end_mm = cycle.at(cycle_s)[0]
         self._cycle = cycle
+        path = cycle.path
+        self._way = None if path is None else (np.array(path.t_s), np.array(path.u).T)
 
     @property
     def points(self) -> bool:
@@ -74,6 +81,18 @@ class Trajectory:
             end_s = 0.0 if t_s < 0.0 else self.cycle_s
             return self._cycle.pointing(end_s)[0], np.zeros(3)
         return self._cycle.pointing(t_s - self.cycle_of(t_s) * self.cycle_s)
+
+    @property
+    def path(self) -> PlannedPath | None:
+        """The planned path that it is; None: it is another kind of trajectory."""
+        return self._cycle.path
+
+    def posture_at(self, t_s: float) -> Vector | None:
+        """(m,) where the axes should be `t_s` after the start; None: nobody said."""
+        if self._way is None:
+            return None
+        times, columns = self._way
+        return np.array([np.interp(t_s, times, column) for column in columns])
 
     @property
     def duration_s(self) -> float:
@@ -104,7 +123,8 @@ def make_trajectory(options: Pointed, base: Path, cycles: int | None = None) -> 
     """The trajectory that `options` describe.
 
     base: where relative file names start. cycles: instead of the options' own number; a hold is
-    that many times as long. Raises WaypointError for waypoints that cannot be used, KindError for
+    that many times as long. Raises WaypointError for waypoints that cannot be used,
+    PlannedPathError for a file that is no path, KindError for
     what a package has that cannot be used, ValueError for what would never end.
     """
     if cycles is not None and cycles < 1:
@@ -187,6 +207,20 @@ def waypoints(options: Waypoints, base: Path, cycles: int) -> Cycle:
     if rows.shape[1] > 3:
         return replace(cycle, pointing=_directions(times, rows[:, 3:]))
     return cycle
+
+
+def planned(options: Planned, base: Path, cycles: int) -> Cycle:
+    """Where a planned path leads the tip. Raises PlannedPathError."""
+    if cycles > 1:
+        raise ValueError("a planned path is gone once: it does not end where it begins")
+    path = read_path(base / (options.file or "")) if options.path is None else options.path
+    times = np.array(path.t_s)
+    cycle = replace(_polyline(times, np.array(path.tip_mm)), lasts_s=float(times[-1]), path=path)
+    if path.direction is None:
+        return cycle
+    ways = np.array(path.direction)
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    return replace(cycle, pointing=_directions(times, ways))
 
 
 def _polyline(times: Vector, points: Vector) -> Cycle:

@@ -2,22 +2,24 @@
 
 import logging
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from config.control import RiskSettings, Surface
 from config.loader import RobotFile
-from config.paths import risk_paths
+from config.paths import risk_paths, shipped_or_beside
 from daemon.risk.grid_cache import cached_grid
-from daemon.risk.mesh_file import binary_stl, read_environment
+from daemon.risk.mesh_file import binary_stl, environment_sha256, read_environment
 from daemon.risk.model_file import ModelFile, read_model
 from drivers.clock import WallClock
 from safety.risk.body_risk import Beside, BodyRisk
 from safety.risk.contact import WorstPlace
 from safety.risk.model.mixture import FloatArray
 from safety.risk.model.risk_model import RiskModelError
+from safety.risk.surroundings.distance_grid import DistanceGrid
 from safety.risk.surroundings.environment import (
     Environment,
     EnvironmentFaultError,
@@ -59,6 +61,27 @@ class RiskFilesError(Exception):
     """The risk cannot be told with these files: names the file, and what to do."""
 
 
+class RiskIdentity(NamedTuple):
+    """Which body in which surroundings it is: digests, in hexadecimal digits."""
+
+    model_sha256: str
+    surroundings_sha256: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RiskFiles:
+    """What a robot file names for its risk, read."""
+
+    model: ModelFile
+    environment: Environment
+    grid: DistanceGrid
+
+    @property
+    def identity(self) -> RiskIdentity:
+        """What a path has to be planned with, to be gone here."""
+        return RiskIdentity(self.model.sha256, environment_sha256(self.environment))
+
+
 class BodyRiskSource:
     """A `RiskSource`: says how long it took, which pure mathematics cannot."""
 
@@ -70,14 +93,17 @@ class BodyRiskSource:
         until_ns: int | None = None,
         tip: TipModel | None = None,
         mesh: Mesh | None = None,
+        identity: RiskIdentity | None = None,
     ) -> None:
         """mesh: of the surroundings, normals out of what is solid; None: it is not told.
+        identity: of model and surroundings; None: nobody asked.
 
         until_ns: date from which on the model is too old to be believed; None: never.
 
         tip: where measured tips are compared with; None: nothing is compared.
         """
         self.mesh = mesh
+        self.identity = identity
         self._tip = tip
         self._consistency = TipConsistency()
         self._risk = risk
@@ -149,6 +175,11 @@ def surroundings_stl(risk: RiskSource) -> bytes:
     return b"" if mesh is None else binary_stl(mesh)
 
 
+def identity_of(risk: RiskSource) -> RiskIdentity | None:
+    """Of what it asks with; None: it knows no body."""
+    return risk.identity if isinstance(risk, BodyRiskSource) else None
+
+
 def make_risk_source(
     file: RobotFile, clock: WallClock, tip_loads_g: Iterable[float] | None = None
 ) -> RiskSource:
@@ -159,7 +190,41 @@ def make_risk_source(
     settings, paths = file.robot.risk, risk_paths(file.robot, file.path)
     if settings.surface is None or paths is None:
         return NoModel()
+    files = read_risk_files(file, tip_loads_g)
+    read, environment = files.model, files.environment
+    try:
+        risk = BodyRisk(read.model, environment, files.grid, settings.samples)
+    except ValueError as error:
+        raise RiskFilesError(str(error)) from None
     model_path, mesh_path = paths
+    name = f"{model_path.name}, {mesh_path.name}"
+    until_ns = _believed_until_ns(read, settings, model_path)
+    tip = TipModel(read.model, settings.tip_accuracy_mm)
+    mesh = Mesh(environment.vertices_mm, environment.triangles)
+    source = BodyRiskSource(risk, name, clock, until_ns, tip, mesh, files.identity)
+    _compile(source, tip, read.model.known[0])
+    return source
+
+
+def read_risk_files(
+    file: RobotFile,
+    tip_loads_g: Iterable[float] | None = None,
+    surface: Surface | None = None,
+    model: Path | None = None,
+) -> RiskFiles:
+    """What the risk of this robot is told with.
+
+    surface: other surroundings than the robot file's. model: another model. Raises RiskFilesError.
+    """
+    settings, paths = file.robot.risk, risk_paths(file.robot, file.path)
+    model_path = model or (None if paths is None else paths[0])
+    surface = surface or settings.surface
+    if model_path is None or surface is None:
+        raise RiskFilesError(
+            f"{file.path} names no model of the body and no surroundings under risk: train a model "
+            "(`tentacled mdn train`) and name both"
+        )
+    mesh_path = shipped_or_beside(surface.mesh, "surfaces", file.path)
     try:
         read = read_model(model_path)
     except RiskModelError as error:
@@ -170,7 +235,6 @@ def make_risk_source(
             f"{model_path} is of the robot {read.robot!r} with {read.model.inputs} axes, and this "
             f"is {file.robot.robot!r} with {axes}: name its own model under risk"
         )
-    radius_mm = read.model.basis.thickest_mm
     made_with_g = float(read.about.get("tip_load_g", 0.0))
     for load_g in (settings.tip_load_g,) if tip_loads_g is None else tip_loads_g:
         if abs(load_g - made_with_g) > _SAME_LOAD_G:
@@ -179,18 +243,12 @@ def make_risk_source(
                 f"{load_g:g} g: train one with that load, or go without a model"
             )
     try:
-        environment = _environment(settings.surface, mesh_path)
-        grid = cached_grid(environment, settings.surface.grid_mm, radius_mm + _MARGIN_MM)
-        risk = BodyRisk(read.model, environment, grid, settings.samples)
+        environment = _environment(surface, mesh_path)
+        margin_mm = read.model.basis.thickest_mm + _MARGIN_MM
+        grid = cached_grid(environment, surface.grid_mm, margin_mm)
     except (EnvironmentFaultError, ValueError) as error:
         raise RiskFilesError(str(error)) from None
-    name = f"{model_path.name}, {mesh_path.name}"
-    until_ns = _believed_until_ns(read, settings, model_path)
-    tip = TipModel(read.model, settings.tip_accuracy_mm)
-    mesh = Mesh(environment.vertices_mm, environment.triangles)
-    source = BodyRiskSource(risk, name, clock, until_ns, tip, mesh)
-    _compile(source, tip, read.model.known[0])
-    return source
+    return RiskFiles(read, environment, grid)
 
 
 def _believed_until_ns(read: ModelFile, settings: RiskSettings, path: Path) -> int | None:

@@ -1,5 +1,6 @@
 """Reads surroundings from mesh files and writes them: STL, OBJ, PLY."""
 
+import hashlib
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Final
@@ -58,6 +59,16 @@ def binary_stl(mesh: Mesh) -> bytes:
     table["normal"] = normals / np.where(lengths > 0.0, lengths, 1.0)
     header = b"tentacled, mm".ljust(_STL_HEADER - 4)
     return header + len(corners).to_bytes(4, "little") + table.tobytes()
+
+
+def environment_sha256(environment: Environment) -> str:
+    """Of what touches, wherever it was read from: triangles, their free side, and the port."""
+    port = environment.port
+    hole = None if port is None else (port.centre_mm, port.inwards, port.radius_mm, port.depth_mm)
+    digest = hashlib.sha256(f"{environment.solid_around} {hole}".encode())
+    digest.update(environment.vertices_mm.tobytes())
+    digest.update(environment.triangles.tobytes())
+    return digest.hexdigest()
 
 
 def _read(path: Path, unit: Unit) -> Mesh:

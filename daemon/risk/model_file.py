@@ -5,6 +5,7 @@ Beside the arrays of `safety.risk.model.risk_model` there is `about`, a JSON obj
 origin.
 """
 
+import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.array_files import ArrayFile, in_a_line, load_npz
+from daemon.files import MOST_MODEL_BYTES, read_regular
 from safety.risk.model.mixture import FloatArray
 from safety.risk.model.risk_model import RiskModel, RiskModelError, risk_model
 
@@ -35,6 +37,8 @@ class ModelFile:
 
     model: RiskModel
     about: dict[str, Any]
+    sha256: str = ""
+    """Of the file, in hexadecimal digits; empty: it was not read from one."""
 
     @property
     def robot(self) -> str:
@@ -57,11 +61,11 @@ class ModelFile:
 def read_model(path: Path) -> ModelFile:
     """Raises RiskModelError, which names the file and what is wrong with it."""
     try:
-        arrays, about = _read(path)
+        arrays, about, sha256 = _read(path)
         model = risk_model(arrays, *(about[name] for name in _SAID[1:]))
     except RiskModelError as error:
         raise RiskModelError(f"{path}: {error}") from None
-    return ModelFile(model, about)
+    return ModelFile(model, about, sha256)
 
 
 def write_model(path: Path, arrays: Mapping[str, NDArray[Any]], about: Mapping[str, Any]) -> None:
@@ -72,8 +76,9 @@ def write_model(path: Path, arrays: Mapping[str, NDArray[Any]], about: Mapping[s
     ArrayFile(metadata, dict(arrays)).save(path, _ABOUT)
 
 
-def _read(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+def _read(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any], str]:
     try:
+        sha256 = hashlib.sha256(read_regular(path, MOST_MODEL_BYTES)).hexdigest()
         arrays = load_npz(path)
     except OSError as error:
         raise RiskModelError(error.strerror or "cannot be read") from None
@@ -87,7 +92,7 @@ def _read(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     for name, array in arrays.items():
         if array.dtype.kind not in _NUMBERS:
             raise RiskModelError(f"{name}: must be numbers, and is of {array.dtype}")
-    return arrays, about
+    return arrays, about, sha256
 
 
 def _check(about: object) -> None:

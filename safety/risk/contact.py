@@ -162,6 +162,16 @@ class ContactModel:
         """The body."""
         return self._basis
 
+    @property
+    def surroundings(self) -> SolidArrays:
+        """As the compiled code reads them."""
+        return self._surroundings
+
+    @property
+    def skin(self) -> Skin:
+        """Of the body, as the compiled code reads it."""
+        return self._skin
+
     def risk(self, mixture: Mixture) -> ContactRisk:
         """Of the body at rest."""
         self._measure(mixture)

@@ -64,6 +64,10 @@ _COMMANDS: Final = {
         "workbench",
         "collect data of a body, and learn where it is: the mixture density network",
     ),
+    "plan": (
+        "workbench",
+        "look for a path that leads the tip somewhere and keeps the body away from everything",
+    ),
     "risk": ("workbench", "say how likely a random point of a mixture is in something solid"),
     "init": (
         "host",
