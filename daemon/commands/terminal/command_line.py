@@ -66,7 +66,7 @@ _COMMANDS: Final = {
     ),
     "plan": (
         "workbench",
-        "look for a path that leads the tip somewhere and keeps the body away from everything",
+        "look for a path to a place that keeps the whole body away from everything",
     ),
     "risk": ("workbench", "say how likely a random point of a mixture is in something solid"),
     "init": (
