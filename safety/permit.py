@@ -99,7 +99,7 @@ class PermittedStep(_Sealed):
         begins_ns: int,
         ends_ns: int,
         limits: Sequence[CountLimits],
-        together: bool = False,
+        together: bool,
     ) -> None:
         """together: whether all axes brake on one line."""
         duration_s = (ends_ns - begins_ns) * 1e-9

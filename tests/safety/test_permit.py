@@ -44,7 +44,7 @@ def broken(result: PermittedStep | tuple[Violation | CoupledViolation, ...]) -> 
 
 def test_a_permit_cannot_be_made_elsewhere() -> None:
     with pytest.raises(TypeError, match="only the gate"):
-        PermittedStep(object(), (0,), (0,), 0, 1, [LIMITS])
+        PermittedStep(object(), (0,), (0,), 0, 1, [LIMITS], together=False)
     with pytest.raises(TypeError, match="only the gate"):
         PermittedHoming(object(), 0, LIMITS, 0, 1)
 
