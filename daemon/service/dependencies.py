@@ -66,3 +66,6 @@ class Dependencies:
     runs: Path | None = None
     """Where recordings will go; None: nobody minds how much room there is."""
     subscribers: Subscribers = field(default_factory=Subscribers)
+    good_cycle: Callable[[int], None] = lambda _: None
+    """Called with the time after every bus cycle that was supervised and found sound. Never waits.
+    """

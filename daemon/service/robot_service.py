@@ -197,6 +197,8 @@ class RobotService:
             self._healthy = self._supervise(now_ns)
         # Where supervision has failed, the heartbeat is kept back and the drives stop themselves.
         bus.tick(now_ns, self._healthy)
+        if paces and self._healthy:
+            self.dependencies.good_cycle(now_ns)
         if paces:
             self._after_cycle(now_ns)
             self._use_spare_time()

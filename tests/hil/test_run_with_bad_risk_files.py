@@ -52,5 +52,5 @@ def test_it_says_which_file_and_ends(
     spoil(tmp_path)
     where = ["--runtime-dir", str(tmp_path / "run"), "--runs", str(tmp_path / "runs")]
     ended = run("run", str(tmp_path / "robot.yaml"), *where, "--no-real-time")
-    assert ended.returncode == 1
+    assert ended.returncode == 78
     assert told in ended.stderr + ended.stdout

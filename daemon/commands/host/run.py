@@ -10,14 +10,16 @@ from typing import Final
 
 from config.documents.problems import in_words
 from config.robot import Robot
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+from daemon.commands.terminal.command_line import EXIT_CONFIGURATION, EXIT_FAILED, EXIT_OK
 from daemon.commands.terminal.compiled import telling_progress
 from daemon.controllers.make_controller import warm_up
 from daemon.files import check_folder_can_be_made, models_directory
 from daemon.host.clock import MonotonicClock, run_in_real_time
 from daemon.host.logs import logging_to_stderr
 from daemon.host.real_time import RealTime
+from daemon.host.service_manager import ServiceManager
 from daemon.host.stop_signals import StopSignals
+from daemon.messages import Status
 from daemon.recording.flight_recorder import FlightRecorder
 from daemon.recording.recovery import recover_unfinished
 from daemon.recording.run_folder import describe_run, new_run
@@ -78,7 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
     _spread_out()
     checked = robot_or_explain(arguments.robot)
     if checked is None:
-        return EXIT_FAILED
+        return EXIT_CONFIGURATION
     try:
         check_folder_can_be_made(arguments.runs)
     except OSError as error:
@@ -93,14 +95,10 @@ def run(arguments: argparse.Namespace) -> int:
                 print(why_not, file=sys.stderr)
         with logging_to_stderr("daemon"):
             run_in_real_time(_serve(checked, arguments, risk))
-    except (
-        RiskFilesError,
-        EdsError,
-        SecondDaemonError,
-        BusTakenError,
-        FolderError,
-        RemoteOpenError,
-    ) as error:
+    except (RiskFilesError, EdsError) as error:
+        print(error, file=sys.stderr)
+        return EXIT_CONFIGURATION
+    except (SecondDaemonError, BusTakenError, FolderError, RemoteOpenError) as error:
         print(error, file=sys.stderr)
         return EXIT_FAILED
     return EXIT_OK
@@ -114,7 +112,7 @@ def _spread_out() -> None:
 
 
 async def _serve(checked: CheckedRobot, arguments: argparse.Namespace, risk: RiskSource) -> None:
-    stop, clock = StopSignals(), MonotonicClock()
+    stop, clock, manager = StopSignals(), MonotonicClock(), ServiceManager()
     robot = checked.file.robot
     directory = arguments.runtime_dir or default_runtime_directory(robot.robot)
     simulated = uses_lab(robot)
@@ -126,6 +124,7 @@ async def _serve(checked: CheckedRobot, arguments: argparse.Namespace, risk: Ris
         simulated,
         None if arguments.no_real_time else RealTime(),
         runs=arguments.runs,
+        good_cycle=manager.good_cycle,
     )
     if dependencies.real_time is not None:
         dependencies.real_time.prepare()
@@ -157,6 +156,8 @@ async def _serve(checked: CheckedRobot, arguments: argparse.Namespace, risk: Ris
     truth = LabBody(directory)
     await server.open()
     dependencies.subscribers.add(server.publish)
+    dependencies.subscribers.add_for(Status, lambda status: manager.status(_in_a_line(status)))
+    manager.ready()
     try:
         check_buses_are_free(with_lab_ports(robot, directory).buses.values())
         if simulated:
@@ -168,9 +169,16 @@ async def _serve(checked: CheckedRobot, arguments: argparse.Namespace, risk: Ris
         print(f"{robot.robot} in {directory}: Ctrl-C ends it", flush=True)
         await session.serve(stop)
     finally:
+        manager.stopping()
         lab.end()
         truth.end()
         await server.close()
+
+
+def _in_a_line(status: Status) -> str:
+    """State and worst cause."""
+    worst = f": {status.reasons[0].name}: {status.reasons[0].text}" if status.reasons else ""
+    return f"{status.robot} is {status.state}{worst}"
 
 
 def _surroundings(robot: Robot, risk: RiskSource) -> PreparedSurroundings:

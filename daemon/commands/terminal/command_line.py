@@ -16,6 +16,8 @@ from daemon.host.real_time import imported_for_good
 EXIT_OK: Final = 0
 EXIT_FAILED: Final = 1
 EXIT_USAGE: Final = 2
+EXIT_CONFIGURATION: Final = 78
+"""EX_CONFIG of sysexits.h: a file is wrong, and starting again does not help."""
 EXIT_INTERRUPTED: Final = 130
 
 # The folder that each is in and what it is for, in the order in which a newcomer needs them.
@@ -73,6 +75,7 @@ _COMMANDS: Final = {
         "host",
         "begin a controller of your own, or a robot: something whole, in a new folder",
     ),
+    "service": ("host", "write what makes the daemon a service: systemd, udev, CAN interfaces"),
     "plugins": ("host", "list the controllers, plants and trajectories that files may name"),
     "certificates": ("host", "make keys and certificates for clients on other machines"),
     "schema": ("host", "write the JSON Schema of robot files, for editors"),

@@ -39,14 +39,14 @@ def environment(tmp_path: Path) -> Path:
     done([sys.executable, *PIP, *build], source)
     (wheel,) = (tmp_path / "dist").glob("*.whl")
     place = tmp_path / "environment"
-    done([sys.executable, "-m", "venv", str(place)], tmp_path)
+    done([sys.executable, "-m", "venv", "--without-pip", str(place)], tmp_path)
     python = place / "bin" / "python"
     version = f"python{sys.version_info.major}.{sys.version_info.minor}"
     # A path file of a lent folder is not read: the checkout stays out of it.
     lent = place / "lib" / version / "site-packages" / "lent.pth"
     lent.write_text(sysconfig.get_path("purelib") + "\n")
     install = ("install", "--no-deps", "--force-reinstall", "--no-build-isolation")
-    done([str(python), *PIP, *install, str(wheel)], tmp_path)
+    done([sys.executable, *PIP, "--python", str(python), *install, str(wheel)], tmp_path)
     shutil.rmtree(source)
     return place
 
@@ -60,7 +60,7 @@ def test_a_made_project_runs_with_the_installed_wheel(environment: Path, tmp_pat
     done([str(tentacled), "init", "controller", "arm_control"], empty)
     project = empty / "arm_control"
     install = ("install", "--no-deps", "--no-build-isolation", str(project))
-    done([str(python), *PIP, *install], empty)
+    done([sys.executable, *PIP, "--python", str(python), *install], empty)
     listed = json.loads(done([str(tentacled), "plugins", "--json"], empty))["kinds"]
     assert ("arm_control", "arm_control 0.1.0", "") in {
         (one["name"], one["source"], one["problem"]) for one in listed

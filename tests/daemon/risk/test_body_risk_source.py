@@ -9,7 +9,7 @@ import yaml
 
 from config.documents.problems import ConfigError
 from config.loader import load_robot
-from daemon.commands.terminal.command_line import EXIT_FAILED, main
+from daemon.commands.terminal.command_line import EXIT_CONFIGURATION, main
 from daemon.risk.body_risk_source import RiskFilesError, make_risk_source
 from daemon.risk.mesh_file import write_mesh
 from daemon.risk.model_file import write_model
@@ -180,7 +180,7 @@ def test_with_a_damaged_model_the_daemon_does_not_start(
 ) -> None:
     damaged(folder)
     words = ["run", str(folder / "robot.yaml"), "--runs", str(folder / "runs")]
-    assert main([*words, "--runtime-dir", str(folder)]) == EXIT_FAILED
+    assert main([*words, "--runtime-dir", str(folder)]) == EXIT_CONFIGURATION
     told = capsys.readouterr().err
     assert str(folder / "arm.npz") in told
     assert "tentacled mdn train" in told

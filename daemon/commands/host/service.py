@@ -1,0 +1,186 @@
+"""`tentacled service --print | --write DIR`: what makes the daemon a service of a Linux machine.
+
+A systemd unit with this installation's own program, udev rules, and the CAN interfaces of
+systemd-networkd. Nothing is installed: the commands that do it are shown.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Final
+
+from config.documents.problems import ConfigError, in_words
+from config.loader import load_robot
+from config.robot import Robot
+from daemon.commands.terminal.command_line import (
+    EXIT_CONFIGURATION,
+    EXIT_FAILED,
+    EXIT_OK,
+)
+
+_BITRATE: Final = 1_000_000
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument("--print", action="store_true", help="all of them, with their names")
+    what.add_argument("--write", type=Path, metavar="DIR", help="into this folder")
+    parser.add_argument(
+        "--robot",
+        type=Path,
+        metavar="ROBOT.yaml",
+        help="whose CAN interfaces are set up (else can0 with 1 Mbit/s)",
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    try:
+        robot = None if arguments.robot is None else load_robot(arguments.robot).robot
+    except ConfigError as error:
+        print(error, file=sys.stderr)
+        return EXIT_CONFIGURATION
+    files = service_files(_program(), robot)
+    if arguments.print:
+        for name, text in files.items():
+            print(f"# {name}\n{text}")
+        folder = Path("DIR")
+    else:
+        folder = arguments.write
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            for name, text in files.items():
+                (folder / name).write_text(text, encoding="utf-8")
+        except OSError as error:
+            print(in_words(error, folder), file=sys.stderr)
+            return EXIT_FAILED
+    print(_commands(folder, files, "NAME" if robot is None else robot.robot))
+    return EXIT_OK
+
+
+def service_files(program: str, robot: Robot | None = None) -> dict[str, str]:
+    """Each file's text by its name. program: what starts `tentacled`, with its whole path."""
+    files = {
+        "tentacled@.service": _UNIT.replace("PROGRAM", program),
+        "90-tentacled.rules": _RULES,
+    }
+    for interface, bitrate in _interfaces(robot).items():
+        values = {"INTERFACE": interface, "BITRATE": str(bitrate)}
+        for kind, text in (("link", _LINK), ("network", _NETWORK)):
+            for key, value in values.items():
+                text = text.replace(key, value)
+            files[f"80-tentacled-{interface}.{kind}"] = text
+    return files
+
+
+def _interfaces(robot: Robot | None) -> dict[str, int]:
+    if robot is None:
+        return {"can0": _BITRATE}
+    buses = robot.buses.values()
+    return {bus.channel: bus.bitrate_bit_s for bus in buses if bus.interface == "socketcan"}
+
+
+def _program() -> str:
+    """The command that this interpreter's environment has; else the interpreter and our module."""
+    command = Path(sys.executable).parent / "tentacled"
+    module = f"{sys.executable} -m daemon.commands.terminal.command_line"
+    return str(command) if command.is_file() else module
+
+
+def _commands(folder: Path, files: dict[str, str], name: str) -> str:
+    network = " ".join(str(folder / one) for one in files if one.startswith("80-"))
+    lines = [
+        "# to install them; the robot file belongs to /etc/tentacled/" + f"{name}.yaml",
+        "sudo useradd --system --user-group --groups dialout tentacled",
+        f"sudo install -m 644 {folder / 'tentacled@.service'} /etc/systemd/system/",
+        f"sudo install -m 644 {folder / '90-tentacled.rules'} /etc/udev/rules.d/",
+        f"sudo install -m 644 {network} /etc/systemd/network/" if network else "",
+        f"sudo systemctl daemon-reload && sudo systemctl enable --now tentacled@{name}",
+    ]
+    return "\n".join(line for line in lines if line)
+
+
+_UNIT: Final = """\
+[Unit]
+Description=tentacled, the control daemon of %i
+After=network.target
+StartLimitIntervalSec=60
+StartLimitBurst=3
+
+[Service]
+Type=notify
+NotifyAccess=main
+ExecStart=PROGRAM run /etc/tentacled/%i.yaml --runtime-dir %t/tentacled/%i --runs %S/tentacled/%i
+User=tentacled
+SupplementaryGroups=dialout
+UMask=0027
+# Kernels are compiled at the first start.
+TimeoutStartSec=300
+# Fed by every sound bus cycle; the drives have stopped by themselves long before.
+WatchdogSec=2
+WatchdogSignal=SIGABRT
+TimeoutAbortSec=2
+KillMode=mixed
+TimeoutStopSec=5
+Restart=on-failure
+RestartSec=2
+# Wrong usage and wrong files are not mended by starting again.
+RestartPreventExitStatus=2 78
+Environment=PYTHONFAULTHANDLER=1 PYTHONUNBUFFERED=1 PYTHONSAFEPATH=1
+# Places to write for a read-only installation: compiled kernels, distance grids, models.
+Environment=NUMBA_CACHE_DIR=%C/tentacled/numba XDG_CACHE_HOME=%C XDG_DATA_HOME=%S/tentacled/%i
+RuntimeDirectory=tentacled/%i
+RuntimeDirectoryMode=0750
+StateDirectory=tentacled/%i
+CacheDirectory=tentacled
+LimitRTPRIO=60
+LimitMEMLOCK=infinity
+LimitCORE=0
+OOMScoreAdjust=-900
+NoNewPrivileges=yes
+CapabilityBoundingSet=
+ProtectSystem=strict
+ProtectHome=yes
+PrivateTmp=yes
+ProtectKernelTunables=yes
+ProtectKernelModules=yes
+ProtectKernelLogs=yes
+ProtectControlGroups=yes
+ProtectClock=yes
+ProtectHostname=yes
+ProtectProc=invisible
+RestrictNamespaces=yes
+RestrictSUIDSGID=yes
+LockPersonality=yes
+SystemCallArchitectures=native
+SystemCallFilter=@system-service
+SystemCallErrorNumber=EPERM
+RestrictAddressFamilies=AF_UNIX AF_INET AF_INET6 AF_CAN AF_NETLINK
+
+[Install]
+WantedBy=multi-user.target
+"""
+# MemoryDenyWriteExecute, RestrictRealtime and PrivateDevices stay off: compiled kernels, the loop's
+# priority and serial ports need what they take.
+
+_RULES: Final = """\
+# Serial adapters: replies at once instead of after 16 ms, and no modem manager that asks them.
+ACTION=="add", SUBSYSTEM=="usb-serial", DRIVER=="ftdi_sio", ATTR{latency_timer}="1"
+ACTION=="add", SUBSYSTEM=="tty", KERNEL=="ttyUSB[0-9]*|ttyACM[0-9]*", ENV{ID_MM_DEVICE_IGNORE}="1"
+"""
+
+_LINK: Final = """\
+[Match]
+OriginalName=INTERFACE
+
+[Link]
+TransmitQueueLength=128
+"""
+
+_NETWORK: Final = """\
+[Match]
+Name=INTERFACE
+
+[CAN]
+BitRate=BITRATE
+RestartSec=100ms
+"""

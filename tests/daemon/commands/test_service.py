@@ -1,0 +1,64 @@
+"""`tentacled service`: files that systemd and udev understand."""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from daemon.commands.host.service import service_files
+from daemon.commands.terminal.command_line import main
+from tests import SOFT_ARM
+
+
+def test_the_unit_is_clean_in_systemds_own_eyes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if shutil.which("systemd-analyze") is None:
+        pytest.skip("systemd-analyze is not installed")
+    assert main(["service", "--write", str(tmp_path)]) == 0
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {
+        "tentacled@.service",
+        "90-tentacled.rules",
+        "80-tentacled-can0.link",
+        "80-tentacled-can0.network",
+    }
+    told = capsys.readouterr().out
+    assert f"sudo install -m 644 {tmp_path}/tentacled@.service /etc/systemd/system/" in told
+    assert len([line for line in told.splitlines() if line.startswith("sudo ")]) == 5
+    unit = str(tmp_path / "tentacled@.service")
+    done = subprocess.run(
+        ["systemd-analyze", "verify", unit], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout + done.stderr) == (0, "")
+
+
+def test_the_robots_own_interfaces_are_set_up(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = SOFT_ARM.read_text().replace("interface: tentacled ", "interface: socketcan ")
+    text = text.replace("lab:can0.sock", "can3     ").replace("1_000_000", "500_000")
+    rig = tmp_path / "rig.yaml"
+    rig.write_text(text)
+    assert main(["service", "--print", "--robot", str(rig)]) == 0
+    told = capsys.readouterr().out
+    assert "# 80-tentacled-can3.network\n[Match]\nName=can3\n\n[CAN]\nBitRate=500000\n" in told
+    assert "can0" not in told
+    assert "tentacled@soft_arm" in told
+
+
+def test_a_program_is_named_with_its_whole_path() -> None:
+    unit = service_files("/opt/tentacled/bin/tentacled")["tentacled@.service"]
+    assert "\nExecStart=/opt/tentacled/bin/tentacled run /etc/tentacled/%i.yaml " in unit
+    assert "\nRestartPreventExitStatus=2 78\n" in unit
+
+
+def test_a_wrong_robot_file_is_not_started_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wrong = tmp_path / "wrong.yaml"
+    wrong.write_text("robot: wrong\n")
+    assert main(["run", str(wrong)]) == 78
+    assert main(["service", "--print", "--robot", str(wrong)]) == 78
+    assert "required" in capsys.readouterr().err
