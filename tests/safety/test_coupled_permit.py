@@ -66,6 +66,10 @@ def test_axes_that_are_coupled_brake_on_one_line() -> None:
         assert abs(first - 4 * second) <= 8
     assert step.velocity(1, STEP_NS + 40_000_000) == pytest.approx(2000)
     assert step.unchanged_ns(1, STEP_NS + 100_000_000) == pytest.approx(STEP_NS + 20_000_000)
+    back = ask((0, 0), (-401, -101), coupled=(beside,))
+    assert isinstance(back, PermittedStep)
+    assert back.decelerations == pytest.approx((200_000, 200_000 * 101 / 401))
+    assert back.rest_counts == (-1044, -263)
 
 
 @pytest.mark.parametrize("highest", [None, 1043.9, 1044.1])
