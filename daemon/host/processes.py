@@ -10,6 +10,7 @@ from asyncio.subprocess import DEVNULL, PIPE, Process
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from typing import Final
 
 _STARTS_WITHIN_S: Final = 60.0
@@ -17,6 +18,36 @@ _ENDS_WITHIN_S: Final = 10.0
 _KILLED_WITHIN_S: Final = 5.0
 _PR_SET_PDEATHSIG: Final = 1
 _PRCTL: Final = ctypes.CDLL(None).prctl
+
+
+@dataclass(frozen=True)
+class Share:
+    """Of work that several machines do without hearing of each other: number `index` of `count`."""
+
+    index: int
+    """From 1."""
+    count: int
+
+    @classmethod
+    def of(cls, text: str) -> "Share":
+        """From `2/5`. Raises ValueError."""
+        index, separator, count = text.partition("/")
+        if not (separator and index.isdecimal() and count.isdecimal()):
+            raise ValueError(f"a share is such as 2/5, not {text!r}")
+        share = cls(int(index), int(count))
+        if not 1 <= share.index <= share.count:
+            raise ValueError(f"there is no share {share.index} of {share.count}")
+        return share
+
+    def has(self, number: int) -> bool:
+        """Whether work of this number, from 0, is in it."""
+        return number % self.count == self.index - 1
+
+    def __str__(self) -> str:
+        return f"{self.index}/{self.count}"
+
+
+WHOLE: Final = Share(1, 1)
 
 
 class ProcessError(RuntimeError):

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from config.documents.problems import in_words
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE, share
 from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
 
 if TYPE_CHECKING:
@@ -42,6 +42,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="default: %(default)s")
     parser.add_argument(
         "--processes", type=int, default=2, metavar="N", help="default: %(default)s"
+    )
+    parser.add_argument(
+        "--share",
+        type=share,
+        metavar="I/N",
+        help="only every N-th part, for one of N machines: put their CLOUDS.npz.parts into one "
+        "folder afterwards; the same again fits bodies to all clouds, and without --share ends it",
     )
     parser.add_argument(
         "--bodies",
@@ -148,11 +155,11 @@ def _emulated(arguments: argparse.Namespace) -> int:
     # The plant's compiled code is slow to come: `--help` does without.
     from daemon.commands.terminal.compiled import telling_progress
     from daemon.files import check_can_be_made
-    from daemon.host.processes import worker_processes
+    from daemon.host.processes import WHOLE, worker_processes
     from daemon.workbench.body_model.clouds.cloud_dataset import CloudDatasetError
     from daemon.workbench.body_model.clouds.collection import CollectionError, CollectionSettings
     from daemon.workbench.body_model.clouds.emulated_body import UnreachableError
-    from daemon.workbench.body_model.clouds.parallel_collection import collect
+    from daemon.workbench.body_model.clouds.parallel_collection import collect_share
     from sim_backends.lab.bodies import LabError
     from sim_backends.plants.shooting import warm_up
 
@@ -180,10 +187,14 @@ def _emulated(arguments: argparse.Namespace) -> int:
         check_can_be_made(arguments.out)
         with telling_progress() as bar, worker_processes(arguments.processes) as workers:
             warm_up()  # here, once, and not in each process
-            made = collect(checked.file, settings, arguments.out, workers, bar)
+            mine = arguments.share or WHOLE
+            made = collect_share(checked.file, settings, arguments.out, workers, bar, mine)
     except (CollectionError, UnreachableError, CloudDatasetError, LabError, OSError) as error:
         print(in_words(error), file=sys.stderr)
         return EXIT_FAILED
+    if made is None:
+        print(f"share {mine} is in {arguments.out}.parts: the others' parts are not all there yet")
+        return EXIT_OK
     clouds = len(made) * settings.starts
     print(
         f"{arguments.out}: {len(made)} configurations ({int(made.test.sum())} to test with, "

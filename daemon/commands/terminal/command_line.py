@@ -8,10 +8,13 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 from importlib.metadata import version
-from typing import Any, Final, NoReturn, Protocol, cast
+from typing import TYPE_CHECKING, Any, Final, NoReturn, Protocol, cast
 
 from config.documents.problems import did_you_mean, in_words
 from daemon.host.real_time import imported_for_good
+
+if TYPE_CHECKING:
+    from daemon.host.processes import Share
 
 EXIT_OK: Final = 0
 EXIT_FAILED: Final = 1
@@ -150,6 +153,16 @@ def _with_what_was_meant(message: str) -> str:
         return f"there is no command '{word}'{meant}; `tentacled --help` lists them"
     more = "" if meant or len(known) > _FEW_CHOICES else f": there are {', '.join(choices)}"
     return f"{argument}there is no '{word}'{meant}{more}"
+
+
+def share(text: str) -> "Share":
+    """Of `--share`: argparse tells what is wrong with it."""
+    from daemon.host.processes import Share
+
+    try:
+        return Share.of(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def main(argv: Sequence[str] | None = None) -> int:

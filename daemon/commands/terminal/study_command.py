@@ -12,13 +12,13 @@ from rich.console import Console
 
 from config.documents.problems import ConfigError, in_words
 from config.paths import is_file
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE, share
 from daemon.commands.terminal.compiled import compile_all, telling_progress
 from daemon.commands.terminal.progress_line import ProgressLine
 from daemon.workbench.studies.error_tables import aims_text, trouble_text
 from daemon.workbench.studies.findings import Findings, findings
 from daemon.workbench.studies.grid import Grid
-from daemon.workbench.studies.run import Outcome, PlanError, Run, plan
+from daemon.workbench.studies.run import Outcome, PlanError, Run, plan, shared
 from daemon.workbench.studies.study_file import StudyFile, load_study
 from daemon.workbench.studies.table import Table
 from daemon.workbench.studies.write_up import write_up
@@ -41,6 +41,13 @@ def add_grid_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--jobs", type=int, default=2, metavar="N", help="processes at the same time (default 2)"
+    )
+    parser.add_argument(
+        "--share",
+        type=share,
+        metavar="I/N",
+        help="only every N-th run, for one of N machines: put their folders into one afterwards, "
+        "and run it without --share, which writes the tables",
     )
     parser.add_argument(
         "--keep-recordings", action="store_true", help="16 MB for each run of 400 s"
@@ -67,6 +74,8 @@ def carry_out_study(
     try:
         file = load_study(path)
         whole, runs = _plans(file, arguments, only)
+        if arguments.share is not None:
+            return _carry_out_share(whole, runs, arguments)
         errors = _carry_out(runs, arguments)
         found = findings(file, Grid(whole, arguments.out).outcomes(), len(whole))
         made = tables(file, found)
@@ -108,6 +117,15 @@ def _carry_out(runs: list[Run], arguments: argparse.Namespace) -> int:
             compile_all()  # here, once, and not in each process
         grid.carry_out(arguments.jobs, arguments.keep_recordings, told)
     return told.errors
+
+
+def _carry_out_share(whole: list[Run], runs: list[Run], arguments: argparse.Namespace) -> int:
+    """Without tables: a part of the runs tells nothing that is to be compared. Raises OSError."""
+    mine = shared(runs, arguments.share)
+    errors = _carry_out(mine, arguments)
+    there = len(Grid(whole, arguments.out).outcomes())
+    print(f"share {arguments.share}: {len(mine)} runs; {there} of {len(whole)} are in the folder")
+    return EXIT_FAILED if errors else EXIT_OK
 
 
 def _console() -> Console:

@@ -14,6 +14,7 @@ from config.axis import AxisBase
 from config.emulation import ConcentricTubesPlant
 from config.tasks.study import Variant
 from daemon.files import write_whole
+from daemon.host.processes import Share
 from daemon.recording.result import Result
 from daemon.recording.run_folder import formatted_json
 from daemon.workbench.experiments.experiment_file import ExperimentFile
@@ -81,6 +82,14 @@ def plan(study: StudyFile, seeds: int, plants: int, only: Sequence[str] = ()) ->
 def run_folder(root: Path, experiment: str, variant: str, plant: int, seed: int) -> Path:
     """Where a run leaves what comes out of it."""
     return root / "runs" / experiment / variant / f"plant-{plant}-seed-{seed}"
+
+
+def shared(runs: Sequence[Run], share: Share) -> list[Run]:
+    """Those of a share, in the order of the plan. Which these are, the order of
+    fingerprints decides: shares are alike in what they cost, and none has what another has."""
+    ordered = sorted(runs, key=lambda run: (run.fingerprint, str(run)))
+    mine = {id(run) for number, run in enumerate(ordered) if share.has(number)}
+    return [run for run in runs if id(run) in mine]
 
 
 def _prepared(study: StudyFile, name: str, variant: Variant, plant: int) -> ExperimentFile:

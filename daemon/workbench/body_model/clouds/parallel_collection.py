@@ -19,6 +19,7 @@ import numpy as np
 from config.loader import RobotFile
 from config.robot import Robot
 from daemon.array_files import load_npz, save_npz
+from daemon.host.processes import WHOLE, Share
 from daemon.host.progress import Progress
 from daemon.workbench.body_model.clouds.camera_alignment import CameraAlignment, alignment_of
 from daemon.workbench.body_model.clouds.centreline_fit import VisibleSurface
@@ -52,9 +53,25 @@ _FITTED: Final = ("clouds_mm", "centrelines_mm")
 def collect(
     file: RobotFile, settings: CollectionSettings, out: Path, workers: Executor, progress: Progress
 ) -> CloudDataset:
-    """The whole data set, also written to `out`.
+    """The whole data set, also written to `out`. As `collect_share`, of all."""
+    dataset = collect_share(file, settings, out, workers, progress, WHOLE)
+    assert dataset is not None  # of all, nothing is missing
+    return dataset
 
-    workers: such as `worker_processes` gives.
+
+def collect_share(
+    file: RobotFile,
+    settings: CollectionSettings,
+    out: Path,
+    workers: Executor,
+    progress: Progress,
+    share: Share,
+) -> CloudDataset | None:
+    """The data set, also written to `out`, or None where other shares' parts are missing yet.
+
+    Parts are in the folder that is called as `out` with `.parts` behind it. Clouds come first; only
+    when those of all shares are there can bodies be fitted to them. workers: such as
+    `worker_processes` gives.
     Raises CollectionError, UnreachableError, CloudDatasetError, LabError, OSError. Interrupted, it
     goes on from where it was when it is called again.
     """
@@ -66,10 +83,14 @@ def collect(
     folder.mkdir(parents=True, exist_ok=True)
     parameters = _configurations(robot, settings, workers, folder / f"{key}.plan.npz", progress)
     plan = planned(robot, settings, parameters)
-    work = _Work(robot, settings, plan, workers, folder / key, progress)
+    work = _Work(robot, settings, plan, workers, folder / key, progress, share)
     seen = work.clouds()
+    if seen is None:
+        return None
     alignment = _alignment(robot, plan["configurations"], seen)
     fitted = work.fitted(seen, alignment)
+    if fitted is None:
+        return None
     provenance = {
         **origin(robot),
         "centrelines": FITTED,
@@ -160,14 +181,16 @@ class _Work:
         workers: Executor,
         prefix: Path,
         progress: Progress,
+        share: Share,
     ) -> None:
+        self._share = share
         self._robot, self._settings, self._plan = robot, settings, plan
         self._workers, self._prefix, self._progress = workers, prefix, progress
         n = len(plan["configurations"])
         self._parts = [np.arange(begin, min(begin + _PART, n)) for begin in range(0, n, _PART)]
 
-    def clouds(self) -> list[Arrays]:
-        """What is seen."""
+    def clouds(self) -> list[Arrays] | None:
+        """What is seen; None: not all of it is there."""
 
         def begun(number: int) -> Future[Arrays]:
             mine = self._parts[number]
@@ -176,8 +199,8 @@ class _Work:
 
         return self._each("clouds", "", _SEEN, begun)
 
-    def fitted(self, seen: list[Arrays], alignment: CameraAlignment) -> list[Arrays]:
-        """What is fitted to that."""
+    def fitted(self, seen: list[Arrays], alignment: CameraAlignment) -> list[Arrays] | None:
+        """What is fitted to that; None: not all of it is there."""
         nodes = seen[0]["true_centrelines_mm"].shape[2]
 
         def begun(number: int) -> Future[Arrays]:
@@ -189,7 +212,7 @@ class _Work:
 
     def _each(
         self, what: str, kind: str, names: Sequence[str], begun: Callable[[int], Future[Arrays]]
-    ) -> list[Arrays]:
+    ) -> list[Arrays] | None:
         paths = [
             self._prefix.with_name(f"{self._prefix.name}.{number:04d}{kind}.npz")
             for number in range(len(self._parts))
@@ -199,15 +222,16 @@ class _Work:
             for number, path in enumerate(paths)
             if (part := self._read(path, names, len(self._parts[number])))
         }
-        done = sum(len(self._parts[number]) for number in there)
-        self._progress.begin(what, len(self._plan["configurations"]), done)
-        tasks = {begun(i): i for i in range(len(paths)) if i not in there}
+        mine = [number for number in range(len(paths)) if self._share.has(number)]
+        done = sum(len(self._parts[number]) for number in mine if number in there)
+        self._progress.begin(what, sum(len(self._parts[number]) for number in mine), done)
+        tasks = {begun(i): i for i in mine if i not in there}
         for task in as_completed(tasks):
             number = tasks[task]
             there[number] = task.result()
             save_npz(paths[number], there[number])
             self._progress.advance(len(self._parts[number]))
-        return [there[number] for number in range(len(paths))]
+        return [there[number] for number in range(len(paths))] if len(there) == len(paths) else None
 
     def _read(self, path: Path, names: Sequence[str], configurations: int) -> Arrays | None:
         """What is in a part's file; None where it is not there or not whole."""

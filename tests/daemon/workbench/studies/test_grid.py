@@ -1,14 +1,16 @@
 """A study is carried out in several processes, and again only what is not done yet."""
 
 import json
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from daemon.commands.terminal.command_line import main
+from daemon.host.processes import Share
 from daemon.workbench.studies.grid import Grid
-from daemon.workbench.studies.run import Outcome, Run, plan, read_outcome
+from daemon.workbench.studies.run import Outcome, Run, plan, read_outcome, shared
 from daemon.workbench.studies.study_file import load_study
 from tests.daemon.workbench.studies.made_up import write_study
 
@@ -67,6 +69,49 @@ def test_every_run_is_done_and_heard_of(done: tuple[Path, Path, Heard]) -> None:
     assert good.result.computing is not None
     assert bad is not None
     assert bad.failure == "posture has 2 positions, and the robot 6 axes"
+
+
+def test_shares_put_together_are_the_same_runs_and_tables(
+    done: tuple[Path, Path, Heard], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, out, _ = done
+    words = ["compare", "--study", str(path), "--jobs", "1", "--seeds", "1", "--plants", "1"]
+    both, merged = [tmp_path / "1", tmp_path / "2"], tmp_path / "merged"
+    for index, folder in enumerate(both, 1):
+        share = ["--share", f"{index}/2"]
+        code = main([*words, "--out", str(folder), *share])
+        assert code == 0
+        assert f"share {index}/2: 1 runs; 1 of 2 are in the folder" in capsys.readouterr().out
+        assert not list(folder.glob("*.html"))
+        shutil.copytree(folder, merged, dirs_exist_ok=True)
+    assert main([*words, "--out", str(merged)]) == 0
+    again = capsys.readouterr()
+    assert "2 runs are done already" in again.out
+
+    def figures(folder: Path) -> list[object]:
+        runs = plan(load_study(path), 1, 1)
+        outcomes = Grid(runs, folder).outcomes()
+        return [
+            (one.experiment, one.variant, one.failure, one.result and one.result.true_cycles)
+            for one in outcomes
+        ]
+
+    assert figures(merged) == figures(out)
+    assert len(figures(merged)) == 2
+
+
+@pytest.mark.parametrize("words", ["0/2", "3/2", "half", "1/", "-1/2", "1/0"])
+def test_a_share_that_is_none_is_explained(words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["compare", "--out", "x", f"--share={words}"])
+    assert "share" in capsys.readouterr().err
+
+
+def test_every_run_is_in_one_share(done: tuple[Path, Path, Heard]) -> None:
+    runs = plan(load_study(done[0]), 5, 3)
+    parts = [shared(runs, Share(index, 4)) for index in (1, 2, 3, 4)]
+    assert sorted(str(run) for part in parts for run in part) == sorted(map(str, runs))
+    assert {len(part) for part in parts} <= {7, 8}
 
 
 def test_a_run_leaves_what_pictures_need_and_no_recording(

@@ -1,5 +1,6 @@
 """Collecting clouds: the paper's protocol, the same whoever carries it out and however often."""
 
+import shutil
 from collections.abc import Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import replace
@@ -11,6 +12,7 @@ import pytest
 
 from config.loader import RobotFile
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE, main
+from daemon.host.processes import Share
 from daemon.workbench.body_model.clouds.centreline_fit import (
     FittedCentreline,
     VisibleSurface,
@@ -25,7 +27,7 @@ from daemon.workbench.body_model.clouds.collection import (
     possible_ones,
     seen_at,
 )
-from daemon.workbench.body_model.clouds.parallel_collection import collect
+from daemon.workbench.body_model.clouds.parallel_collection import collect, collect_share
 from daemon.workbench.body_model.evaluation.evaluation import off_curves
 from tests.daemon.workbench.body_model.small_clouds import TENDON_ARM, tendon_arm
 
@@ -77,6 +79,33 @@ def test_all_that_was_wanted_is_there(collected: Collected) -> None:
     assert [one.name for one in path.parent.iterdir()] == ["clouds.npz"]
     assert CloudDataset.load(path, tendon_arm().robot).sha256 == made.sha256
     assert made.provenance["settings"]["starts"] == 2
+
+
+def test_shares_of_two_machines_put_together_are_the_same_data_set(
+    collected: Collected, tmp_path: Path, worker: Executor
+) -> None:
+    folders = [tmp_path / "one", tmp_path / "other"]
+
+    def round_of_both() -> list[CloudDataset | None]:
+        made = [
+            collect_share(
+                tendon_arm(), SETTINGS, folder / "c.npz", worker, Silent(), Share(index, 2)
+            )
+            for index, folder in enumerate(folders, 1)
+        ]
+        for one, other in (folders, folders[::-1]):  # as rsync would
+            for path in (one / "c.npz.parts").glob("*"):
+                shutil.copy(path, other / "c.npz.parts" / path.name)
+        return made
+
+    for folder in folders:
+        folder.mkdir()
+    assert round_of_both() == [None, None]  # clouds
+    parts = sorted(path.name[-8:] for path in (folders[0] / "c.npz.parts").glob("*.0*.npz"))
+    assert parts == ["0000.npz", "0001.npz"]
+    assert round_of_both() == [None, None]  # centrelines
+    whole = collect(tendon_arm(), SETTINGS, folders[1] / "c.npz", worker, Silent())
+    assert whole.sha256 == collected[0].sha256
 
 
 def test_tendons_hold_at_every_configuration(collected: Collected) -> None:
