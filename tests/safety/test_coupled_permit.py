@@ -66,6 +66,11 @@ def test_axes_that_are_coupled_brake_on_one_line() -> None:
         assert abs(first - 4 * second) <= 8
     assert step.velocity(1, STEP_NS + 40_000_000) == pytest.approx(2000)
     assert step.unchanged_ns(1, STEP_NS + 100_000_000) == pytest.approx(STEP_NS + 20_000_000)
+    loose = CoupledLimit("loose", AxisSum(((0, 1.0),)), -90_000.0, 90_000.0)
+    for coupled in ((beside, loose), (loose, beside)):  # one limit that is near is enough
+        near = ask((0, 0), (400, 100), coupled=coupled)
+        assert isinstance(near, PermittedStep)
+        assert near.rest_counts == (1040, 260)
     back = ask((0, 0), (-401, -101), coupled=(beside,))
     assert isinstance(back, PermittedStep)
     assert back.decelerations == pytest.approx((200_000, 200_000 * 101 / 401))

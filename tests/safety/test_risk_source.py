@@ -8,6 +8,7 @@ import pytest
 from safety.risk_source import (
     MAXIMUM_RISK,
     Clearance,
+    KnownBody,
     Leaving,
     Nearest,
     NoModel,
@@ -16,6 +17,7 @@ from safety.risk_source import (
     TipComparison,
     ask,
     believed,
+    body_of,
     clearance_of,
     compared,
     name_of,
@@ -349,3 +351,50 @@ def test_a_comparison_that_fails_or_is_no_number_is_none(
 ) -> None:
     assert compared(Compares(answer), [[0.0]], [0.0, 0.0, 0.0], 0) is None
     assert compared(Compares(GOOD), [[0.0]], [0.0, 0.0, 0.0], 0) is GOOD
+
+
+# Bodies that are known.
+
+
+class Knows:
+    """Says of a body at rest what it is told to; an exception is raised."""
+
+    def __init__(self, answer: KnownBody | Exception | None) -> None:
+        self.answer = answer
+
+    def body(self, u: Sequence[float]) -> KnownBody | None:
+        assert u == [1.0]
+        if isinstance(self.answer, Exception):
+            raise self.answer
+        return self.answer
+
+
+BODY = KnownBody(
+    centreline_mm=[[0.0, 0.0, 0.0], [0.0, 1.0, 9.0]],
+    radius_mm=[2.0, 1.5],
+    weights=[0.4, 0.6],
+    means_mm=[[0.0, 0.0, 4.0], [0.0, 1.0, 5.0]],
+    covariances_mm2=[[1.0, 0.0, 0.0, 1.0, 0.0, 1.0], [2.0, 0.0, 0.0, 2.0, 0.0, 2.0]],
+)
+
+
+def test_a_known_body_is_passed_on() -> None:
+    assert body_of(Knows(BODY), [1.0]) is BODY
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        None,
+        ValueError("no"),
+        BODY._replace(centreline_mm=[[0.0, 0.0, 0.0], [0.0, nan, 9.0]]),
+        BODY._replace(radius_mm=[2.0, inf]),
+        BODY._replace(weights=[nan, 0.6]),
+        BODY._replace(means_mm=[[0.0, 0.0, -inf], [0.0, 1.0, 5.0]]),
+        BODY._replace(covariances_mm2=[[1.0, 0.0, nan, 1.0, 0.0, 1.0]] * 2),
+    ],
+)
+def test_a_body_that_is_no_numbers_or_cannot_be_told_is_none(
+    answer: KnownBody | Exception | None,
+) -> None:
+    assert body_of(Knows(answer), [1.0]) is None
