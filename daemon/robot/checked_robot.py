@@ -7,6 +7,7 @@ from pathlib import Path
 
 from config.documents.problems import ConfigError, Problem
 from config.loader import RobotFile, load_robot
+from config.shipped import add_list_option, file_argument
 from drivers.can.budget import BusBudget, bus_budget
 from drivers.cia402.pdo_plan import bus_traffic
 
@@ -22,7 +23,13 @@ class CheckedRobot:
 
 def add_robot_argument(parser: argparse.ArgumentParser) -> None:
     """The positional ROBOT."""
-    parser.add_argument("robot", type=Path, metavar="ROBOT.yaml", help="the robot file")
+    parser.add_argument(
+        "robot",
+        type=file_argument("robots"),
+        metavar="ROBOT.yaml",
+        help="the robot file; builtin:soft_arm is one that is shipped",
+    )
+    add_list_option(parser, "robots")
 
 
 def check_robot(path: Path) -> CheckedRobot:

@@ -7,6 +7,7 @@ from typing import Any
 
 from config.documents.problems import ConfigError
 from config.documents.yaml_document import read_yaml
+from config.shipped import file_argument
 from daemon.commands.terminal.command_line import EXIT_FAILED
 from daemon.commands.terminal.remote_arguments import (
     add_json_argument,
@@ -21,7 +22,7 @@ from daemon.remote.wire import encode, most_bytes
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "file",
-        type=Path,
+        type=file_argument("experiments"),
         metavar="FILE.yaml",
         help="an experiment file, or one with `trajectory` and `controller` alone",
     )

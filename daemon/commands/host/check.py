@@ -11,6 +11,7 @@ from typing import Final
 
 from config.documents.problems import ConfigError, Problem, did_you_mean
 from config.documents.yaml_document import read_yaml
+from config.shipped import FOLDERS, add_list_option, file_argument
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 from daemon.robot.checked_robot import CheckedRobot, check_robot
 from daemon.robot.coupled_axes import beyond_alone
@@ -22,13 +23,14 @@ _KINDS: Final = ("robot", "experiment", "scenario", "study")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "file",
-        type=Path,
+        type=file_argument(*FOLDERS),
         metavar="FILE.yaml",
-        help="a robot, an experiment, a scenario or a study",
+        help="a robot, an experiment, a scenario or a study; builtin:NAME is one that is shipped",
     )
+    add_list_option(parser, *FOLDERS)
     parser.add_argument(
         "--robot",
-        type=Path,
+        type=file_argument("robots"),
         metavar="ROBOT.yaml",
         help="of a scenario: the robot whose devices it is for (the shipped soft arm)",
     )

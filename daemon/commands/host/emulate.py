@@ -8,6 +8,7 @@ from typing import Final
 
 from config.documents.problems import ConfigError, in_words
 from config.patience import patient
+from config.shipped import file_argument
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 from daemon.commands.terminal.compiled import telling_progress
 from daemon.host.clock import MonotonicClock, run_in_real_time
@@ -33,7 +34,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--duration", type=float, metavar="S", help="end after S seconds")
     parser.add_argument("--play", choices=PLAYS, help="turn the unpowered screws by a script")
-    parser.add_argument("--scenario", type=Path, metavar="FILE", help="faults and loads over time")
+    parser.add_argument(
+        "--scenario",
+        type=file_argument("scenarios"),
+        metavar="FILE",
+        help="faults and loads over time; builtin:lost_and_found is one that is shipped",
+    )
     parser.add_argument("--seed", type=int, metavar="N", help="instead of the robot file's")
 
 

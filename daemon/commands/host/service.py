@@ -12,6 +12,7 @@ from typing import Final
 from config.documents.problems import ConfigError, in_words
 from config.loader import load_robot
 from config.robot import Robot
+from config.shipped import file_argument
 from daemon.commands.terminal.command_line import (
     EXIT_CONFIGURATION,
     EXIT_FAILED,
@@ -27,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     what.add_argument("--write", type=Path, metavar="DIR", help="into this folder")
     parser.add_argument(
         "--robot",
-        type=Path,
+        type=file_argument("robots"),
         metavar="ROBOT.yaml",
         help="whose CAN interfaces are set up (else can0 with 1 Mbit/s)",
     )

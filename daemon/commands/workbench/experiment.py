@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 from config.documents.problems import ConfigError, in_words
+from config.shipped import add_list_option, file_argument
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
 from daemon.commands.terminal.compiled import compile_all, telling_progress
 from daemon.commands.terminal.progress_line import Aside, ProgressLine
@@ -20,7 +21,13 @@ from daemon.workbench.report.report_process import ReportBeside
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("experiment", type=Path, metavar="EXPERIMENT.yaml")
+    parser.add_argument(
+        "experiment",
+        type=file_argument("experiments"),
+        metavar="EXPERIMENT.yaml",
+        help="builtin:rectangle is one that is shipped",
+    )
+    add_list_option(parser, "experiments")
     parser.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="the run's folder, made new"
     )

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from daemon.commands.terminal import command_line
-from daemon.commands.terminal.command_line import main
+from daemon.commands.terminal.command_line import EXIT_CONFIGURATION, EXIT_FAILED, main
 
 SHIPPED = Path(str(files("config")))
 USAGE = 2
@@ -23,7 +23,8 @@ def refused(words: str, capsys: pytest.CaptureFixture[str]) -> str:
 
 def said(words: str, capsys: pytest.CaptureFixture[str]) -> str:
     """What a command says that fails."""
-    assert main(words.split()) == 1
+    expected = EXIT_CONFIGURATION if words.startswith("run ") else EXIT_FAILED
+    assert main(words.split()) == expected
     return capsys.readouterr().err
 
 

@@ -1,0 +1,59 @@
+"""`builtin:NAME` wherever a command asks for a file, from any folder."""
+
+from pathlib import Path
+
+import pytest
+
+from config.shipped import FOLDERS, shipped_files
+from daemon.commands.terminal.command_line import main, parsed
+
+ROBOT_COMMANDS = ("emulate", "probe", "run", "check")
+
+
+@pytest.mark.parametrize(
+    "name", [name for folder in FOLDERS for name in shipped_files(folder)], ids=str
+)
+def test_every_shipped_file_is_sound_by_its_name_from_an_empty_folder(
+    name: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["check", name]) == 0, capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        *([command, "builtin:soft_arm"] for command in ROBOT_COMMANDS),
+        ["explore", "builtin:soft_arm", "--out", "data.npz"],
+        ["mdn", "collect", "builtin:soft_arm", "--out", "clouds.npz"],
+        ["pretrain", "builtin:soft_arm", "data.npz", "--out", "model.npz"],
+        ["experiment", "builtin:rectangle", "--out", "run"],
+        ["load", "builtin:rectangle"],
+        ["emulate", "builtin:soft_arm", "--scenario", "builtin:lost_and_found"],
+        ["service", "--print", "--robot", "builtin:soft_arm"],
+    ],
+    ids=" ".join,
+)
+def test_it_is_understood_by_every_command(words: list[str]) -> None:
+    paths = [value for value in vars(parsed(words)).values() if isinstance(value, Path)]
+    assert any(path.is_absolute() and path.is_file() for path in paths)
+
+
+def test_what_is_meant_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["experiment", "builtin:rectangel", "--out", "run"])
+    assert "no builtin:rectangel (did you mean 'builtin:rectangle'?)" in capsys.readouterr().err
+
+
+def test_they_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="0"):
+        main(["run", "--list"])
+    assert capsys.readouterr().out.split() == list(shipped_files("robots"))
+    with pytest.raises(SystemExit, match="0"):
+        main(["check", "--list"])
+    listed = capsys.readouterr().out.split()
+    assert len(listed) == len(set(listed)) == sum(len(shipped_files(one)) for one in FOLDERS)
