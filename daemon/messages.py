@@ -245,6 +245,12 @@ class Risk(Message, frozen=True, kw_only=True, tag="risk/1"):
     """... and the place of the surface nearest to it."""
     means_mm: list[list[float]] | None = None
     """Of the components of the mixture over the body's points."""
+    aside_arc_mm: float | None = None
+    """Where along the body the part is that the step was turned aside for, ..."""
+    aside_clearance_mm: float | None = None
+    """... the clearance that it has left of what the risk allows, ..."""
+    given_up_mm: float | None = None
+    """... and how far that leads the tip, in this step, from where it was to go."""
     tip_statistic: float | None = None
     """Of the test whether the measured tip is where the model has it: 1 raises its alarm."""
     tip_off_mm: float | None = None

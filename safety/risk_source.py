@@ -2,10 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 from math import isfinite
 from typing import Final, NamedTuple, Protocol, runtime_checkable
 
 MAXIMUM_RISK: Final = 1.0
+_TIP_ROWS: Final = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +57,17 @@ class RiskReading:
     """None: the way does not lead away from what touches."""
 
 
+class PartClearance(NamedTuple):
+    """The clearance of one part of a body at rest from a risk."""
+
+    arc_mm: float
+    """Where along the body the part is nearest to something."""
+    clearance_mm: float
+    """As of the whole body."""
+    slope: tuple[float, ...]
+    """(m,) mm of it for each unit of an axis."""
+
+
 @dataclass(frozen=True, slots=True)
 class Clearance:
     """The clearance of a body at rest from a risk, and which way of the axes leads away from it."""
@@ -65,6 +78,11 @@ class Clearance:
     """By how much all shapes would have to come nearer; negative: the risk is higher."""
     slope: tuple[float, ...]
     """(m,) mm of it for each unit of an axis."""
+    parts: tuple[PartClearance, ...] = ()
+    """Of those that something is near to; empty: only the whole is known."""
+    tip_slope: tuple[tuple[float, ...], ...] = ()
+    """(6, m) how place (mm) and direction (unit vector) of the tip change with each unit of an
+    axis; empty: it is not known."""
 
 
 class RiskSource(Protocol):
@@ -228,9 +246,16 @@ def clearance_of(source: RiskSource, u: Sequence[float], risk: float) -> Clearan
     """What the source says of the clearance at (m,) u; None where it fails, or says no numbers."""
     try:
         clearance = source.clearance(u, risk)
-        if clearance is None or not len(clearance.u) == len(clearance.slope) == len(u):
+        if clearance is None:
             return None
-        known = all(map(isfinite, (clearance.clearance_mm, *clearance.u, *clearance.slope)))
+        rows = [clearance.u, clearance.slope, *[part.slope for part in clearance.parts]]
+        rows += clearance.tip_slope
+        if len(clearance.tip_slope) not in (0, _TIP_ROWS) or any(
+            len(row) != len(u) for row in rows
+        ):
+            return None
+        places = [number for part in clearance.parts for number in part[:2]]
+        known = all(map(isfinite, chain([clearance.clearance_mm], places, *rows)))
         return clearance if known else None
     except Exception:  # a model must not end the loop
         return None

@@ -1,15 +1,23 @@
 """Turns a step aside that would bring the body too near to something: then it goes along it.
 
-The clearance that is left, h, may only get less as fast as it is large: Δh ≥ −γ (h − h₀). Of all
-steps that keep to it the one nearest to the wanted is taken, each axis counted by its speed (a
-control barrier function). It decides nothing: what comes out is a proposal, which the gate judges
-as any.
+The clearance that is left, h, may only get less as fast as it is large: Δh ≥ −γ (h − h₀) (a control
+barrier function), for each part of the body that something is near to. Of all steps that keep to it
+and to the axes' limits the one is taken that is nearest to the wanted, each axis counted by its
+speed, and the tip's task besides: what it is asked to give up is dearer than what the axes do where
+it does not see it. Where that gains the tip nothing, because there is no other way for the body,
+the step is the nearest by the axes alone, and by the clearance of the whole body.
+
+It decides nothing: what comes out is a proposal, which the gate judges as any.
 """
 
-from typing import Final
+from collections.abc import Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
 
+from daemon.control.avoidance_kernels import UNSOLVED, Wanted, nearest_step, room_for
+from daemon.control.task import POSITION
+from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
 from safety.risk_source import Clearance
 
@@ -19,12 +27,148 @@ _CLOSER_PER_S: Final = 4.0
 """γ."""
 _LEAST_SLOPE_MM_S: Final = 1.0
 """With all axes at full speed. Where less clearance is gained by that, there is no way along."""
+_MOST_PARTS: Final = 8
+_TASK_COUNTS: Final = 30.0
+"""How much dearer it is to lead the tip away by what the axes do to it at most, than to have them
+do it."""
+_GAINS_FROM: Final = 0.5
+"""Of what the tip would give up without its task in view; with more than that, nothing is gained.
+Chosen: arms that can give way ask for a tenth to a fifth, those that cannot for nine tenths."""
+_POINTING_MM_PER_RAD: Final = 25.0
+"""What turning the tip counts for, as for controllers."""
+_TENSION_KEPT: Final = 0.1
+"""Share of a tendon's range of tensions, at either end, that is not gone into to keep the tip where
+it is: what leaves the tip alone is, on arms with tendons, all of them together."""
+
+
+class Aside(NamedTuple):
+    """A step that was turned aside."""
+
+    delta_u: Vector
+    """(m,)."""
+    arc_mm: float | None
+    """Where along the body the part is that it gives way with; None: only the whole is known."""
+    clearance_mm: float
+    """That this part has left."""
+    given_up_mm: float | None
+    """How far it leads the tip from where it was to go in this step; None: not known."""
+
+
+class Avoidance:
+    """Of one robot. Not for several threads."""
+
+    def __init__(
+        self, axes: AxisRanges, tensions_n: Sequence[tuple[float, float] | None] = ()
+    ) -> None:
+        """tensions_n: lowest and highest of each axis; None, or none at all: it has none."""
+        self._axes = axes
+        ranges = [one or (-np.inf, np.inf) for one in tensions_n or [None] * axes.count]
+        low, high = np.array(ranges, np.float64).T
+        kept = np.where(np.isfinite(high - low), _TENSION_KEPT * (high - low), 0.0)
+        self._slack_n, self._tight_n = low + kept, high - kept
+        self._room = room_for(axes.count, _MOST_PARTS)
+
+    def warm_up(self) -> None:
+        """Compile the kernel, or load it from numba's cache."""
+        none = np.zeros(self._axes.count)
+        rows = np.zeros((1, none.size))
+        wanted = Wanted(none, none, none, self._axes.max_velocity, rows, np.zeros(1), rows)
+        nearest_step(wanted, self._room, none.copy())
+
+    def aside(
+        self,
+        delta_u: Vector,
+        targets: Vector,
+        clearance: Clearance,
+        dt_s: float,
+        points: bool = False,
+        tensions_n: Sequence[float | None] = (),
+    ) -> Aside | None:
+        """What to take in place of (m,) delta_u from (m,) targets; None: it may stay as it is.
+
+        points: whether the tip's direction is part of its task. tensions_n: as measured.
+        """
+        whole = avoid(delta_u, targets, clearance, self._axes.max_velocity, dt_s)
+        if not clearance.parts or not clearance.tip_slope:
+            return None if whole is None else Aside(whole, None, clearance.clearance_mm, None)
+        task = np.array(clearance.tip_slope)
+        place = task[:POSITION]
+        task = np.concatenate([place, _POINTING_MM_PER_RAD * task[POSITION:]]) if points else place
+        limits = self._limits(targets, dt_s, tensions_n)
+        parts = self._by_parts(delta_u, targets, clearance, dt_s, task, limits)
+        if whole is None and parts is None:
+            return None
+        chosen = self._cheaper(delta_u, whole, parts, task)
+        if chosen is None:
+            return None
+        here = [part.clearance_mm for part in clearance.parts]
+        nearest = clearance.parts[int(np.argmin(here))]
+        given_up = place @ (chosen - delta_u)
+        return Aside(
+            chosen, nearest.arc_mm, nearest.clearance_mm, float(np.sqrt(given_up @ given_up))
+        )
+
+    def _limits(
+        self, targets: Vector, dt_s: float, tensions_n: Sequence[float | None]
+    ) -> tuple[Vector, Vector]:
+        """(m,) lowest and highest step: travel, speed, and no tendon that hardly pulls is let out,
+        nor pulled where it pulls nearly as much as it may."""
+        lowest, highest = self._axes.step_range(targets)
+        most = self._axes.max_velocity * dt_s
+        lowest, highest = np.maximum(lowest, -most), np.minimum(highest, most)
+        if any(tension is not None for tension in tensions_n):
+            pulls = np.array([np.nan if one is None else one for one in tensions_n])
+            lowest = np.where(pulls < self._slack_n, 0.0, lowest)
+            highest = np.where(pulls > self._tight_n, 0.0, highest)
+        return lowest, highest
+
+    def _by_parts(
+        self,
+        delta_u: Vector,
+        targets: Vector,
+        clearance: Clearance,
+        dt_s: float,
+        task: Vector,
+        limits: tuple[Vector, Vector],
+    ) -> Vector | None:
+        """(m,) None: it may stay as it is, or there is none."""
+        parts = clearance.parts[:_MOST_PARTS]
+        slope = np.array([part.slope for part in parts])
+        here_mm = np.array([part.clearance_mm for part in parts])
+        here_mm += slope @ (targets - np.array(clearance.u))
+        allowed_mm = -min(1.0, _CLOSER_PER_S * dt_s) * (here_mm - _RESERVE_MM)
+        speeds = self._axes.max_velocity
+        steep = ((slope * speeds) ** 2).sum(axis=1) >= _LEAST_SLOPE_MM_S**2
+        if not ((slope @ delta_u < allowed_mm) & steep).any():
+            return None
+        slope, allowed_mm = slope[steep], allowed_mm[steep]
+        reach = float(((task * speeds) ** 2).sum() / len(task))
+        task = np.ascontiguousarray(task * np.sqrt(_TASK_COUNTS / max(reach, 1e-9)))
+        wanted = Wanted(
+            np.ascontiguousarray(delta_u, np.float64),
+            *limits,
+            speeds,
+            np.ascontiguousarray(slope),
+            allowed_mm,
+            task,
+        )
+        step = np.empty(speeds.size)
+        return None if nearest_step(wanted, self._room, step) == UNSOLVED else step
+
+    def _cheaper(
+        self, delta_u: Vector, whole: Vector | None, parts: Vector | None, task: Vector
+    ) -> Vector | None:
+        """What the tip gives up less for; the one by the whole body where it is about the same."""
+        if parts is None or whole is None:
+            return whole if parts is None else parts
+        by_whole, by_parts = task @ (whole - delta_u), task @ (parts - delta_u)
+        return parts if by_parts @ by_parts <= _GAINS_FROM**2 * (by_whole @ by_whole) else whole
 
 
 def avoid(
     delta_u: Vector, targets: Vector, clearance: Clearance, max_velocity: Vector, dt_s: float
 ) -> Vector | None:
-    """The step to take in place of (m,) delta_u from (m,) targets; None: it may stay as it is."""
+    """The (m,) step by the clearance of the whole body alone; None: it may stay as it is."""
     slope = np.array(clearance.slope)
     here_mm = clearance.clearance_mm + float(slope @ (targets - np.array(clearance.u)))
     change_mm = float(slope @ delta_u)

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from config.robot import Robot
-from daemon.control.avoidance import avoid
+from daemon.control.avoidance import Avoidance
 from daemon.control.controller import Controller, ControllerError, Observation
 from daemon.control.task import tip_axis
 from daemon.estimation.pose_filter import PoseFilter, TipEstimate
@@ -34,7 +34,6 @@ from daemon.supervision.tracking_error import TrackingError
 from drivers.aurora.frame import TrackerFrame
 from drivers.cia402.drive_bus import DriveBus
 from drivers.clock import Clock
-from drivers.pose import Vector
 from safety.coupled_shaping import COUPLED
 from safety.gate import RISK, RISK_UNAVAILABLE, Decision, Gate, Measured
 from safety.permit import PermittedStep
@@ -110,7 +109,10 @@ class ControlLoop:
         self._tip_jump_mm = math.inf if most_mm is None else most_mm
         self._slide = robot.risk.slide
         self._looks_round = robot.risk.model is not None
-        self._max_velocity = AxisRanges.of(robot).max_velocity
+        tensions = [axis.tension_range_n for axis in robot.axes]
+        self._avoidance = Avoidance(AxisRanges.of(robot), tensions)
+        if self._looks_round:
+            self._avoidance.warm_up()
         self._clearance: Clearance | None = None
         self._look_round = False
         box = robot.workspace
@@ -136,7 +138,7 @@ class ControlLoop:
         believed = self._estimate(sensed)
         if believed:
             self._compare(sensed)
-        requested = self._decide(sensed, believed)
+        requested = self._turned_aside(self._decide(sensed, believed), sensed)
         decision = self._pass_the_gate(sensed, requested)
         self._act(decision)
         self._judge(sensed, believed, requested, decision)
@@ -303,15 +305,23 @@ class ControlLoop:
         if not all(map(math.isfinite, proposal.delta_u.tolist())):
             raise ControllerError("the controller proposed something that is not a number")
         self.note, self.part = proposal.note, proposal.part
-        return self._turned_aside(proposal.delta_u, observation)
+        return RequestedStep(proposal.delta_u)
 
-    def _turned_aside(self, delta_u: Vector, observation: Observation) -> RequestedStep:
-        if self._clearance is None:
-            return RequestedStep(delta_u)
-        aside = avoid(
-            delta_u, observation.targets, self._clearance, self._max_velocity, observation.dt_s
+    def _turned_aside(
+        self, requested: RequestedStep | None, sensed: Sensed
+    ) -> RequestedStep | None:
+        """Along what is near, where it leads there."""
+        if requested is None or self._clearance is None:
+            return requested
+        aside = self._avoidance.aside(
+            requested.delta_u,
+            sensed.targets,
+            self._clearance,
+            sensed.dt_s,
+            points=self.aim is not None and self.aim.direction is not None,
+            tensions_n=sensed.measured.tension_n,
         )
-        return RequestedStep(delta_u) if aside is None else RequestedStep(aside, avoids=True)
+        return requested if aside is None else RequestedStep(aside.delta_u, aside)
 
     def _pass_the_gate(self, sensed: Sensed, requested: RequestedStep | None) -> Decision | None:
         """What may be done; None: the drives hold by themselves."""
@@ -389,7 +399,7 @@ class ControlLoop:
         controller, tip, aim = self.controller, self.tip, self.aim
         if not (controller and controller.ready and requested and decision and tip and aim):
             self._tracking_error.begin()
-        elif requested.avoids or _hinders(decision):
+        elif requested.aside is not None or _hinders(decision):
             self._tracking_error.hinder()
         elif believed:
             detail = self._tracking_error.look(

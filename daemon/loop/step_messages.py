@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
+from daemon.control.avoidance import Aside
 from daemon.control.task import angle_between, tip_axis
 from daemon.estimation.pose_filter import TipEstimate
 from daemon.messages import Axes, Risk, Tip
@@ -35,8 +36,8 @@ class RequestedStep(NamedTuple):
     """The step that the controller asks for; the gate makes a `PermittedStep` of it."""
 
     delta_u: Vector
-    avoids: bool = False
-    """It was turned aside, to go along something that is near."""
+    aside: Aside | None = None
+    """What it was turned aside for, to go along something that is near; None: it was not."""
 
 
 class RiskAsked(NamedTuple):
@@ -132,8 +133,9 @@ def risk_message(
         body_point_risk=decision.body_point_risk,
         threshold=asked.threshold,
         scale=decision.scale,
-        reasons=[*decision.limits, *([SLIDING] if requested.avoids else [])],
+        reasons=[*decision.limits, *([SLIDING] if requested.aside is not None else [])],
         detail=decision.risk_detail,
+        **_aside_details(requested.aside),
         **_risk_details(decision.nearest, asked.compared),
     )
 
@@ -146,6 +148,17 @@ def place_mm(known: Pose | TipEstimate | Aim | None) -> list[float] | None:
 def distance_mm(one: list[float] | None, other: list[float] | None) -> float | None:
     """None where one of the places is not known."""
     return None if one is None or other is None else math.dist(one, other)
+
+
+def _aside_details(aside: Aside | None) -> dict[str, Any]:
+    """As a message has it."""
+    if aside is None:
+        return {}
+    return {
+        "aside_arc_mm": aside.arc_mm,
+        "aside_clearance_mm": aside.clearance_mm,
+        "given_up_mm": aside.given_up_mm,
+    }
 
 
 def _risk_details(nearest: Nearest | None, tip: TipComparison | None) -> dict[str, Any]:

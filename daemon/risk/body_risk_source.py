@@ -163,6 +163,10 @@ class BodyRiskSource:
         """As `BodyKnowing` has it."""
         return self._risk.body(u)
 
+    def warm_up(self) -> None:
+        """Have all compiled that answers may need."""
+        self._risk.warm_up()
+
     def clearance(self, u: Sequence[float], risk: float) -> Clearance | None:
         """What is told beside the risk is of this place from now on: no step has to wait for it."""
         self._beside = self._risk.beside(u)
@@ -274,6 +278,7 @@ def _environment(surface: Surface, path: Path) -> Environment:
 
 def _compile(source: BodyRiskSource, tip: TipModel, u: FloatArray) -> None:
     """The first answers take seconds: not in the loop."""
+    source.warm_up()
     for _ in range(2):
         source.assess(u.tolist(), u.tolist(), 0)
         source.clearance(u.tolist(), 0.5)

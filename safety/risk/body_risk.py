@@ -15,9 +15,10 @@ from safety.risk.body_point import BodyPointRisk
 from safety.risk.contact import ContactModel, ContactRisk, most_touching
 from safety.risk.model.mixture import FloatArray, Mixture
 from safety.risk.model.risk_model import RiskModel
+from safety.risk.part_kernels import PartSlopes
 from safety.risk.surroundings.distance_grid import DistanceGrid
 from safety.risk.surroundings.environment import Environment
-from safety.risk_source import Clearance, KnownBody, Leaving
+from safety.risk_source import Clearance, KnownBody, Leaving, PartClearance
 
 _LONGEST_SEGMENT: Final = 0.1
 """In the network's inputs. Between two mixtures shapes are taken to move straight."""
@@ -31,6 +32,8 @@ _NEAR_MM: Final = 10.0
 """Round that nothing is near."""
 _SLOPE_STEP: Final = 0.04
 """In the network's inputs, either way, for the slope."""
+_PARTS: Final = 6
+"""Of the body, along it: enough that one of an arm that bends twice does not hide another."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,6 +80,8 @@ class BodyRisk:
         self._shift_mm = 0.0
         self._begin_shifted: tuple[Mixture, Mixture] | None = None
         """Where the last way began, and the same with the shift."""
+        ends = np.linspace(0, model.basis.nodes, min(_PARTS, model.basis.nodes) + 1)
+        self._part_ends = ends.round().astype(np.int64)
         self._samples = samples
         self._hardly_proved_mm = 0.5 * grid.error_mm
         self._body_point = BodyPointRisk(environment)
@@ -154,31 +159,86 @@ class BodyRisk:
         """
         share = (most_touching(risk, self._samples) + 1) / self._samples
         at = np.asarray(u, np.float64)
-        clearance_mm = self._clearance(at, share)
-        if clearance_mm is None or clearance_mm > _NEAR_MM:
+        here = self._model.shapes.mixture(at)
+        if here is None:
             return None
-        slope = []
+        clearance_mm, nearest = self._clearance(here, share)
+        if clearance_mm > _NEAR_MM:
+            return None
+        parts = self._fewer.part_slopes(nearest, share, self._part_ends, _NEAR_MM)
+        slope, changes, tip_slope = [], [], []
         for axis, scale in enumerate(self._model.scale.tolist()):
-            ends = []
-            for way in (_SLOPE_STEP, -_SLOPE_STEP):
-                there = at.copy()
-                there[axis] += way / scale
-                ends.append(self._clearance(there, share))
-            up, down = ends
-            if up is None or down is None:
+            ends = self._beside(at, axis, _SLOPE_STEP / scale)
+            if ends is None:
                 return None
-            slope.append((up - down) * scale / (2.0 * _SLOPE_STEP))
-        return Clearance(tuple(at.tolist()), clearance_mm, tuple(slope))
+            per_unit = scale / (2.0 * _SLOPE_STEP)
+            up, down = ends
+            more, less = self._clearance(up, share)[0], self._clearance(down, share)[0]
+            slope.append((more - less) * per_unit)
+            changes.append(_change(up, down) * per_unit)
+            tip_slope.append((self._tip(up) - self._tip(down)) * per_unit)
+        return Clearance(
+            tuple(at.tolist()),
+            clearance_mm,
+            tuple(slope),
+            self._parts(parts, np.array(changes), clearance_mm),
+            tuple(map(tuple, np.array(tip_slope).T.tolist())),
+        )
 
-    def _clearance(self, u: FloatArray, share: float) -> float | None:
-        mixture = self._model.shapes.mixture(u)
-        if mixture is None:
-            return None
+    def warm_up(self) -> None:
+        """Compile what is only needed near to something, or load it from numba's cache."""
+        mixture = self._model.shapes.mixture(self._model.known[0])
+        if mixture is not None:
+            self._fewer.part_slopes(mixture, 0.0, self._part_ends, np.inf)
+
+    def _beside(self, u: FloatArray, axis: int, step: float) -> tuple[Mixture, Mixture] | None:
+        """With one axis a step further, and a step back."""
+        ends = []
+        for way in (step, -step):
+            there = u.copy()
+            there[axis] += way
+            ends.append(self._model.shapes.mixture(there))
+        up, down = ends
+        return None if up is None or down is None else (up, down)
+
+    def _tip(self, mixture: Mixture) -> FloatArray:
+        """(6,) place in mm and direction of the mean shape's tip."""
+        modes, base = self._model.basis.modes, self._model.basis.base_mm
+        mean = mixture.weights @ mixture.means_mm
+        before, tip = (base[node] + mean @ modes[:, node] for node in (-2, -1))
+        along = tip - before
+        return np.concatenate([tip, along / np.linalg.norm(along)])
+
+    def _parts(
+        self, found: PartSlopes, changes: FloatArray, clearance_mm: float
+    ) -> tuple[PartClearance, ...]:
+        """Of what is near. changes: (m, …) of the mixture with each axis.
+
+        The nearest part has the clearance of the whole body, which more of the shapes decide, and
+        the others are as much farther as they are by themselves.
+        """
+        by_mixture = [
+            np.concatenate([means.ravel(), factors.ravel()])
+            for means, factors in zip(found.by_means, found.by_factors, strict=True)
+        ]
+        slopes = (np.array(by_mixture) @ changes.T).tolist()
+        nearer_mm = float(found.clearance.min()) - clearance_mm
+        arc_mm = self._model.basis.arc_mm[found.node].tolist()
+        return tuple(
+            PartClearance(arc, part_mm - nearer_mm, tuple(slope))
+            for arc, part_mm, slope in zip(arc_mm, found.clearance.tolist(), slopes, strict=True)
+            if part_mm <= _NEAR_MM
+        )
+
+    def _clearance(self, mixture: Mixture, share: float) -> tuple[float, Mixture]:
+        """Of the body, or of the body as it was seen; and the one that has so little."""
         clearance_mm = self._fewer.clearance_mm(mixture, share)
         if self._shift is not None and clearance_mm < self._shift_mm + _NEAR_MM:
             shifted = _moved(mixture, self._shift)
-            clearance_mm = min(clearance_mm, self._fewer.clearance_mm(shifted, share))
-        return clearance_mm - self._hardly_proved_mm
+            as_seen_mm = self._fewer.clearance_mm(shifted, share)
+            if as_seen_mm < clearance_mm:
+                clearance_mm, mixture = as_seen_mm, shifted
+        return clearance_mm - self._hardly_proved_mm, mixture
 
     def _mixtures(self, u_from: Sequence[float], u_to: Sequence[float]) -> list[Mixture] | None:
         """Over the shape's coefficients, along the way."""
@@ -197,6 +257,12 @@ class BodyRisk:
         mixture = self._model.shapes.mixture(u_from)
         self._begin = None if mixture is None else (u_from, mixture)
         return mixture
+
+
+def _change(up: Mixture, down: Mixture) -> FloatArray:
+    """(K·d + K·d·d,) of the means, and of the factors."""
+    means, factors = up.means_mm - down.means_mm, up.factors_per_mm - down.factors_per_mm
+    return np.concatenate([means.ravel(), factors.ravel()])
 
 
 def _moved(mixture: Mixture, shift: FloatArray) -> Mixture:

@@ -29,6 +29,7 @@ from safety.risk.contact_kernels import (
 )
 from safety.risk.model.mixture import FloatArray, IndexArray, Mixture
 from safety.risk.model.shape_basis import ShapeBasis, SingleArray
+from safety.risk.part_kernels import Draws, PartSlopes, no_slopes, part_slopes
 from safety.risk.surroundings.distance_grid import DistanceGrid
 from safety.risk.surroundings.environment import InsertionPort
 from safety.risk_source import Leaving
@@ -184,6 +185,24 @@ class ContactModel:
         clearance = self._now.shapes.clearance
         rank = min(max(0, int(share * clearance.size)), clearance.size - 1)
         return float(np.partition(clearance, rank)[rank])
+
+    def part_slopes(
+        self, mixture: Mixture, share: float, ends: IndexArray, near_mm: float
+    ) -> PartSlopes:
+        """The same of each part of the body, smoothed over shapes, and by the mixture.
+
+        ends: (P + 1,) nodes; part p has those from ends[p] to before ends[p + 1]. Derivatives are
+        those of parts with no more than near_mm.
+        """
+        self._measure(mixture)
+        found = no_slopes(ends.size - 1, mixture.components, mixture.dimensions)
+        few = min(1 + 2 * int(share * self._uniform.size), self._uniform.size)
+        draws = Draws(
+            self._now.shapes.positions, self._now.component, self._normal, mixture.factors_per_mm
+        )
+        skin = self._skin.radius
+        part_slopes(self._surroundings, skin, self._modes, draws, ends, few, near_mm, found)
+        return found
 
     def centrelines(self, mixture: Mixture) -> SingleArray:
         """(samples, n, 3) the shapes themselves, to be drawn."""

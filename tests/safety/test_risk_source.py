@@ -12,6 +12,7 @@ from safety.risk_source import (
     Leaving,
     Nearest,
     NoModel,
+    PartClearance,
     RiskReading,
     RiskSource,
     TipComparison,
@@ -255,6 +256,14 @@ def test_a_way_out_that_is_doubted_is_none() -> None:
         Clearance((0.0,), 1.0, (1.0, 1.0)),
         Clearance((0.0, 0.0), 1.0, (1.0, 1.0)),
         Clearance((0.0,), "far", (1.0,)),  # type: ignore[arg-type]
+        Clearance((0.0,), 1.0, (1.0,), parts=(PartClearance(0.0, 1.0, (1.0, 2.0)),)),
+        Clearance((0.0,), 1.0, (1.0,), parts=(PartClearance(0.0, 1.0, (nan,)),)),
+        Clearance((0.0,), 1.0, (1.0,), parts=(PartClearance(0.0, inf, (1.0,)),)),
+        Clearance((0.0,), 1.0, (1.0,), parts=(PartClearance(nan, 1.0, (1.0,)),)),
+        Clearance((0.0,), 1.0, (1.0,), tip_slope=((1.0,),) * 5),
+        Clearance((0.0,), 1.0, (1.0,), tip_slope=((1.0,),) * 7),
+        Clearance((0.0,), 1.0, (1.0,), tip_slope=(*((1.0,),) * 5, (1.0, 1.0))),
+        Clearance((0.0,), 1.0, (1.0,), tip_slope=(*((1.0,),) * 5, (inf,))),
         ZeroDivisionError("no bodies"),
     ],
 )
@@ -270,6 +279,12 @@ def test_a_clearance_is_passed_on() -> None:
     assert clearance_of(source, [0.0, 1.0], 0.05) is clearance
     assert source.looked == [([0.0, 1.0], 0.05)]
     assert clearance_of(NoModel(), [0.0, 1.0], 0.05) is None
+
+
+def test_the_clearance_of_parts_is_passed_on_with_what_the_tip_does() -> None:
+    parts = (PartClearance(50.0, 2.0, (1.0, 0.0)), PartClearance(90.0, 3.0, (0.0, 1.0)))
+    clearance = Clearance((0.0, 1.0), 2.0, (1.0, 0.0), parts, ((0.5, 0.1),) * 6)
+    assert clearance_of(Source(None, clearance), [0.0, 1.0], 0.05) is clearance
 
 
 def test_a_source_that_says_nothing_is_doubted() -> None:

@@ -65,6 +65,8 @@ _COLUMNS: Final[dict[type[Message], dict[str, Column]]] = {
         "threshold": number(lambda risk: risk.threshold),
         "scale": number(lambda risk: risk.scale),
         "clearance_mm": number(lambda risk: risk.clearance_mm),
+        "aside_arc_mm": number(lambda risk: risk.aside_arc_mm),
+        "given_up_mm": number(lambda risk: risk.given_up_mm),
         "place_mm": Column(lambda risk: risk.place_mm, 3),
         "obstacle_mm": Column(lambda risk: risk.obstacle_mm, 3),
         "means_mm": Column(lambda risk: _flat(risk.means_mm)),
@@ -132,8 +134,8 @@ class RunData:
     axes: Series | None
     """actual, target, proposed, permitted, force."""
     risk: Series | None
-    """contact, body_point, threshold, scale, clearance_mm, place_mm, obstacle_mm, means_mm,
-    tip_statistic, tip_off_mm."""
+    """contact, body_point, threshold, scale, clearance_mm, aside_arc_mm, given_up_mm, place_mm,
+    obstacle_mm, means_mm, tip_statistic, tip_off_mm."""
     loop: Series | None
     """lateness_p50_s, lateness_p99_s, lateness_max_s, step_p50_s, step_p99_s, missed."""
     states: list[tuple[float, str]]

@@ -6,9 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from daemon.control.avoidance import avoid
+from daemon.control.avoidance import Aside, Avoidance, avoid
+from daemon.control.avoidance_kernels import nearest_step
+from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
-from safety.risk_source import Clearance
+from safety.risk_source import Clearance, PartClearance
 
 DT_S = 0.025
 FAST = np.array([5.0, 5.0])
@@ -79,3 +81,161 @@ def test_room_never_gets_less_faster_than_it_may(
         assert float(slope @ delta_u) < least
     elif np.linalg.norm(slope) > 0.2:
         assert float(slope @ delta_u) >= least
+
+
+# With the parts of the body, and the tip's task in view. Three axes; the first leads the tip along
+# x and the second along y by 3 mm each; the third, and what is left of the second, only the body.
+
+THREE = AxisRanges(
+    ("a", "b", "c"),
+    np.full(3, -10.0),
+    np.full(3, 10.0),
+    np.full(3, 5.0),
+    np.full(3, 20.0),
+    np.zeros(3),
+)
+TIP = ((3.0, 0.0, 0.0), (0.0, 3.0, 0.0), (0.0,) * 3, (0.02, 0.0, 0.0), (0.0,) * 3, (0.0, 0.0, 1.0))
+AT = np.zeros(3)
+
+
+def near(
+    *parts: tuple[float, float, tuple[float, ...]], tip: tuple[tuple[float, ...], ...] = TIP
+) -> Clearance:
+    """parts: where along the body, clearance, slope; the whole is the nearest."""
+    told = tuple(PartClearance(*part) for part in parts)
+    nearest = min(told, key=lambda part: part.clearance_mm)
+    return Clearance((0.0,) * 3, nearest.clearance_mm, nearest.slope, told, tip)
+
+
+def taken(step: list[float], clearance: Clearance, **asked: object) -> Aside | None:
+    return Avoidance(THREE).aside(np.array(step), AT, clearance, DT_S, **asked)  # type: ignore[arg-type]
+
+
+def test_a_body_gives_way_where_the_tip_does_not_see_it() -> None:
+    clearance = near((80.0, 0.5, (-1.0, 0.0, -0.5)))
+    aside = taken([0.05, 0.0, 0.0], clearance)
+    assert aside is not None
+    assert aside.delta_u == pytest.approx([0.05, 0.0, -0.1], abs=0.01)
+    assert (aside.arc_mm, aside.clearance_mm) == (80.0, 0.5)
+    assert aside.given_up_mm is not None
+    assert aside.given_up_mm < 0.02
+    blind = avoid(np.array([0.05, 0.0, 0.0]), AT, clearance, THREE.max_velocity, DT_S)
+    assert blind is not None
+    assert 3.0 * (0.05 - blind[0]) > 0.1
+
+
+def test_where_only_the_tip_can_give_way_the_step_is_that_by_the_whole_body() -> None:
+    clearance = near((200.0, 0.5, (-3.0, 0.0, -0.05)))
+    step = [0.1, 0.05, 0.0]
+    aside = taken(step, clearance)
+    blind = avoid(np.array(step), AT, clearance, THREE.max_velocity, DT_S)
+    assert aside is not None
+    assert blind is not None
+    np.testing.assert_array_equal(aside.delta_u, blind)
+    assert aside.given_up_mm == pytest.approx(3.0 * (0.1 - blind[0]))
+
+
+def test_a_part_that_is_not_the_nearest_has_its_room_too() -> None:
+    clearance = near((60.0, 0.6, (0.0, 0.0, 1.0)), (120.0, 1.0, (-1.0, 0.0, -0.5)))
+    aside = taken([0.12, 0.0, 0.0], clearance)
+    assert aside is not None
+    for part in clearance.parts:
+        least = -0.1 * (part.clearance_mm - 0.5)
+        assert np.array(part.slope) @ aside.delta_u >= least - 1e-3
+
+
+def test_no_axis_is_asked_for_more_than_it_can_do() -> None:
+    aside = taken([0.1, 0.0, 0.0], near((80.0, -5.0, (-1.0, 0.0, -0.5))))
+    assert aside is not None
+    assert np.abs(aside.delta_u).max() <= 5.0 * DT_S + 1e-12
+    at_its_end = Avoidance(THREE).aside(
+        np.array([0.05, 0.0, 0.0]),
+        np.array([0.0, 0.0, -10.0]),
+        Clearance(
+            (0.0, 0.0, -10.0),
+            0.5,
+            (-1.0, 0.0, -0.5),
+            (PartClearance(80.0, 0.5, (-1.0, 0.0, -0.5)),),
+            TIP,
+        ),
+        DT_S,
+    )
+    assert at_its_end is not None
+    assert at_its_end.delta_u[2] == pytest.approx(0.0, abs=0.06)
+
+
+def test_a_direction_that_matters_is_not_turned_for_it() -> None:
+    """The third axis turns the tip where it stands."""
+    clearance = near((80.0, 0.5, (-1.0, 0.0, -0.5)), tip=(*TIP[:5], (0.0, 0.0, 3.0)))
+    free, bound = (taken([0.05, 0.0, 0.0], clearance, points=points) for points in (False, True))
+    assert free is not None
+    assert bound is not None
+    assert abs(bound.delta_u[2]) < 0.5 * abs(free.delta_u[2])
+
+
+TENSIONS = ((0.0, 10.0), (0.0, 10.0), (0.0, 10.0))
+
+
+@pytest.mark.parametrize(
+    ("tension_n", "lets_out"),
+    [(5.0, True), (0.5, False), (9.5, True), (None, True)],
+    ids=["middle", "slack", "tight", "unknown"],
+)
+def test_a_tendon_that_hardly_pulls_is_not_let_out(tension_n: float, lets_out: bool) -> None:
+    clearance = near((80.0, 0.5, (-1.0, 0.0, -0.5)))
+    aside = Avoidance(THREE, TENSIONS).aside(
+        np.array([0.05, 0.0, 0.0]), AT, clearance, DT_S, tensions_n=[5.0, 5.0, tension_n]
+    )
+    assert aside is not None
+    assert (aside.delta_u[2] < -0.05) == lets_out
+
+
+def test_a_tendon_that_pulls_nearly_as_much_as_it_may_pulls_no_more() -> None:
+    clearance = near((80.0, 0.5, (-1.0, 0.0, 0.5)))
+    for tension_n, pulls in ((5.0, True), (9.5, False), (0.5, True)):
+        aside = Avoidance(THREE, TENSIONS).aside(
+            np.array([0.05, 0.0, 0.0]), AT, clearance, DT_S, tensions_n=[5.0, 5.0, tension_n]
+        )
+        assert aside is not None
+        assert (aside.delta_u[2] > 0.05) == pulls
+
+
+def test_without_tension_limits_a_tension_limits_nothing() -> None:
+    clearance = near((80.0, 0.5, (-1.0, 0.0, -0.5)))
+    aside = Avoidance(THREE, (None,) * 3).aside(
+        np.array([0.05, 0.0, 0.0]), AT, clearance, DT_S, tensions_n=[0.0, 0.0, 0.0]
+    )
+    assert aside is not None
+    assert aside.delta_u[2] < -0.05
+
+
+def test_who_knows_no_parts_is_turned_aside_by_the_whole() -> None:
+    told = near((80.0, 0.5, (-1.0, 0.0, -0.5)))
+    step = np.array([0.05, 0.0, 0.0])
+    blind = avoid(step, AT, told, THREE.max_velocity, DT_S)
+    assert blind is not None
+    for clearance in (
+        Clearance(told.u, told.clearance_mm, told.slope),
+        Clearance(told.u, told.clearance_mm, told.slope, told.parts),
+        Clearance(told.u, told.clearance_mm, told.slope, (), TIP),
+    ):
+        aside = taken(step.tolist(), clearance)
+        assert aside is not None
+        np.testing.assert_array_equal(aside.delta_u, blind)
+        assert (aside.arc_mm, aside.given_up_mm) == (None, None)
+
+
+def test_what_is_compiled_beforehand_is_all_that_a_step_needs() -> None:
+    avoidance = Avoidance(THREE)
+    avoidance.warm_up()
+    known = len(nearest_step.signatures)
+    avoidance.aside(np.array([0.05, 0.0, 0.0]), AT, near((80.0, 0.5, (-1.0, 0.0, -0.5))), DT_S)
+    assert len(nearest_step.signatures) == known
+
+
+def test_far_from_everything_no_part_asks_for_anything() -> None:
+    assert taken([0.1, 0.1, 0.1], near((80.0, 9.0, (-1.0, 0.0, -0.5)))) is None
+
+
+def test_a_part_that_no_axis_moves_asks_for_nothing() -> None:
+    assert taken([0.1, 0.0, 0.0], near((10.0, -1.0, (-0.05, 0.0, 0.0)))) is None
