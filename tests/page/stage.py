@@ -6,6 +6,7 @@ whole story with real loops and devices is in `test_story`.
 
 import asyncio
 import math
+import os
 import threading
 import time
 from collections.abc import Coroutine, Iterator, Sequence
@@ -247,9 +248,12 @@ class Stage:
         self._thread = threading.Thread(target=self._loop.run_forever, daemon=True)
         self._thread.start()
         self._playing: asyncio.Task[None] | None = None
+        self._others: list[asyncio.Task[None]] = []
         self.open_robot()
         where = ["--runtime-dir", str(folder), "--runs", str(folder / "runs")]
-        self.server = Process(command("dashboard", ROBOT, *where, "--port", "0", *options))
+        others = {**os.environ, "XDG_RUNTIME_DIR": str(folder)}
+        words = command("dashboard", *where, "--port", "0", *options)
+        self.server = Process(words, env=others)
         try:
             self.address = self.server.next_line()[1].split()[1]
             self.viewer = self.server.next_line()[1].split()[1]
@@ -263,18 +267,32 @@ class Stage:
         opened = asyncio.Event()
 
         async def begin() -> None:
-            self._playing = asyncio.create_task(self._play(opened))
+            self._playing = asyncio.create_task(_play(self.folder, self.robot, ROBOT, opened))
             await asyncio.wait_for(opened.wait(), PATIENCE_S)
 
         self.do(begin())
+
+    def add_robot(self, name: str) -> StagedRobot:
+        """Another one, where daemons of this machine are found by themselves."""
+        robot, opened = StagedRobot(), asyncio.Event()
+        folder = self.folder / "tentacled" / name
+        folder.mkdir(parents=True)
+
+        async def begin() -> None:
+            self._others.append(asyncio.create_task(_play(folder, robot, name, opened)))
+            await asyncio.wait_for(opened.wait(), PATIENCE_S)
+
+        self.do(begin())
+        return robot
 
     def close_robot(self) -> None:
         """Let it be gone, as a daemon that has died."""
 
         async def end() -> None:
-            if self._playing is not None:
-                self._playing.cancel()
-                await asyncio.gather(self._playing, return_exceptions=True)
+            tasks = [task for task in (self._playing, *self._others) if task is not None]
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
 
         self.do(end())
 
@@ -289,21 +307,22 @@ class Stage:
         self._thread.join()
         self._loop.close()
 
-    async def _play(self, opened: asyncio.Event) -> None:
-        surroundings = cut_surroundings("", b"", _WORKSPACE)
-        async with serving(self.folder, self.robot, surroundings=surroundings) as (remote, robot):
-            opened.set()
-            assert isinstance(robot, StagedRobot)
-            number, heard = 0, 0
-            while True:
-                number += 1
-                robot.step()
-                for message in robot.told(number):
-                    remote.publish(message)
-                for event in robot.events[heard:]:
-                    remote.publish(event)
-                heard = len(robot.events)
-                await asyncio.sleep(_STEP_S)
+
+async def _play(folder: Path, robot: StagedRobot, name: str, opened: asyncio.Event) -> None:
+    """Behind the wire, until it is cancelled."""
+    surroundings = cut_surroundings("", b"", _WORKSPACE)
+    async with serving(folder, robot, surroundings=surroundings, name=name) as (remote, _):
+        opened.set()
+        number, heard = 0, 0
+        while True:
+            number += 1
+            robot.step()
+            for message in robot.told(number):
+                remote.publish(message)
+            for event in robot.events[heard:]:
+                remote.publish(event)
+            heard = len(robot.events)
+            await asyncio.sleep(_STEP_S)
 
 
 @contextmanager

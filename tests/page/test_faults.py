@@ -8,7 +8,7 @@ import pytest
 
 from tests.hil.processes import Process, command
 from tests.page.browsing import browsing, until
-from tests.page.stage import Stage, stage
+from tests.page.stage import ROBOT, Stage, stage
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
@@ -43,6 +43,72 @@ def test_a_daemon_that_dies_and_comes_back_is_picked_up_and_nobody_is_in_control
         seen.until_live()
         assert not seen.probe()["inControl"], "nothing is taken again by itself"
         assert seen.page.locator("#control").is_enabled()
+
+
+def test_keys_that_were_held_while_the_server_was_away_count_as_released(
+    browser: "Browser", on: Stage
+) -> None:
+    with browsing(browser, on.address) as seen:
+        seen.until_live()
+        seen.arm()
+        seen.begin_teleoperation()
+        seen.page.locator("#scene").focus()
+        seen.page.keyboard.down("ArrowUp")
+        until(lambda: len(on.robot.came_s) > 3, "set-points come")
+        on.close_robot()
+        until(lambda: seen.probe()["held"] == "", "it lets go", 3.0)
+        on.robot.begin_anew()
+        on.open_robot()
+        seen.until_live()
+        seen.arm()
+        seen.begin_teleoperation()
+        count = len(on.robot.came_s)
+        time.sleep(0.6)
+        assert len(on.robot.came_s) == count and seen.probe()["held"] == "", "still pressed"
+        seen.page.keyboard.up("ArrowUp")
+
+
+def test_the_lease_is_kept_by_a_worker_where_the_page_s_own_timers_are_slowed_down(
+    browser: "Browser",
+) -> None:
+    slow = (
+        "const whole = window.setInterval;"
+        "window.setInterval = (f, ms, ...more) => whole(f, Math.max(ms, 60000), ...more);"
+    )
+    with stage(lease_s=1.0) as on, browsing(browser, on.address) as seen:
+        seen.page.add_init_script(slow)
+        seen.page.reload()
+        until(lambda: seen.probe().get("status"), "it is told of the robot")
+        seen.page.evaluate("document.querySelector('#control').disabled = false")
+        seen.page.locator("#control").click()
+        until(lambda: seen.probe()["inControl"], "it is in control")
+        time.sleep(3.0)
+        now_ns = on.robot.clock.now_ns()
+        assert on.robot.lease.holder(now_ns) == "local", "3 s of a lease of 1 s"
+
+
+def test_each_of_several_robots_is_shown_commanded_and_stopped_by_its_name(
+    browser: "Browser",
+) -> None:
+    with stage() as on, browsing(browser, on.address) as seen:
+        seen.until_live()
+        other = on.add_robot("other_arm")
+        pick = seen.page.locator("#robot")
+        until(lambda: pick.locator("option").count() == 2, "both are found")
+        second = pick.locator("option").nth(1)
+        until(lambda: "ready" in second.inner_text(), "with their states")
+        seen.arm()
+        pick.select_option("other_arm")
+        assert seen.page.locator("#stopwhom").inner_text() == "Stops other_arm.", "at once"
+        until(lambda: seen.state() == "ready" and not seen.stale, "the other one is shown")
+        assert not seen.probe()["inControl"], "control is of one robot"
+        seen.arm()
+        seen.page.keyboard.press("Escape")
+        says = seen.page.locator("#stopsays")
+        until(lambda: other.stopped_ns, lambda: f"{says.inner_text()}\n{seen.told()}", 10.0)
+        assert not on.robot.stopped_ns
+        pick.select_option(ROBOT)
+        until(lambda: seen.state() in ("armed", "hold"), "and the first one is as it was")
 
 
 def test_a_frozen_server_greys_the_page_within_a_second_and_the_lease_runs_out(

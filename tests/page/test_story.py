@@ -70,7 +70,8 @@ def test_an_operator_finds_arms_runs_holds_leads_stops_and_replays(browser: "Bro
     with bench(browser) as (made, b):
         b.until_state("ready")
         until(lambda: b.probe()["drawn"] > 3 and b.probe()["body"], "the body is drawn")
-        assert not b.stale and b.page.locator("#watermark").is_visible()
+        until(lambda: not b.stale, "it is live")
+        assert b.page.locator("#watermark").is_visible()
         assert b.probe()["events"] > 3, "the events from before the page was there"
         assert b.probe()["body"]["components"], "the mixture's ellipsoids"
         assert "%" in b.page.locator("#figures").inner_text()

@@ -116,6 +116,7 @@ async function choose() {
   Object.assign(look, { status: null, risk: null, tip: null, body: null, age: Infinity, inControl: false });
   clearEvents();
   scene.clear();
+  sayWhom();
   live.listen(robot);
   const query = `robot=${encodeURIComponent(robot)}`;
   try {
@@ -132,6 +133,12 @@ async function showRoom(about, mesh) {
   if (about.parts) scene.setMesh(await (await fetch(mesh)).arrayBuffer());
 }
 
+// STOP is for the robot that is picked: said in the same moment in which it is picked.
+function sayWhom() {
+  const count = $("robot").options.length;
+  put($("stopwhom"), count ? (count > 1 || replayed ? `Stops ${$("robot").value}.` : "") : "No robot is connected here.");
+}
+
 async function findRobots() {
   let robots;
   try { robots = await told("api/robots"); } catch { return; }
@@ -143,7 +150,7 @@ async function findRobots() {
   }
   robots.forEach((robot, n) => put(select.options[n], names.length > 1 ? `${robot.name} · ${robot.state || "away"}` : robot.name));
   select.closest("label").hidden = Boolean(replayed) && !names.length;
-  put($("stopwhom"), names.length ? (names.length > 1 || replayed ? `Stops ${select.value}.` : "") : "No robot is connected here.");
+  sayWhom();
 }
 
 function begin() {

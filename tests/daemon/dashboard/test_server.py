@@ -13,7 +13,7 @@ import pytest
 from aiohttp import web
 
 from daemon.dashboard.experiments import ExperimentFiles
-from daemon.dashboard.http_rules import LARGEST_BODY_BYTES, LOOPBACK_HOSTS, Rules
+from daemon.dashboard.http_rules import LARGEST_BODY_BYTES, LOOPBACK_HOSTS, Rules, security_headers
 from daemon.dashboard.recorded_runs import RecordedRuns
 from daemon.dashboard.robot_link import RobotLink
 from daemon.dashboard.server import PageServer
@@ -141,6 +141,39 @@ def test_other_hosts_origins_kinds_and_sizes_are_refused_on_the_wire(tmp_path: P
             for path in ("/static/../server.py", "/static/%2e%2e/server.py", "/static//etc/passwd"):
                 assert (await page.http.get(page.base + path, headers=page.sent())).status == 404
             assert page.robot.stopped_ns == []
+
+    run_in_real_time(test())
+
+
+def test_a_page_that_says_too_much_at_once_is_not_listened_to(tmp_path: Path) -> None:
+    async def test() -> None:
+        async with served(tmp_path, 60.0) as page, page.stream() as stream:
+            await stream.send_str("x" * 5000)
+            async with asyncio.timeout(5.0):
+                while (await stream.receive()).type is aiohttp.WSMsgType.BINARY:
+                    pass
+            assert stream.close_code == aiohttp.WSCloseCode.MESSAGE_TOO_BIG
+
+    run_in_real_time(test())
+
+
+def test_no_answer_is_without_the_headers_that_protect_the_page(tmp_path: Path) -> None:
+    async def test() -> None:
+        async with served(tmp_path) as page:
+            wanted = security_headers()
+            for path, sent, status in (
+                ("/", page.sent(), 200),
+                ("/static/main.js", page.sent(), 200),
+                ("/api/robots", page.sent(), 200),
+                ("/nothing", page.sent(), 404),
+                ("/api/robots", {}, 401),
+                ("/", page.sent(Host="evil.example"), 403),
+                ("/?token=" + OPERATOR, {}, 303),
+            ):
+                got = await page.http.get(page.base + path, headers=sent, allow_redirects=False)
+                assert got.status == status, path
+                for name in ("Content-Security-Policy", "X-Content-Type-Options"):
+                    assert got.headers.get(name) == wanted[name], (path, name)
 
     run_in_real_time(test())
 

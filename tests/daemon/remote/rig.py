@@ -159,11 +159,12 @@ async def serving(
     robot: FakeRobot | None = None,
     settings: Remote | None = None,
     surroundings: PreparedSurroundings | None = None,
+    name: str = ROBOT,
 ) -> AsyncIterator[tuple[RemoteServer, FakeRobot]]:
     """A server with its robot, closed at the end."""
     robot = robot or FakeRobot()
     server = RemoteServer(
-        ROBOT,
+        name,
         settings or Remote(),
         folder,
         robot,
