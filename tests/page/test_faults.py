@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from tests.daemon.remote.rig import ROBOT
 from tests.hil.processes import Process, command
 from tests.page.browsing import browsing, until
-from tests.page.stage import ROBOT, Stage, stage
+from tests.page.stage import Stage, stage
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
