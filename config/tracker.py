@@ -63,5 +63,10 @@ class Tracker(ConfigModel):
     """No new frame for this long is reported: a silent or a frozen tracker. On a slow line it takes
     the time of two replies at least."""
 
+    base_averaged_s: Positive | None = None
+    """Over how long the base sensor's pose is averaged, for a base that stands still: its jitter
+    moves a tip that is far from it. A base that moves slowly is followed so much later, one that
+    leaps at once. None: each frame has its own."""
+
     tools: dict[Name, ToolSelector]
     """Sensors by role. `tip` must be there; `base` is the frame of all poses, where present."""

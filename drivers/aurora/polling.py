@@ -173,7 +173,9 @@ class Polling:
         self._binary = config.reply_format == "binary"
         self._latency_ns = round(config.acquisition_latency_s * 1e9)
         self._tools = len(roles)
-        self._assembler = FrameAssembler(roles, "base" in config.tools, _tip_from_sensor(config))
+        self._assembler = FrameAssembler(
+            roles, "base" in config.tools, _tip_from_sensor(config), config.base_averaged_s
+        )
         self._watch = watch
         self._status_watch = status_watch
         self._health = health

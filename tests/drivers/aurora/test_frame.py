@@ -9,11 +9,13 @@ from hypothesis import strategies as st
 
 from drivers.aurora.codec.status_bits import HandleState, PortStatus
 from drivers.aurora.codec.tracking_data import ToolReading, TrackingData
-from drivers.aurora.frame import Absence, FrameAssembler
+from drivers.aurora.frame import Absence, FrameAssembler, SteadyBase
 from drivers.pose import PlainPose
 from tests.drivers.aurora.golden import DISABLED_C, MISSING_B, TOOL_A, TOOL_B
 
 ROLES = {0x0A: "tip", 0x0B: "base"}
+NO_TURN = (1.0, 0.0, 0.0, 0.0)
+AT_REST = PlainPose((0.0, 0.0, 0.0), NO_TURN)
 
 
 def frame_of(*readings: ToolReading, has_base: bool = True, system_status: int = 0):  # type: ignore[no-untyped-def]
@@ -150,3 +152,99 @@ def test_the_tip_is_where_its_sensor_says_by_its_offset_and_its_rotation() -> No
     sensed = frame.tools["tip"].pose
     assert sensed is not None
     assert sensed.position_mm == pytest.approx([12.5, -30.25, -200.0])
+
+
+FRAME_NS = 25_000_000
+
+
+def _jittering(random: np.random.Generator, at: PlainPose = AT_REST) -> PlainPose:
+    """A base sensor as read: off by 0.1 mm and 1.3 mrad along each axis."""
+    x, y, z = (np.array(at.position_mm) + random.normal(0.0, 0.1, 3)).tolist()
+    half = random.normal(0.0, 0.5 * 0.0013, 3).tolist()
+    length = math.hypot(1.0, *half)
+    turn = (1.0 / length, half[0] / length, half[1] / length, half[2] / length)
+    return PlainPose((x, y, z), (at @ PlainPose((0.0, 0.0, 0.0), turn)).quaternion)
+
+
+def _tip_seen(base: PlainPose) -> np.ndarray:
+    return np.array(PlainPose((0.0, 0.0, 180.0), NO_TURN).seen_from(base).position_mm)
+
+
+def test_the_jitter_of_a_base_that_stands_still_does_not_move_a_far_tip() -> None:
+    random, steady = np.random.default_rng(5), SteadyBase(1.0)
+    seen = [steady.seen(_jittering(random), frame * FRAME_NS) for frame in range(2000)]
+    moved = np.array([_tip_seen(base) for base in seen[200:]])
+    assert moved.std(axis=0).max() < 0.05
+    assert np.linalg.norm(moved.mean(axis=0) - (0.0, 0.0, 180.0)) < 0.05
+    lengths = [math.hypot(*base.quaternion) for base in seen]
+    assert max(abs(length - 1.0) for length in lengths) < 1e-12
+
+
+def test_at_first_the_base_is_the_mean_of_what_was_seen_of_it() -> None:
+    steady = SteadyBase(1e6)
+    for frame, x in enumerate((1.0, 0.0, 0.5)):
+        base = steady.seen(PlainPose((x, 0.0, 0.0), NO_TURN), frame * FRAME_NS)
+    assert base.position_mm == pytest.approx((0.5, 0.0, 0.0))
+
+
+def test_a_single_reading_far_off_is_told_and_leaves_the_base_where_it_was() -> None:
+    steady = SteadyBase(1.0)
+    for frame in range(100):
+        steady.seen(AT_REST, frame * FRAME_NS)
+    off = PlainPose((20.0, 0.0, 0.0), NO_TURN)
+    assert steady.seen(off, 100 * FRAME_NS) == off
+    assert steady.seen(AT_REST, 101 * FRAME_NS).position_mm == pytest.approx((0.0, 0.0, 0.0))
+    assert steady.seen(off, 102 * FRAME_NS) == off, "two, but not in a row"
+
+
+@pytest.mark.parametrize(
+    "there",
+    [
+        PlainPose((3.0, 0.0, 0.0), NO_TURN),
+        PlainPose((0.0, 0.0, 0.0), (math.cos(0.02), 0.0, math.sin(0.02), 0.0)),
+    ],
+    ids=["pushed", "turned"],
+)
+def test_a_base_that_leaps_is_believed_at_once_and_averaged_anew(there: PlainPose) -> None:
+    random, steady = np.random.default_rng(6), SteadyBase(1.0)
+    for frame in range(100):
+        steady.seen(_jittering(random), frame * FRAME_NS)
+    for frame in range(100, 104):
+        base = steady.seen(there, frame * FRAME_NS)
+        assert base.position_mm == pytest.approx(there.position_mm)
+        assert base.quaternion == pytest.approx(there.quaternion)
+
+
+def test_a_base_that_moves_slowly_is_followed_after_the_time_of_the_average() -> None:
+    steady, speed_mm_s = SteadyBase(0.5), 1.0
+    for frame in range(400):
+        t_s = frame * 0.025
+        base = steady.seen(PlainPose((speed_mm_s * t_s, 0.0, 0.0), NO_TURN), frame * FRAME_NS)
+    assert speed_mm_s * t_s - base.position_mm[0] == pytest.approx(0.5, abs=0.02)
+
+
+def test_after_a_gap_the_newest_reading_counts() -> None:
+    steady = SteadyBase(1.0)
+    for frame in range(100):
+        steady.seen(AT_REST, frame * FRAME_NS)
+    moved = PlainPose((1.0, 0.0, 0.0), NO_TURN)
+    assert steady.seen(moved, 20_000_000_000).position_mm == pytest.approx(moved.position_mm)
+
+
+def test_a_quaternion_and_its_negative_are_the_same_base() -> None:
+    steady = SteadyBase(1.0)
+    steady.seen(AT_REST, 0)
+    base = steady.seen(PlainPose((0.0, 0.0, 0.0), (-1.0, 0.0, 0.0, 0.0)), FRAME_NS)
+    assert base.quaternion == pytest.approx(NO_TURN)
+
+
+def test_the_tip_is_given_in_the_averaged_base_where_one_is_configured() -> None:
+    frames = FrameAssembler(ROLES, True, base_averaged_s=1e6)
+    x, y, z = TOOL_B.position_mm
+    other = TOOL_B._replace(position_mm=(x + 1.0, y, z))
+    first = frames.frame(TrackingData((TOOL_A, TOOL_B), 0), 0x140, 0, 0)
+    second = frames.frame(TrackingData((TOOL_A, other), 0), 0x141, FRAME_NS, FRAME_NS)
+    assert first.tip is not None
+    assert second.tip is not None
+    assert np.linalg.norm(second.tip.position_mm - first.tip.position_mm) == pytest.approx(0.5)
+    assert frames.frame(TrackingData((TOOL_A, MISSING_B), 0), 0x142, 0, 0).tip is None
