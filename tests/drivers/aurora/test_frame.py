@@ -240,6 +240,7 @@ def test_a_quaternion_and_its_negative_are_the_same_base() -> None:
 
 def test_the_tip_is_given_in_the_averaged_base_where_one_is_configured() -> None:
     frames = FrameAssembler(ROLES, True, base_averaged_s=1e6)
+    assert TOOL_B.position_mm is not None
     x, y, z = TOOL_B.position_mm
     other = TOOL_B._replace(position_mm=(x + 1.0, y, z))
     first = frames.frame(TrackingData((TOOL_A, TOOL_B), 0), 0x140, 0, 0)
