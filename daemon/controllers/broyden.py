@@ -239,6 +239,10 @@ class BroydenController:
         """(3, m) mm per mm or rad, (6, m) with the direction; None before it is measured."""
         return None if self._estimate is None else self._estimate.jacobian / self._scale
 
+    def draw_to(self, posture: Vector) -> None:
+        """Draw the axes to (m,) a posture from now on. Raises ValueError for no numbers."""
+        self._follower.set_posture(posture)
+
     def reset(self, observation: Observation) -> None:
         self._points = points(observation)
         self._follower.reset(observation)

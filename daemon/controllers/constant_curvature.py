@@ -283,6 +283,10 @@ class ConstantCurvatureController:
         self._follower = TipFollower(options, robot)
         self.kinematics = ArcKinematics(options, AxisRanges.of(robot), _bore_mm2(robot))
 
+    def draw_to(self, posture: Vector) -> None:
+        """Draw the axes to (m,) a posture from now on. Raises ValueError for no numbers."""
+        self._follower.set_posture(posture)
+
     def reset(self, observation: Observation) -> None:
         self._follower.reset(observation)
 

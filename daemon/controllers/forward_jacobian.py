@@ -11,6 +11,7 @@ from daemon.controllers.learnt_jacobian import LearntJacobian
 from daemon.learning.forward.pretrained_model import PretrainedModel
 from daemon.learning.lwpr.model import with_memory
 from daemon.learning.samples.motion import MotionSample
+from drivers.pose import Vector
 
 
 class ForwardJacobianController(LearningController):
@@ -45,6 +46,10 @@ class ForwardJacobianController(LearningController):
 
     def _go_on(self) -> None:
         """Nothing waits but samples."""
+
+    def draw_to(self, posture: Vector) -> None:
+        """Draw the axes to (m,) a posture from now on. Raises ValueError for no numbers."""
+        self._follower.set_posture(posture)
 
     def _posture_changed(self) -> None:
         """The follower has it, and nobody else needs it."""

@@ -23,6 +23,7 @@ from daemon.learning.forward.pose_kinematics import (
 )
 from daemon.learning.forward.pose_model import PoseModel
 from daemon.learning.lwpr.model import Lwpr
+from drivers.pose import Vector
 
 
 class LearnedKinematicsController:
@@ -47,6 +48,10 @@ class LearnedKinematicsController:
     def adapted(self) -> int:
         """Samples that corrected the model since it was loaded."""
         return 0 if self._adaptation is None else self._adaptation.samples
+
+    def draw_to(self, posture: Vector) -> None:
+        """Draw the axes to (m,) a posture from now on. Raises ValueError for no numbers."""
+        self._follower.set_posture(posture)
 
     def reset(self, observation: Observation) -> None:
         self._follower.reset(observation)

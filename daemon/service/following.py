@@ -1,18 +1,46 @@
 """What is loaded, and what is followed: reference and controller, how far they are, how old."""
 
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Protocol, runtime_checkable
 
 from config.control import Workspace
 from daemon.control.controller import Controller, steers_direction
 from daemon.loop.control_step import ControlLoop
 from daemon.messages import ReferenceStatus, Setpoint
-from daemon.reference.reference import TrajectoryReference
+from daemon.reference.reference import Aim, TrajectoryReference
 from daemon.reference.trajectories import Trajectory
 from daemon.service.setpoints import Setpoints
+from drivers.pose import Vector
 
 _AXES_TO_POINT: Final = 5
 """Three degrees of freedom of a place, two of a direction."""
 _NOT_TELEOPERATED: Final = "the robot is not teleoperated: ask for `teleoperate` first"
+
+
+@runtime_checkable
+class PostureDrawn(Protocol):
+    """A controller whose axes can be drawn somewhere while the tip follows: quickly, since it is
+    told with every step."""
+
+    def draw_to(self, posture: Vector) -> None:
+        """(m,) where the axes should be, as far as the tip lets them."""
+        ...
+
+
+class PostureReference(TrajectoryReference):
+    """A planned path: the tip's reference, and for the controller where the axes should be."""
+
+    def __init__(
+        self, trajectory: Trajectory, blend_speed_mm_s: float, controller: PostureDrawn
+    ) -> None:
+        super().__init__(trajectory, blend_speed_mm_s)
+        self._controller = controller
+
+    def advance(self, t_ns: int, dt_s: float) -> Aim:
+        aim = super().advance(t_ns, dt_s)
+        posture = self.trajectory.posture_at(self.elapsed_s)
+        if posture is not None:
+            self._controller.draw_to(posture)
+        return aim
 
 
 class Loaded(NamedTuple):
@@ -36,7 +64,11 @@ class Following:
     def follow_loaded(self, blend_speed_mm_s: float) -> None:
         """The trajectory that is loaded, from its beginning on."""
         assert self.loaded is not None
-        self._trajectory = TrajectoryReference(self.loaded.trajectory, blend_speed_mm_s)
+        trajectory, controller = self.loaded
+        if trajectory.path is not None and isinstance(controller, PostureDrawn):
+            self._trajectory = PostureReference(trajectory, blend_speed_mm_s, controller)
+        else:
+            self._trajectory = TrajectoryReference(trajectory, blend_speed_mm_s)
         self._setpoints = None
         self._loop.reference = self._trajectory
         self._loop.controller = self.loaded.controller

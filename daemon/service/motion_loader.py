@@ -15,7 +15,7 @@ from config.documents.model import OptionsError
 from config.paths import is_shipped_model
 from config.robot import Robot
 from config.tasks.controllers import Broyden, ControllerOptions, load_controller_options
-from config.tasks.trajectory import Waypoints, load_trajectory_options
+from config.tasks.trajectory import Planned, Waypoints, load_trajectory_options
 from daemon.control import guarded_controller
 from daemon.control.controller import Controller, ControllerError
 from daemon.control.guarded_controller import Answering
@@ -151,7 +151,7 @@ class MotionLoader:
     def _trajectory(self, command: Load) -> Trajectory:
         try:
             options = load_trajectory_options(command.trajectory)
-            if isinstance(options, Waypoints) and options.file is not None:
+            if isinstance(options, Waypoints | Planned) and options.file is not None:
                 named = str(self._named(options.file, "bad_trajectory"))
                 options = options.model_copy(update={"file": named})
             return make_trajectory(options, Path("/"), command.cycles)

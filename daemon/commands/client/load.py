@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "file",
         type=file_argument("experiments"),
         metavar="FILE.yaml",
-        help="an experiment file, or one with `trajectory` and `controller` alone",
+        help="an experiment file, one with `trajectory` and `controller` alone, or a planned path",
     )
     add_target_arguments(parser)
     add_json_argument(parser)
@@ -33,6 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
+    if arguments.file.suffix == ".json":
+        return _run_path(arguments)
     document = read_yaml(arguments.file)
     if document.problems:
         print("\n".join(str(problem) for problem in document.problems), file=sys.stderr)
@@ -68,6 +70,23 @@ def run(arguments: argparse.Namespace) -> int:
     return run_command(arguments, command)
 
 
+def _run_path(arguments: argparse.Namespace) -> int:
+    """A path file by itself, with the controller that needs to know nothing."""
+    try:
+        trajectory = _with_points(
+            {"kind": "planned", "file": arguments.file.name}, arguments.file.parent
+        )
+    except LoadError as error:
+        print(error, file=sys.stderr)
+        return EXIT_FAILED
+    robot = trajectory["path"]["robot"]
+    command = Load(trajectory=trajectory, cycles=arguments.cycles, robot=robot)
+    if len(encode(command)) > most_bytes(Load):
+        print(f"{arguments.file}: is longer than a message may be", file=sys.stderr)
+        return EXIT_FAILED
+    return run_command(arguments, command)
+
+
 class LoadError(ValueError):
     """A file that cannot be loaded; the text says which, and why."""
 
@@ -78,6 +97,8 @@ def _with_points(trajectory: dict[str, Any], folder: Path) -> dict[str, Any]:
     Raises LoadError.
     """
     name = trajectory.get("file")
+    if trajectory.get("kind") == "planned" and isinstance(name, str):
+        return {"kind": "planned", "path": _path(folder / name)}
     if trajectory.get("kind") != "waypoints" or not isinstance(name, str):
         return trajectory
     # Nobody else who loads a trajectory has to wait for numpy.
@@ -89,6 +110,16 @@ def _with_points(trajectory: dict[str, Any], folder: Path) -> dict[str, Any]:
         raise LoadError(str(error)) from None
     rows = [[t, *point] for t, point in zip(times.tolist(), points.tolist(), strict=True)]
     return {**{key: value for key, value in trajectory.items() if key != "file"}, "points": rows}
+
+
+def _path(path: Path) -> dict[str, Any]:
+    """What a path file holds, without its figures. Raises LoadError."""
+    from daemon.reference.planned_path import PlannedPathError, read_path
+
+    try:
+        return read_path(path).model_dump(mode="json", exclude={"figures"})
+    except PlannedPathError as error:
+        raise LoadError(str(error)) from None
 
 
 def _robot_name(named: object, path: Path) -> str:

@@ -35,6 +35,7 @@ from daemon.messages import (
     verb,
 )
 from daemon.recording.flight_recorder import RecordingError
+from daemon.reference.planned_path import misfit
 from daemon.reference.trajectories import Trajectory
 from daemon.service.following import Loaded
 from daemon.service.motion_loader import CommandRefusedError, MotionLoader, OffTheLoop, at_once
@@ -137,6 +138,11 @@ class Operator:
     async def _load_checked(
         self, trajectory: Trajectory, controller: Controller, bounds: Bounds
     ) -> None:
+        if trajectory.path is not None:
+            identity = getattr(self._service.dependencies.risk, "identity", None)
+            wrong = misfit(trajectory.path, self._service.robot, *(identity or (None, None)))
+            if wrong is not None:
+                raise CommandRefusedError(*wrong)
         for why in looks(trajectory, bounds):
             if why is not None:
                 raise CommandRefusedError("unreachable", why)

@@ -8,6 +8,8 @@ import numpy as np
 from daemon.control.controller import Controller, Observation, Proposal
 from daemon.host.clock import ThreadTimeClock
 from daemon.recording.result import ComputingTime
+from daemon.service.following import PostureDrawn
+from drivers.pose import Vector
 
 
 class Stopwatch:
@@ -61,6 +63,11 @@ class TimedController:
     @property
     def ready(self) -> bool:
         return self._controller.ready
+
+    def draw_to(self, posture: Vector) -> None:
+        """As the other one does, if it does."""
+        if isinstance(self._controller, PostureDrawn):
+            self._controller.draw_to(posture)
 
     def reset(self, observation: Observation) -> None:
         self._controller.reset(observation)
