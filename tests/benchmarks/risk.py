@@ -18,10 +18,12 @@ import numpy as np
 import yaml
 
 from config.loader import load_robot
+from daemon.control.avoidance import Avoidance
 from daemon.host.clock import MonotonicClock
 from daemon.risk.body_risk_source import BodyRiskSource, make_risk_source
 from daemon.risk.mesh_file import write_mesh
 from daemon.risk.model_file import read_model
+from daemon.robot.axes import AxisRanges
 from daemon.workbench.body_model.evaluation.shapes import CHEST_PORT, ball, chest
 from drivers.axis_scale import axis_scale, count_limits
 from safety.gate import Gate, Measured
@@ -44,6 +46,7 @@ TRIANGLES = (5_000, 50_000, 200_000)
 _SPACING_MM = 1.5
 _STEP_NS = 25_000_000
 _BENT_MM = np.array([2.5, 2.5, 2.5, 0.0])
+_SOFT_BENT_MM = np.array([10.0, 25.0, 25.0, 25.0, 15.0, 15.0])
 _AROUND_RAD = np.radians([0.0, 120.0, 240.0, 0.0])
 """Three straight tendons and a helical one, which is left alone."""
 TENDON_ARM = SOFT_ARM.with_name("tendon_arm.yaml")
@@ -64,6 +67,7 @@ def measure(tiny: bool = False) -> Figures:
     for count in triangles[:2]:
         named[f"gate_ms_{count}_triangles"] = partial(_gate, count, 5 * repeats)
     named["tip_seen_aside_ms"] = partial(_seen_aside, 5 * repeats)
+    named["turned_aside_us"] = partial(_turned_aside, repeats)
     return pieces(named)
 
 
@@ -192,26 +196,11 @@ def _seen_aside(repeats: int) -> Figures:
 
     The gate then sweeps the shapes as they are seen as well.
     """
-    bent = np.array([10.0, 25.0, 25.0, 25.0, 15.0, 15.0])
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        model = read_model(SOFT_ARM.parents[1] / "models" / "soft_arm.npz").model
-        tips = partial(_tip_of, model)
-        outwards = tips(bent) * np.array([1.0, 1.0, 0.0])
-        outwards /= np.linalg.norm(outwards)
-        write_mesh(folder / "ball.stl", ball(20.0, (tips(bent) + 44.0 * outwards).tolist(), 600))
-        robot = yaml.safe_load(SOFT_ARM.read_text())
-        robot["risk"] = {
-            "model": "builtin:soft_arm.npz",
-            "surface": {"mesh": "ball.stl", "free": "outside"},
-        }
-        (folder / "robot.yaml").write_text(yaml.safe_dump(robot))
-        source = make_risk_source(load_robot(folder / "robot.yaml"), MonotonicClock())
-    assert isinstance(source, BodyRiskSource)
+    source, tips, outwards = _beside_a_ball()
     looking: list[float] = []
     asking: dict[bool, list[float]] = {True: [], False: []}
     risks: dict[bool, list[float]] = {True: [], False: []}
-    places = [bent + np.cos(number / 40.0) for number in range(repeats)]
+    places = [_SOFT_BENT_MM + np.cos(number / 40.0) for number in range(repeats)]
     for seen in (False, True):
         for number, (before, u) in enumerate(pairwise(places)):
             if seen:
@@ -228,6 +217,54 @@ def _seen_aside(repeats: int) -> Figures:
         "risk_of_a_step_nothing_seen": percentiles(asking[False], 1e3),
         "risk_of_a_step_as_seen_too": percentiles(asking[True], 1e3),
         "highest_risk": [max(risks[False]), max(risks[True])],
+    }
+
+
+def _beside_a_ball() -> tuple[BodyRiskSource, Callable[[FloatArray], FloatArray], FloatArray]:
+    """What is asked, where the tip is, and the direction from it to the ball."""
+    bent = _SOFT_BENT_MM
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        model = read_model(SOFT_ARM.parents[1] / "models" / "soft_arm.npz").model
+        tips = partial(_tip_of, model)
+        outwards = tips(bent) * np.array([1.0, 1.0, 0.0])
+        outwards /= np.linalg.norm(outwards)
+        write_mesh(folder / "ball.stl", ball(20.0, (tips(bent) + 44.0 * outwards).tolist(), 600))
+        robot = yaml.safe_load(SOFT_ARM.read_text())
+        robot["risk"] = {
+            "model": "builtin:soft_arm.npz",
+            "surface": {"mesh": "ball.stl", "free": "outside"},
+        }
+        (folder / "robot.yaml").write_text(yaml.safe_dump(robot))
+        source = make_risk_source(load_robot(folder / "robot.yaml"), MonotonicClock())
+    assert isinstance(source, BodyRiskSource)
+    return source, tips, outwards
+
+
+def _turned_aside(repeats: int) -> Figures:
+    """The same arm beside the ball: what a control step pays for being led along it."""
+    source, _, outwards = _beside_a_ball()
+    robot = load_robot(SOFT_ARM).robot
+    avoidance = Avoidance(AxisRanges.of(robot))
+    avoidance.warm_up()
+    looking, stepping, turned = [], [], 0
+    for number in range(repeats):
+        u = _SOFT_BENT_MM + np.cos(number / 40.0)
+        started = time.perf_counter()
+        clearance = source.clearance(u.tolist(), 0.001)
+        looking.append(time.perf_counter() - started)
+        if clearance is None or not clearance.parts:
+            continue
+        step, *_ = np.linalg.lstsq(np.array(clearance.tip_slope)[:3], outwards)
+        started = time.perf_counter()
+        aside = avoidance.aside(step, u, clearance, _STEP_NS * 1e-9)
+        stepping.append(time.perf_counter() - started)
+        turned += aside is not None
+    return {
+        "a_step": percentiles(stepping, 1e6),
+        "clearance_of_six_parts_and_the_whole": percentiles(looking, 1e6),
+        "steps": len(stepping),
+        "turned": turned,
     }
 
 
