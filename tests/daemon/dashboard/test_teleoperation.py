@@ -43,9 +43,9 @@ def test_the_hand_s_set_points_arrive_and_are_valid_for_a_moment(tmp_path: Path)
     async def test() -> None:
         async with served(tmp_path, 60.0) as page, page.stream() as stream:
             assert (await page.do("take"))["ok"] and (await page.do("teleoperate"))["ok"]
-            for _ in range(5):
-                await lead(stream, (await newest(stream))["n"])
-            await until(lambda: len(page.robot.setpoints) == 5)
+            async with asyncio.timeout(20.0):  # on a busy machine some are made too late to count
+                while len(page.robot.setpoints) < 5:
+                    await lead(stream, (await newest(stream))["n"])
             sent = [setpoint for _, setpoint in page.robot.setpoints]
             assert sent[-1].position_mm == _HERE and sent[-1].valid_s <= 0.25
             assert [setpoint.sequence for setpoint in sent] == sorted(s.sequence for s in sent)

@@ -207,7 +207,9 @@ def test_what_is_installed_is_listed_with_ours(
     mine = by_name["tentacled.controllers", "mine"]
     assert (mine["source"], mine["options"]) == ("other_people 1.2", "Goes nowhere")
     assert by_name["tentacled.plants", "soft_arm"]["problem"] == ""
-    assert len(by_name) == 16
+    ours = {group for group, name in by_name if name != "mine"}
+    assert ours == {"tentacled.controllers", "tentacled.plants", "tentacled.trajectories"}
+    assert by_name["tentacled.trajectories", "planned"]["source"] == "tentacled"
 
 
 def test_a_name_of_ours_stays_ours_and_one_of_two_packages_is_nobodys(
