@@ -131,6 +131,7 @@ def test_a_killed_lab_is_reported_and_probe_recovers_when_it_is_back(
             assert watching.end() in (0, 1)
 
 
+@pytest.mark.long
 def test_faults_are_injected_from_the_command_line(tmp_path: Path) -> None:
     with lab(tmp_path) as one, probe(tmp_path) as watching:
         watching.wait_for(well)

@@ -56,7 +56,13 @@ def run(suite: pytest.Pytester, *words: str) -> pytest.RunResult:
     return suite.runpytest_subprocess(*plugin, *strict, *words)
 
 
-@pytest.mark.parametrize("workers", [(), ("-n", "2")], ids=["alone", "two workers"])
+@pytest.mark.parametrize(
+    "workers",
+    [
+        pytest.param((), id="alone"),
+        pytest.param(("-n", "2"), id="two workers", marks=pytest.mark.long),
+    ],
+)
 def test_a_failing_test_is_explained_in_millimetres_and_kept(
     suite: pytest.Pytester, workers: tuple[str, ...]
 ) -> None:
