@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests import SOFT_ARM
-from tests.daemon.commands.test_readme import blocks
+from tests.docs.blocks import blocks_of
 from tests.hil.daemon_rig import Daemon, short_folder
 from tests.hil.processes import PATIENCE_S, Process, lab, run
 
@@ -23,8 +23,9 @@ FOLLOWING = 40
 
 def example() -> str:
     """The one program among README's Python; the rest is tests."""
-    (found,) = [block for block in blocks("python") if "def test_" not in block]
-    return found
+    found = [block.text for block in blocks_of("README.md", "python")]
+    (program,) = [text for text in found if "def test_" not in text]
+    return program
 
 
 @pytest.mark.long

@@ -1,0 +1,1 @@
+"""README and docs/: what they say is run, checked, or made from the code."""

@@ -1,0 +1,30 @@
+"""Links between the pages lead to files and headings that are there."""
+
+import re
+
+import pytest
+
+from tests.docs.blocks import ROOT, pages, text_of
+
+
+def anchors(page: str) -> set[str]:
+    """What GitHub and the site call the headings of a page."""
+    bare = re.sub(r"(?ms)^ *```.*?^ *```$", "", text_of(page))
+    return {
+        re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-")
+        for title in re.findall(r"(?m)^#+ (.*)$", bare)
+    }
+
+
+@pytest.mark.parametrize("page", pages())
+def test_links_lead_to_files_and_headings(page: str) -> None:
+    bare = re.sub(r"(?ms)^ *```.*?^ *```$", "", text_of(page))
+    for link in re.findall(r"\]\(([^)\s]+)\)", bare):
+        if link.startswith(("http:", "https:")):
+            continue
+        name, _, anchor = link.partition("#")
+        target = ((ROOT / page).parent / name).resolve() if name else ROOT / page
+        assert target.exists(), link
+        assert target.is_relative_to(ROOT), link
+        if anchor:
+            assert anchor in anchors(target.relative_to(ROOT).as_posix()), link
