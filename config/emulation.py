@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal, NamedTuple
 from pydantic import AfterValidator, Field, StringConstraints, model_validator
 
 from config.bodies import BodyName, with_body
+from config.documents.kinds import PLANTS, Kind, KindOptions, Named
 from config.documents.model import ConfigModel, NotNegative, Positive, Quaternion, Vector3
-from config.kinds import PLANTS, Kind, KindOptions, Named
 
 # The emulated CiA 402 drives and their quirks.
 

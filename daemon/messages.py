@@ -246,9 +246,9 @@ class Risk(Message, frozen=True, kw_only=True, tag="risk/1"):
     means_mm: list[list[float]] | None = None
     """Of the components of the mixture over the body's points."""
     aside_arc_mm: float | None = None
-    """Where along the body the part is that the step was turned aside for, ..."""
+    """Of a step that was turned aside: where along the body its nearest part is, ..."""
     aside_clearance_mm: float | None = None
-    """... the clearance that it has left of what the risk allows, ..."""
+    """... what it has left of the clearance that the risk allows, ..."""
     given_up_mm: float | None = None
     """... and how far that leads the tip, in this step, from where it was to go."""
     tip_statistic: float | None = None

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-from config.kinds import forgotten
+from config.documents.kinds import forgotten
 
 
 def write_package(

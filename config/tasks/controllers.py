@@ -4,8 +4,8 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field
 
+from config.documents.kinds import CONTROLLERS, Kind, KindError, KindOptions, Named, kind_of
 from config.documents.model import ConfigModel, NotNegative, Positive, Vector3, checked_options
-from config.kinds import CONTROLLERS, Kind, KindError, KindOptions, Named, kind_of
 from config.tasks.exploration import MotorBabbling, WaypointExploration
 
 Share = Annotated[float, Field(gt=0.0, le=1.0)]

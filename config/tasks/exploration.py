@@ -4,8 +4,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from config.documents.kinds import KindOptions
 from config.documents.model import ConfigModel, NotNegative, Positive
-from config.kinds import KindOptions
 
 Share = Annotated[float, Field(gt=0.0, le=1.0)]
 

@@ -4,8 +4,8 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field, model_validator
 
+from config.documents.kinds import TRAJECTORIES, Kind, KindOptions, Named
 from config.documents.model import ConfigModel, checked_options
-from config.kinds import TRAJECTORIES, Kind, KindOptions, Named
 from config.tasks.planned_path import PlannedPath
 
 FARTHEST_MM: Final = 10_000.0

@@ -8,11 +8,11 @@ is first asked for: who needs a client does not wait for a plant.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final
 
-from config.kinds import API_VERSION
+from config.documents.kinds import API_VERSION
 
 if TYPE_CHECKING:
+    from config.documents.kinds import Kind, KindError, KindOptions
     from config.emulation import BodyExtent, PlantOptions
-    from config.kinds import Kind, KindError, KindOptions
     from config.robot import Robot
     from config.tasks.controllers import TipFollowing
     from config.tasks.trajectory import Periodic, Pointed
@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from sim_backends.plants.plant import BodyState, Plant, PlantError, TipLoad
 
 _HOMES: Final = {
-    "Kind": "config.kinds",
-    "KindError": "config.kinds",
-    "KindOptions": "config.kinds",
+    "Kind": "config.documents.kinds",
+    "KindError": "config.documents.kinds",
+    "KindOptions": "config.documents.kinds",
     "Robot": "config.robot",
     "Controller": "daemon.control.controller",
     "ControllerError": "daemon.control.controller",

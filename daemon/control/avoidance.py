@@ -47,7 +47,7 @@ class Aside(NamedTuple):
     delta_u: Vector
     """(m,)."""
     arc_mm: float | None
-    """Where along the body the part is that it gives way with; None: only the whole is known."""
+    """Where along the body its nearest part is; None: only the whole is known."""
     clearance_mm: float
     """That this part has left."""
     given_up_mm: float | None

@@ -15,7 +15,7 @@ from typing import Any, Final, Protocol, TypeVar
 
 import numpy as np
 
-from config.kinds import described
+from config.documents.kinds import described
 from daemon.control.controller import Controller, ControllerError, Observation, Proposal
 
 T = TypeVar("T")

@@ -8,7 +8,7 @@ from importlib import import_module
 
 import numpy as np
 
-from config.kinds import (
+from config.documents.kinds import (
     CONTROLLERS,
     KindError,
     KindOptions,

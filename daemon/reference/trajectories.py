@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from config.documents.kinds import TRAJECTORIES, Entry, KindError, described, entry_of, maker
 from config.documents.model import Vector3
-from config.kinds import TRAJECTORIES, Entry, KindError, described, entry_of, maker
 from config.tasks.planned_path import PlannedPath
 from config.tasks.trajectory import (
     FARTHEST_MM,

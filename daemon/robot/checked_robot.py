@@ -7,7 +7,7 @@ from pathlib import Path
 
 from config.documents.problems import ConfigError, Problem
 from config.loader import RobotFile, load_robot
-from config.shipped import add_list_option, file_argument
+from daemon.robot.shipped_files import add_list_option, file_argument
 from drivers.can.budget import BusBudget, bus_budget
 from drivers.cia402.pdo_plan import bus_traffic
 

@@ -150,8 +150,7 @@ _FOLLOWS_WITHIN_NS: Final = 500_000_000
 """Drives hold a target back while their brake opens, and tell so; old ones tell nothing."""
 
 _DONE_WITHIN_NS: Final = 2_000_000_000
-"""Four transitions with a frame each, and between them a brake that opens: half a second in drives'
-manuals, a second in slow ones. Judgement."""
+"""Judgement: four transitions with a frame each, and between them a brake that opens."""
 
 
 class AxisChannel:

@@ -30,8 +30,8 @@ LinkOpener = Callable[[FrameReceiver], Awaitable[CanLink]]
 
 _SYNC: Final = (cob_ids.SYNC, b"")
 _OPEN_AGAIN_S: Final = 0.1  # as soon as an operator notices, and no load on a port that is gone
-_LIVES_END_WITHIN_S: Final = 1.0  # an SDO transfer waits shorter for its answer
-_WATCH_EVERY_NS: Final = 10_000_000  # a tenth of the shortest time-out that is watched
+_LIVES_END_WITHIN_S: Final = 1.0  # an SDO request gives up after three times 0.2 s
+_WATCH_EVERY_NS: Final = 10_000_000  # a tenth of 0.1 s, the shortest time-out that is watched
 _LAST_FRAMES_S: Final = 0.01  # until what was sent has left the interface's queue
 _WAITS_FOR_OTHERS: Final = (PowerState.OPERATION_ENABLED, PowerState.SWITCHED_ON)
 _BITS: Final = tuple(worst_case_bits(length) for length in range(9))

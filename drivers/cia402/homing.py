@@ -15,7 +15,7 @@ from drivers.cia402.modes import HOMING_MODE, MODES
 from drivers.cia402.power_state import PowerGoal, PowerState, StatuswordBit
 from safety.permit import PermittedHoming
 
-# Judgements, of what drives were seen to need; a drive that is slower is named, and is not homed.
+# Judgements, held generous: a drive that is slower is named, and is not homed.
 _POLL_S: Final = 0.02  # by SDO, a few frames each time
 _MODE_WITHIN_S: Final = 1.0  # a drive changes its mode within a few of its own cycles
 _STARTED_WITHIN_S: Final = 0.1  # ten cycles of the slowest bus

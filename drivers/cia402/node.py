@@ -21,7 +21,7 @@ from drivers.cia402.power_state import PowerState, StatuswordBit
 from drivers.clock import Clock
 from drivers.conditions import Condition, Conditions
 
-# Judgements, where no source is named: drives say in their manuals how long they boot, if at all.
+# Judgements, where no source is named: CiA 301 sets no time for a boot-up.
 _BOOT_UP_WITHIN_S: Final = 1.5  # of a reset of communication alone
 _BOOTS_WITHIN_S: Final = 0.6  # of a drive whose supply had a dip; it is tried again anyway
 _SETTLE_S: Final = 0.1  # a boot loader announces itself first, then the drive does

@@ -7,7 +7,6 @@ from typing import Any
 
 from config.documents.problems import ConfigError
 from config.documents.yaml_document import read_yaml
-from config.shipped import file_argument
 from daemon.commands.terminal.command_line import EXIT_FAILED
 from daemon.commands.terminal.remote_arguments import (
     add_json_argument,
@@ -17,6 +16,7 @@ from daemon.commands.terminal.remote_arguments import (
 )
 from daemon.messages import Load
 from daemon.remote.wire import encode, most_bytes
+from daemon.robot.shipped_files import file_argument
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -11,10 +11,10 @@ from typing import Final
 
 from config.documents.problems import ConfigError, Problem, did_you_mean
 from config.documents.yaml_document import read_yaml
-from config.shipped import FOLDERS, add_list_option, file_argument
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 from daemon.robot.checked_robot import CheckedRobot, check_robot
 from daemon.robot.coupled_axes import beyond_alone
+from daemon.robot.shipped_files import FOLDERS, add_list_option, file_argument
 
 _KINDS: Final = ("robot", "experiment", "scenario", "study")
 """The key that a file of each kind has. An experiment names its robot too."""

@@ -8,7 +8,6 @@ from typing import Final
 
 from config.documents.problems import ConfigError, in_words
 from config.patience import patient
-from config.shipped import file_argument
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 from daemon.commands.terminal.compiled import telling_progress
 from daemon.host.clock import MonotonicClock, run_in_real_time
@@ -17,6 +16,7 @@ from daemon.host.resident_memory import give_back_compiler
 from daemon.host.stop_signals import StopSignals
 from daemon.robot.checked_robot import CheckedRobot, add_robot_argument, robot_or_explain
 from daemon.robot.runtime_directory import default_runtime_directory
+from daemon.robot.shipped_files import file_argument
 from sim_backends.lab.bodies import LabError
 from sim_backends.lab.lab import Lab
 from sim_backends.lab.lab_ports import LabPorts

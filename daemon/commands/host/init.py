@@ -12,8 +12,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Final
 
+from config.documents.kinds import CONTROLLERS, entries
 from config.documents.problems import in_words
-from config.kinds import CONTROLLERS, entries
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
 
 _NAME: Final = re.compile(r"[a-z][a-z0-9_]{0,62}")

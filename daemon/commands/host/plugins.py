@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 from rich.console import Console
 from rich.table import Table
 
-from config.kinds import API_VERSION, GROUPS, Entry, KindError, entries, kind_of, shadowed
+from config.documents.kinds import API_VERSION, GROUPS, Entry, KindError, entries, kind_of, shadowed
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
 
 _SCHEMA = "tentacled.plugins/1"

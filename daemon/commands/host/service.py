@@ -12,12 +12,12 @@ from typing import Final
 from config.documents.problems import ConfigError, in_words
 from config.loader import load_robot
 from config.robot import Robot
-from config.shipped import file_argument
 from daemon.commands.terminal.command_line import (
     EXIT_CONFIGURATION,
     EXIT_FAILED,
     EXIT_OK,
 )
+from daemon.robot.shipped_files import file_argument
 
 _BITRATE: Final = 1_000_000
 

@@ -5,7 +5,6 @@ import sys
 from pathlib import Path
 
 from config.documents.problems import ConfigError, in_words
-from config.shipped import add_list_option, file_argument
 from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
 from daemon.commands.terminal.compiled import compile_all, telling_progress
 from daemon.commands.terminal.progress_line import Aside, ProgressLine
@@ -14,6 +13,7 @@ from daemon.host.real_time import imported_for_good
 from daemon.host.stop_signals import all_like_ctrl_c
 from daemon.recording.result import Result, pose_text, table_text
 from daemon.recording.run_reader import UnreadableRunError
+from daemon.robot.shipped_files import add_list_option, file_argument
 from daemon.workbench.experiments.experiment_file import ExperimentFile, load_experiment
 from daemon.workbench.experiments.trial import TrialError
 from daemon.workbench.pretraining.model_cache import with_model

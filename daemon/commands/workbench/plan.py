@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from daemon.host.progress import Progress
     from daemon.risk.body_risk_source import RiskFiles
     from daemon.workbench.planning.goals import TipGoal
-    from daemon.workbench.planning.planner import Candidate, Plan, Planner
+    from daemon.workbench.planning.plan import Candidate, Plan
+    from daemon.workbench.planning.planner import Planner
 
 _EXPLAINED: Final = """\
 The path is looked for in the space of the axes, among places that the body's
@@ -131,8 +132,8 @@ def _planned(
     from daemon.reference.planned_path import write_path
     from daemon.workbench.planning.blocked import Blocked
     from daemon.workbench.planning.body_in_place import BodyInPlace
-    from daemon.workbench.planning.plan_file import figures_of, path_of
-    from daemon.workbench.planning.planner import Planner, Settings
+    from daemon.workbench.planning.plan import Settings, figures_of, path_of
+    from daemon.workbench.planning.planner import Planner
 
     settings = Settings(
         waypoints=arguments.waypoints,

@@ -37,6 +37,7 @@ from daemon.messages import (
 from daemon.recording.flight_recorder import RecordingError
 from daemon.reference.planned_path import misfit
 from daemon.reference.trajectories import Trajectory
+from daemon.risk.body_risk_source import identity_of
 from daemon.service.following import Loaded
 from daemon.service.motion_loader import CommandRefusedError, MotionLoader, OffTheLoop, at_once
 from daemon.service.operation.clearing import Clearing
@@ -139,7 +140,7 @@ class Operator:
         self, trajectory: Trajectory, controller: Controller, bounds: Bounds
     ) -> None:
         if trajectory.path is not None:
-            identity = getattr(self._service.dependencies.risk, "identity", None)
+            identity = identity_of(self._service.dependencies.risk)
             wrong = misfit(trajectory.path, self._service.robot, *(identity or (None, None)))
             if wrong is not None:
                 raise CommandRefusedError(*wrong)

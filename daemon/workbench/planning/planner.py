@@ -1,7 +1,6 @@
 """From where the axes are to where the tip is wanted: a path, or why there is none."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import inf
 from typing import Final
 
@@ -13,6 +12,7 @@ from daemon.workbench.planning.blocked import Blocked
 from daemon.workbench.planning.body_in_place import NOWHERE, BodyInPlace, Standing
 from daemon.workbench.planning.goals import TipGoal, places_for
 from daemon.workbench.planning.path_risk import PathRisk, PathRisks, printed_path_risk, resampled
+from daemon.workbench.planning.plan import Candidate, Plan, Settings
 from daemon.workbench.planning.refinement import Refinement
 from daemon.workbench.planning.roadmap import (
     Judge,
@@ -32,59 +32,6 @@ _SEARCHED_RISK: Final = 0.5
 PREFERENCES_MM: Final = (0.0, 30.0, 100.0, 300.0, 1000.0)
 """By which length and risk are weighed against each other: mm of the body's way for each factor of
 e in risk."""
-
-
-@dataclass(frozen=True, slots=True)
-class Settings:
-    """How a path is looked for. What is random comes from the seed alone."""
-
-    places: int = 400
-    """Of the roadmap."""
-    neighbours: int = 10
-    waypoints: int = 20
-    """While a path is optimised, and for equation 10."""
-    iterations: int = 20
-    """Of the optimiser."""
-    samples: int = 1000
-    """Bodies that are led along the whole path in the end."""
-    mm_per_nat: float = 300.0
-    most_risk: float = 0.05
-    """Upper limit of the whole path's contact risk."""
-    tip_mm_s: float = 8.0
-    seed: int = 1
-
-
-@dataclass(frozen=True, eq=False)
-class Plan:
-    """A path."""
-
-    u: FloatArray
-    """(k, m) places of the axes, the body at most 2 mm further from one to the next."""
-    t_s: FloatArray
-    """(k,) from 0."""
-    tip_mm: FloatArray
-    """(k, 3) where the model has the tip."""
-    direction: FloatArray
-    """(k, 3) unit vectors along its axis."""
-    risk: PathRisk
-    printed: float
-    """Equation 10 of Thompson et al., over `Settings.waypoints` places."""
-    length_mm: float
-    """How far the part of the body goes that goes farthest."""
-    before: PathRisk
-    """Of the roadmap's path, before it was optimised."""
-    printed_before: float
-
-
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """A path of the roadmap, as it is: one of several of which none is better in both."""
-
-    mm_per_nat: float
-    waypoints: FloatArray
-    length_mm: float
-    risk: PathRisk
-    printed: float
 
 
 class Planner:

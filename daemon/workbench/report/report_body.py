@@ -36,19 +36,20 @@ def body_figure(risk: Series) -> Figure | None:
         panel.set_ylabel(f"{_NAMES[up]} / mm")
     least = float(risk["clearance_mm"][known][worst])
     abreast[0].set_title(f"Least room: {least:.1f} mm, {risk.t_s[known][worst]:.1f} s")
-    abreast[1].set_title(_gave_way(risk))
+    abreast[1].set_title(_turned_aside(risk))
     return made
 
 
-def _gave_way(risk: Series) -> str:
-    """Which part of the body steps were turned aside for, and what that took from the tip's."""
+def _turned_aside(risk: Series) -> str:
+    """Where along the body something was nearest as steps were turned aside, and what the tip gave
+    up for it."""
     arc_mm, given_up_mm = risk["aside_arc_mm"], risk["given_up_mm"]
     turned = np.isfinite(arc_mm)
     if not turned.any():
         return ""
     low, high = arc_mm[turned].min(), arc_mm[turned].max()
     most_mm = np.nanmax(given_up_mm[turned], initial=0.0)
-    return f"Gave way at {low:.0f} to {high:.0f} mm, tip at most {most_mm:.2f} mm a step"
+    return f"Turned aside at {low:.0f} to {high:.0f} mm, tip at most {most_mm:.2f} mm a step"
 
 
 def _draw_bodies(panel: Axes, means: Array, view: tuple[int, int]) -> None:

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from config.shipped import FOLDERS, shipped_files
 from daemon.commands.terminal.command_line import main, parsed
+from daemon.robot.shipped_files import FOLDERS, shipped_files
 
 ROBOT_COMMANDS = ("emulate", "probe", "run", "check")
 

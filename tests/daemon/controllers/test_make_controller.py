@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from config.kinds import CONTROLLERS, entries
+from config.documents.kinds import CONTROLLERS, entries
 
 NAMES = [name for name, entry in entries(CONTROLLERS).items() if entry.shipped]
 

@@ -8,7 +8,7 @@ from tests.installed_package import write_package
 OPTIONS = """
 from typing import Literal
 
-from config.kinds import Kind, KindOptions
+from config.documents.kinds import Kind, KindOptions
 from config.emulation import PlantOptions
 from config.tasks.trajectory import Periodic
 

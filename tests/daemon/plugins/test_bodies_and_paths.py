@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from config.kinds import API_VERSION, KindError
+from config.documents.kinds import API_VERSION, KindError
 from config.loader import load_robot
 from config.tasks.trajectory import load_trajectory_options
 from daemon.commands.terminal.command_line import main

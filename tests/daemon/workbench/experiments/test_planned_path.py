@@ -1,15 +1,18 @@
-"""A planned path that was planned with something else is refused, and why."""
+"""A planned path is followed to its end; one that was planned with something else is refused."""
 
 import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from daemon.commands.terminal.command_line import EXIT_OK, main
 from daemon.reference.planned_path import misfit, read_path
+from daemon.workbench.experiments.carry_out import STEPS_FILE
 from daemon.workbench.experiments.experiment_file import load_experiment
 from daemon.workbench.experiments.in_virtual_time import carry_out_in_virtual_time
+from daemon.workbench.experiments.step_statistics import StepSeries
 from daemon.workbench.experiments.trial import TrialError
 from tests import SHIPPED_ROBOTS
 
@@ -75,3 +78,15 @@ def test_every_reason_has_a_name(folder: Path) -> None:
     ]
     names = [one[0] for one in found if one is not None]
     assert names == ["other_model", "other_model", "other_surroundings", "wrong_robot"]
+
+
+@pytest.mark.long
+def test_tip_and_axes_go_along_the_path(folder: Path, tmp_path: Path) -> None:
+    carried_out(folder, tmp_path / "run")
+    path, steps = read_path(folder / "path.json"), StepSeries.load(tmp_path / "run" / STEPS_FILE)
+    off_mm = np.linalg.norm(steps.true_mm[-1] - np.array(path.tip_mm[-1]))
+    assert off_mm < 3.0
+    travel = [axis.travel for axis in load_experiment(folder / "experiment.yaml").robot.axes]
+    low, high = np.array(travel).T
+    ends = (np.array([path.u[0], path.u[-1]]) - low) / (high - low)
+    assert np.abs(steps.u[-1] - ends[1]).max() < 0.5 * np.abs(ends[1] - ends[0]).max()

@@ -10,7 +10,8 @@ from daemon.risk.model_file import ModelFile, read_model
 from daemon.workbench.body_model.evaluation import shapes
 from daemon.workbench.planning.body_in_place import BodyInPlace
 from daemon.workbench.planning.goals import TipGoal, places_for
-from daemon.workbench.planning.planner import Planner, Settings
+from daemon.workbench.planning.plan import Settings
+from daemon.workbench.planning.planner import Planner
 from safety.risk.model.mixture import FloatArray
 from safety.risk.surroundings.distance_grid import distance_grid
 from safety.risk.surroundings.environment import Free, InsertionPort, Mesh, environment

@@ -9,7 +9,8 @@ from daemon.risk.mesh_file import read_environment
 from daemon.workbench.body_model.evaluation import shapes
 from daemon.workbench.planning.blocked import Blocked
 from daemon.workbench.planning.goals import TOLERANCE_MM, TipGoal
-from daemon.workbench.planning.planner import Plan, Planner
+from daemon.workbench.planning.plan import Plan
+from daemon.workbench.planning.planner import Planner
 from safety.risk.model.mixture import FloatArray
 from tests.daemon.workbench.planning.arms import (
     REST,
