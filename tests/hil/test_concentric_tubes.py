@@ -22,8 +22,10 @@ from daemon.remote.client.client_errors import RefusedError
 from daemon.robot.lab_connections import ask
 from safety.states import OperatingState
 from tests import SOFT_ARM
+from tests.daemon.steering.scripted import DEAD_MAN, LET_GO
 from tests.hil.daemon_rig import Rig, short_folder
 from tests.hil.processes import run
+from tests.hil.test_steering import LED_MM, by_hand, tip, until_held, until_led_on
 
 pytestmark = [pytest.mark.long, pytest.mark.hil, pytest.mark.xdist_group("concentric_tubes")]
 
@@ -34,6 +36,11 @@ CIRCLE: Final = {
     "center_mm": [45.0, 0.0, 180.0],
     "radius_mm": 12.0,
     "cycle_s": 10.0,
+}
+BY_HAND: Final = {
+    "kind": "learned_kinematics",
+    "model": "builtin:concentric_tubes_pose.npz",
+    "damping_mm": 2.0,
 }
 BROYDEN: Final = {"kind": "broyden", "settle_s": 0.3}
 ROUND_WITHIN_S: Final = 120.0
@@ -166,6 +173,32 @@ def test_one_that_is_dead_or_blocked_is_named_all_are_held_and_it_goes_on(
         time.sleep(8.0)
         goes_round(one)
         assert one.works, "nothing was started again"
+
+
+def test_a_hand_leads_the_tubes_and_turns_their_tip_and_stop_ends_it() -> None:
+    with (
+        tubes() as one,
+        by_hand(one, "--pointing", controller=json.dumps(BY_HAND)) as (_, puck),
+    ):
+        until_held(one)
+        begin = tip(one)
+        puck.key(DEAD_MAN)
+        puck.push(0, 0, 0, 0, 350)
+        until_led_on(one)
+        before = list(one.actuators())
+        one.until(lambda: max(np.abs(np.subtract(one.actuators(), before))) > 0.1)
+        puck.push(0, 350)
+        one.until(lambda: abs(tip(one)[1] - begin[1]) > LED_MM)
+        assert one.works
+        one.from_now_on()
+        puck.key(LET_GO)
+        until_held(one)
+        stands(one)
+        puck.key(DEAD_MAN)
+        until_led_on(one)
+        one.user.do(one.client.stop())
+        one.until_without_torque()
+        stands(one)
 
 
 def nearly_snapping(robot: Robot) -> None:

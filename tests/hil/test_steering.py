@@ -36,12 +36,14 @@ def one() -> Iterator[Rig]:
 
 
 @contextmanager
-def teleoperated(one: Rig, *words: str | Path) -> Iterator["subprocess.Popen[bytes]"]:
+def teleoperated(
+    one: Rig, *words: str | Path, controller: str = CONTROLLER
+) -> Iterator["subprocess.Popen[bytes]"]:
     """`tentacled teleoperate` with the lease of who has armed the robot."""
     one.armed()
     token, user = one.client._lease.token, "local"
     store_lease(token_file(one.folder, user), StoredLease(user, token))
-    whole = ["teleoperate", "--runtime-dir", str(one.folder), "--controller", CONTROLLER]
+    whole = ["teleoperate", "--runtime-dir", str(one.folder), "--controller", controller]
     process = subprocess.Popen(command(*whole, *map(str, words)))
     try:
         yield process
@@ -51,11 +53,13 @@ def teleoperated(one: Rig, *words: str | Path) -> Iterator["subprocess.Popen[byt
 
 
 @contextmanager
-def by_hand(one: Rig, *words: str | Path) -> Iterator[tuple["subprocess.Popen[bytes]", Puck]]:
+def by_hand(
+    one: Rig, *words: str | Path, controller: str = CONTROLLER
+) -> Iterator[tuple["subprocess.Popen[bytes]", Puck]]:
     pipe = one.folder / "puck"
     if not pipe.exists():
         os.mkfifo(pipe)
-    with teleoperated(one, "--device", pipe, *words) as process:
+    with teleoperated(one, "--device", pipe, *words, controller=controller) as process:
         puck = Puck(pipe)
         one.until_it_was(S.RUNNING)
         yield process, puck
