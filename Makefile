@@ -7,7 +7,7 @@ RUNTIME := $(VENV)/runtime.stamp
 DEVELOPMENT := $(VENV)/development.stamp
 PIP := $(BIN)/pip --disable-pip-version-check --quiet
 
-.PHONY: help install run quick test hil page lint bench experiments mutation lock clean
+.PHONY: help install run quick test hil page docs lint bench experiments mutation lock clean
 
 help:
 	@echo "make run          emulated lab, daemon and a client: once round a rectangle, live"
@@ -15,6 +15,7 @@ help:
 	@echo "make test         lint, types and tests"
 	@echo "make hil          the daemon as processes, through every fault: ten minutes of real time"
 	@echo "make page         the operator's page in a real Chromium, with its pictures"
+	@echo "make docs         the documentation as a site, in build/docs; a dead link is an error"
 	@echo "make bench        measure latency and CPU time; prints one JSON, plots to runs/bench"
 	@echo "make experiments  the long checks: a million fuzzed inputs, then the studies (hours)"
 	@echo "make mutation     test the tests of safety/: every small fault in it must be noticed"
@@ -57,6 +58,10 @@ hil: $(DEVELOPMENT)
 
 page: $(DEVELOPMENT)
 	@$(BIN)/pytest -m page
+
+docs: $(DEVELOPMENT)
+	@$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet docs build/docs
+	@echo "build/docs/index.html"
 
 lint: $(DEVELOPMENT)
 	@$(BIN)/ruff format --check .

@@ -28,3 +28,11 @@ def test_links_lead_to_files_and_headings(page: str) -> None:
         assert target.is_relative_to(ROOT), link
         if anchor:
             assert anchor in anchors(target.relative_to(ROOT).as_posix()), link
+
+
+def test_every_page_is_listed() -> None:
+    """The list is the site's navigation, too: `docs/conf.py`."""
+    listed = re.findall(r"\]\(([^)#]+\.md)\)", text_of("docs/index.md"))
+    there_are = {page.removeprefix("docs/") for page in pages()} - {"README.md", "index.md"}
+    assert set(listed) == there_are
+    assert len(listed) == len(set(listed))

@@ -1,4 +1,4 @@
-"""README's Python examples, run as they are printed, against a daemon beside its emulated lab."""
+"""The remote API's Python example, run as printed, against a daemon beside its emulated lab."""
 
 import os
 import re
@@ -22,10 +22,8 @@ FOLLOWING = 40
 
 
 def example() -> str:
-    """The one program among README's Python; the rest is tests."""
-    found = [block.text for block in blocks_of("README.md", "python")]
-    (program,) = [text for text in found if "def test_" not in text]
-    return program
+    """The program, as its page has it."""
+    return blocks_of("docs/remote-api.md", "python")[0].text
 
 
 @pytest.mark.long
