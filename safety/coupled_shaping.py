@@ -55,6 +55,8 @@ class CoupledStep:
         self._start = [motion.start for motion in motions]
         self._duration_s = motions[0].duration_ns * 1e-9
         self._coupled = [(limit.name, ranges(limit, self._start)) for limit in coupled]
+        self._asked: tuple[list[int], list[int] | None] = [], None
+        """The changes whose `_apart` was asked for last, and what it was."""
 
     def course(self, changes: Sequence[int]) -> Course:
         """What becomes of a step with these changes."""
@@ -69,8 +71,8 @@ class CoupledStep:
 
     def rest(self, changes: Sequence[int]) -> Sequence[int]:
         """Where the axes come to rest after a step with these changes."""
-        apart = self._rests_apart(changes)
-        return apart if self._all_kept_apart(apart) else self.course(changes).rest
+        apart = self._apart(changes)
+        return self.course(changes).rest if apart is None else apart
 
     def braking(self) -> list[int]:
         """The changes of braking: each axis as hard as it may, or else all on one line."""
@@ -107,18 +109,24 @@ class CoupledStep:
             self._possible(axis, motion.coasts * left) for axis, motion in enumerate(self._motions)
         ]
 
-    def _rests_apart(self, changes: Sequence[int]) -> list[int]:
-        end = [at + change for at, change in zip(self._start, changes, strict=True)]
-        return rests_apart(self._start, end, self._duration_s, self._limits)
-
-    def _all_kept_apart(self, rests: Sequence[int]) -> bool:
-        return all(kept_apart(allowed, self._start, rests) for _, allowed in self._coupled)
+    def _apart(self, changes: Sequence[int]) -> list[int] | None:
+        """Where axes come to rest that brake each by itself; None: that could break a limit."""
+        asked, rests = self._asked
+        if asked != changes:
+            end = [at + change for at, change in zip(self._start, changes, strict=True)]
+            rests = rests_apart(self._start, end, self._duration_s, self._limits)
+            for _, allowed in self._coupled:
+                if not kept_apart(allowed, self._start, rests):
+                    rests = None
+                    break
+            self._asked = list(changes), rests
+        return rests
 
     def _between(self, one: Sequence[int], other: Sequence[int], share: float) -> list[int]:
         return [a + int((b - a) * share) for a, b in zip(one, other, strict=True)]
 
     def _keeps(self, changes: Sequence[int]) -> bool:
-        if self._all_kept_apart(self._rests_apart(changes)):
+        if self._apart(changes) is not None:
             return True
         course = self.course(changes)
         return not any(self._overrun(axis, course) for axis in range(len(changes))) and all(

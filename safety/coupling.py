@@ -7,6 +7,7 @@ on either side. A way is allowed that keeps to one of the slabs in which it begi
 """
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from math import floor, inf, isfinite
 from typing import Final, NamedTuple
 
@@ -17,12 +18,19 @@ _SAME: Final = 1e-6
 """Of the rounding: a sum that stays as it is may come out so different."""
 
 
-class AxisSum(NamedTuple):
+@dataclass(frozen=True)
+class AxisSum:
     """A sum of axes, in mm or rad."""
 
     terms: tuple[tuple[int, float], ...]
     """Each axis in it, and mm or rad per count."""
     constant: float = 0.0
+    rounding: float = field(init=False, compare=False)
+    """By how much whole counts may make it another."""
+
+    def __post_init__(self) -> None:
+        rounding = ROUNDING_COUNTS * sum([abs(factor) for _, factor in self.terms])
+        object.__setattr__(self, "rounding", rounding)
 
     def at(self, counts: Sequence[int]) -> float:
         """Its value where the axes are at these counts."""
@@ -45,11 +53,6 @@ class AxisSum(NamedTuple):
     def stands(self, start: Sequence[int], end: Sequence[int]) -> bool:
         """Whether none of its axes moves."""
         return all(start[axis] == end[axis] for axis, _ in self.terms)
-
-    @property
-    def rounding(self) -> float:
-        """By how much whole counts may make it another."""
-        return ROUNDING_COUNTS * sum([abs(factor) for _, factor in self.terms])
 
 
 class Condition(NamedTuple):
@@ -163,10 +166,13 @@ def kept_apart(
     allowed: Sequence[tuple[Range, ...]], start: Sequence[int], rest: Sequence[int]
 ) -> bool:
     """Whether every place is allowed where each axis is anywhere between `start` and `rest`."""
-    return any(
-        all(one.sum.stands(start, rest) or one.spans(start, rest) for one in together)
-        for together in allowed
-    )
+    for together in allowed:
+        for one in together:
+            if not (one.spans(start, rest) or one.sum.stands(start, rest)):
+                break
+        else:
+            return True
+    return False
 
 
 def broken(
