@@ -14,7 +14,7 @@ FLOORS = {"config": 1, "safety": 2, "drivers": 3, "sim_backends": 4, "daemon": 5
 INSIDE_DAEMON = (
     *("messages", "files", "array_files", "host", "robot", "estimation", "learning", "reference"),
     *("control", "controllers", "risk", "supervision", "loop", "recording", "service", "remote"),
-    *("steering", "workbench", "dashboard", "testing", "api", "commands"),
+    *("steering", "workbench", "dashboard", "bridges", "testing", "api", "commands"),
 )
 """Lowest first."""
 NOT_AT_RUN_TIME = {"torch", "matplotlib", "daemon.workbench"}

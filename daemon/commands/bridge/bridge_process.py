@@ -1,0 +1,72 @@
+"""What all bridges share as processes: which robot, what they say of it, and their end."""
+
+import argparse
+import asyncio
+import sys
+from importlib.util import find_spec
+
+from daemon.bridges.robot_feed import Listener, RobotFeed
+from daemon.commands.terminal.remote_arguments import UsageError, address
+from daemon.host.stop_signals import StopSignals
+from daemon.messages import Message, Surroundings, WhoAmI
+from daemon.remote.client.client_errors import ClientError
+
+
+def library_is_missing(module: str, extra: str = "bridges") -> bool:
+    """Whether an optional library is not there. Says how it is installed then."""
+    if find_spec(module) is not None:
+        return False
+    print(
+        f"this needs the library '{module}', which is not installed: "
+        f"pip install 'tentacled[{extra}]'",
+        file=sys.stderr,
+    )
+    return True
+
+
+def usage_problem(arguments: argparse.Namespace) -> str:
+    """What is wrong with the words that say which daemon; empty: nothing. One that is not running
+    yet is waited for."""
+    try:
+        address(arguments)
+    except UsageError as error:
+        return str(error)
+    except ClientError:
+        pass
+    return ""
+
+
+async def follow(arguments: argparse.Namespace, listener: Listener) -> None:
+    """Hand what the robot tells to a bridge, until Ctrl-C."""
+    feed = RobotFeed(lambda: address(arguments), _Telling(listener))
+    following = asyncio.create_task(feed.run())
+    stopping = asyncio.create_task(StopSignals().wait(None))
+    try:
+        await asyncio.wait((following, stopping), return_when=asyncio.FIRST_COMPLETED)
+        if following.done():  # only by an error of our own
+            following.result()
+    finally:
+        for task in (following, stopping):
+            task.cancel()
+        await asyncio.gather(following, stopping, return_exceptions=True)
+
+
+class _Telling:
+    """Says on the terminal when a daemon comes and goes."""
+
+    def __init__(self, listener: Listener) -> None:
+        self._listener = listener
+        self._was_there = False
+
+    def connected(self, me: WhoAmI, surroundings: Surroundings, mesh: bytes) -> None:
+        self._was_there = True
+        simulated = " (simulated)" if me.simulated else ""
+        print(f"{me.robot}{simulated}: connected", flush=True)
+        self._listener.connected(me, surroundings, mesh)
+
+    def heard(self, message: Message, date_ns: int) -> None:
+        self._listener.heard(message, date_ns)
+
+    def lost(self, why: str) -> None:
+        print(f"{'lost' if self._was_there else 'waiting'}: {why}", file=sys.stderr, flush=True)
+        self._listener.lost(why)

@@ -1,0 +1,73 @@
+"""`tentacled bridge openigtlink [ROBOT]`: tip, body and state for 3D Slicer."""
+
+import argparse
+import asyncio
+import socket
+import sys
+from typing import Final
+
+from config.documents.problems import in_words
+from daemon.bridges.openigtlink.server import OpenIGTLinkServer
+from daemon.commands.bridge.bridge_process import follow, usage_problem
+from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
+from daemon.commands.terminal.remote_arguments import add_target_arguments
+
+_PORT: Final = 18944
+"""That of OpenIGTLink, as IANA has registered it."""
+_LOOPBACK: Final = ("127.0.0.1", "::1", "localhost")
+_BODY: Final = {
+    "line": ("POLYDATA",),
+    "points": ("POINT",),
+    "both": ("POLYDATA", "POINT"),
+    "none": (),
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_target_arguments(parser)
+    parser.add_argument(
+        "--port", type=int, default=_PORT, metavar="N", help="default: %(default)s; 0: any"
+    )
+    parser.add_argument(
+        "--bind",
+        default="127.0.0.1",
+        metavar="ADDRESS",
+        help="other than this machine: OpenIGTLink asks nobody who he is",
+    )
+    parser.add_argument(
+        "--body",
+        choices=_BODY,
+        default="line",
+        help="the centreline as one line (POLYDATA), as points (POINT; markups in Slicer), or not "
+        "(default: %(default)s)",
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    problem = usage_problem(arguments)
+    if problem:
+        print(problem, file=sys.stderr)
+        return EXIT_USAGE
+    try:
+        asyncio.run(_serve(arguments))
+    except (OSError, OverflowError) as error:
+        told = in_words(error) if isinstance(error, OSError) else str(error)
+        print(f"port {arguments.port} cannot be served: {told}", file=sys.stderr)
+        return EXIT_FAILED
+    return EXIT_OK
+
+
+async def _serve(arguments: argparse.Namespace) -> None:
+    """Raises OSError, OverflowError."""
+    family = socket.AF_INET6 if ":" in arguments.bind else socket.AF_INET
+    listening = socket.create_server((arguments.bind, arguments.port), family=family)
+    host, port = listening.getsockname()[:2]
+    server = OpenIGTLinkServer(arguments.robot or "robot", _BODY[arguments.body])
+    await server.open(listening)
+    try:
+        if arguments.bind not in _LOOPBACK:
+            print(f"warning: port {port} is open to the network, at {host}", file=sys.stderr)
+        print(f"OpenIGTLink at {host}:{port}; Ctrl-C ends it", flush=True)
+        await follow(arguments, server)
+    finally:
+        await server.close()
