@@ -30,7 +30,7 @@ def test_slicer_s_protocol_shows_the_tip_where_it_is_and_the_whole_body(moving: 
         bridge(moving.folder, "--body", "points") as (process, port),
         witness(port, "TipToBase", "ReferenceToBase", "BodyPoints", "State") as wait_for,
     ):
-        tips = []
+        tips: list[list[float]] = []
         while len(tips) < 20:
             told = wait_for(lambda told: told["device"] == "TipToBase")
             tips.append([row[3] for row in told["matrix"][:3]])
