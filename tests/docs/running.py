@@ -1,0 +1,139 @@
+"""Runs the blocks of a page as somebody would who reads it: in its order, in one empty folder."""
+
+import os
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+from tests.docs.blocks import Block
+
+READY_S: Final = 120.0
+"""For a program in a terminal of its own to speak, and a robot to be ready."""
+LONGEST_S: Final = 900.0
+"""For one block."""
+_LANGUAGES: Final = frozenset({"sh", "python", "c"})
+
+
+class Reader:
+    """Somebody with a page, an empty folder, and `tentacled` installed."""
+
+    def __init__(self, programs: Path, folder: Path) -> None:
+        """programs: the folder in which `tentacled` and `python` are."""
+        self._programs = programs
+        self._folder = folder / "work"
+        self._folder.mkdir()
+        runtime = folder / "run"
+        runtime.mkdir(mode=0o700)
+        clean = {key: value for key, value in os.environ.items() if not key.startswith("PYTHON")}
+        self._environment = {
+            **clean,
+            "PATH": f"{programs}:{os.environ['PATH']}",
+            "PYTHONUNBUFFERED": "1",
+            "XDG_RUNTIME_DIR": str(runtime),
+            "VIRTUAL_ENV": str(programs.parent),
+            "PIP_NO_BUILD_ISOLATION": "0",  # 0 is how pip is told: nothing is fetched
+            "PIP_NO_DEPS": "1",
+        }
+        self._terminals: list[subprocess.Popen[bytes]] = []
+        self._scripts = 0
+
+    def reads(self, block: Block) -> None:
+        """Do what it says. Raises AssertionError with what was printed where that fails."""
+        if block.mark == "background":
+            for line in block.commands:
+                self._open_terminal(line)
+        elif block.language == "sh":
+            self._run(["bash", "-euc", block.text], block)
+        elif block.language == "c":
+            source = self._written(block, "c")
+            program = source.with_suffix("")
+            self._run(["cc", "-Wall", "-Werror", "-o", str(program), str(source)], block)
+        else:
+            source = self._written(block, "py")
+            tests = ["-m", "pytest", "-q", "-p", "no:cacheprovider"] * ("def test_" in block.text)
+            self._run([str(self._programs / "python"), *tests, str(source)], block)
+
+    def leaves(self) -> None:
+        """Ctrl-C in each terminal, the last one first."""
+        for terminal in reversed(self._terminals):
+            terminal.send_signal(signal.SIGINT)
+            try:
+                terminal.wait(30.0)
+            except subprocess.TimeoutExpired:
+                terminal.kill()
+                terminal.wait()
+
+    def _open_terminal(self, line: str) -> None:
+        """Begin it, and look at it until it has spoken; a daemon's robot until it is ready."""
+        said = self._folder.parent / f"terminal{len(self._terminals)}.txt"
+        with said.open("wb") as output:
+            terminal = subprocess.Popen(
+                ["bash", "-c", f"exec {line}"],
+                cwd=self._folder,
+                env=self._environment,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+            )
+        self._terminals.append(terminal)
+        deadline_s = time.monotonic() + READY_S
+        runs = line.startswith("tentacled run ")
+        while not said.stat().st_size or (runs and not self._is_ready()):
+            assert terminal.poll() is None, f"{line}: {said.read_text()}"
+            assert time.monotonic() < deadline_s, f"{line}: {said.read_text()}"
+            time.sleep(0.2)
+
+    def _is_ready(self) -> bool:
+        told = subprocess.run(
+            ["tentacled", "status", "--json"],
+            env=self._environment,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        return '"state":"ready"' in told.stdout.replace(" ", "")
+
+    def _written(self, block: Block, ending: str) -> Path:
+        self._scripts += 1
+        path = self._folder / f"test_{self._scripts}.{ending}"
+        path.write_text(block.text)
+        return path
+
+    def _run(self, words: Sequence[str], block: Block) -> None:
+        ended = subprocess.run(
+            words,
+            cwd=self._folder,
+            env=self._environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            timeout=LONGEST_S,
+            check=False,
+        )
+        where = f"{block.page}:{block.line}"
+        assert ended.returncode == 0, f"{where} ended with {ended.returncode}: {ended.stdout}"
+
+
+@contextmanager
+def reader(programs: Path) -> Iterator[Reader]:
+    """In a folder with a short name, for unix sockets, which is gone afterwards."""
+    with TemporaryDirectory(prefix="page", dir="/tmp") as folder:
+        one = Reader(programs, Path(folder))
+        try:
+            yield one
+        finally:
+            one.leaves()
+
+
+def runnable(blocks: Iterable[Block], *, long: bool) -> list[Block]:
+    """Those that can be run; long: also those that take minutes."""
+    wanted = {"run", "background", *(["long"] if long else [])}
+    found = [one for one in blocks if one.language in _LANGUAGES and one.mark in wanted]
+    return [one for one in found if one.language != "c" or shutil.which("cc")]

@@ -1,0 +1,62 @@
+"""What the pages say is done, in an empty folder, with the installed wheel."""
+
+import ast
+import tomllib
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tests.docs.blocks import MARKS, blocks_of, pages
+from tests.docs.running import reader, runnable
+from tests.installed_wheel import installed_wheel
+
+PAGES = [page for page in pages() if page != "docs/api.md" and "/reference/" not in page]
+RUN = [page for page in PAGES if runnable(blocks_of(page), long=True)]
+NOT_RUN = {
+    "docs/bring-up.md": 3,
+    "docs/faults.md": 1,
+    "docs/getting-started.md": 2,
+    "docs/operate.md": 1,
+    "docs/risk.md": 1,
+    "docs/testing.md": 1,
+    "README.md": 2,
+}
+"""How many blocks of a page cannot be run: they need a rig, root, another program, or the checkout
+with its make. Whoever adds one looks for another way first."""
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_blocks_are_of_a_known_language_and_sound(page: str) -> None:
+    for block in blocks_of(page):
+        match block.language:
+            case "python":
+                ast.parse(block.text)
+            case "yaml":
+                yaml.safe_load(block.text)
+            case "toml":
+                tomllib.loads(block.text)
+            case _:
+                assert block.language in {"", "sh", "c"}, block
+                assert block.mark in {"run", *MARKS.values()}
+
+
+def test_few_blocks_are_left_out() -> None:
+    found = {
+        page: sum(block.mark == "not run" for block in blocks_of(page, "sh")) for page in PAGES
+    }
+    assert {page: number for page, number in found.items() if number} == NOT_RUN
+
+
+@pytest.fixture(scope="module")
+def programs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return installed_wheel(tmp_path_factory.mktemp("wheel")) / "bin"
+
+
+@pytest.mark.hil
+@pytest.mark.long
+@pytest.mark.parametrize("page", RUN)
+def test_a_page_can_be_followed(page: str, programs: Path) -> None:
+    with reader(programs) as somebody:
+        for block in runnable(blocks_of(page), long=True):
+            somebody.reads(block)
