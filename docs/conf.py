@@ -13,6 +13,7 @@ version = release = version_of("tentacled")
 extensions = ["myst_parser"]
 myst_heading_anchors = 4
 nitpicky = True
+highlight_language = "text"
 
 html_theme = "furo"
 html_title = "tentacled"

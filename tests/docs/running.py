@@ -1,12 +1,14 @@
 """Runs the blocks of a page as somebody would who reads it: in its order, in one empty folder."""
 
 import os
+import pty
 import shutil
 import signal
 import subprocess
+import threading
 import time
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
@@ -15,9 +17,50 @@ from tests.docs.blocks import Block
 
 READY_S: Final = 120.0
 """For a program in a terminal of its own to speak, and a robot to be ready."""
+PATIENCE_S: Final = 30.0
+"""For it to end."""
 LONGEST_S: Final = 900.0
 """For one block."""
 _LANGUAGES: Final = frozenset({"sh", "python", "c"})
+
+
+class Terminal:
+    """A program in a terminal of its own, and all that it has shown."""
+
+    def __init__(self, line: str, folder: Path, environment: Mapping[str, str]) -> None:
+        self._master, slave = pty.openpty()
+        self.process = subprocess.Popen(
+            ["bash", "-c", f"exec {line}"],
+            cwd=folder,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=slave,
+            stderr=slave,
+        )
+        os.close(slave)
+        self._shown: list[bytes] = []
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    @property
+    def shown(self) -> str:
+        return b"".join(self._shown).decode(errors="replace")
+
+    def close(self) -> None:
+        """Ctrl-C, and patience."""
+        self.process.send_signal(signal.SIGINT)
+        try:
+            self.process.wait(PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+        self._reader.join()
+        os.close(self._master)
+
+    def _read(self) -> None:
+        with suppress(OSError):  # the other end is closed
+            while some := os.read(self._master, 4096):
+                self._shown.append(some)
 
 
 class Reader:
@@ -40,7 +83,7 @@ class Reader:
             "PIP_NO_BUILD_ISOLATION": "0",  # 0 is how pip is told: nothing is fetched
             "PIP_NO_DEPS": "1",
         }
-        self._terminals: list[subprocess.Popen[bytes]] = []
+        self._terminals: list[Terminal] = []
         self._scripts = 0
 
     def reads(self, block: Block) -> None:
@@ -60,33 +103,19 @@ class Reader:
             self._run([str(self._programs / "python"), *tests, str(source)], block)
 
     def leaves(self) -> None:
-        """Ctrl-C in each terminal, the last one first."""
-        for terminal in reversed(self._terminals):
-            terminal.send_signal(signal.SIGINT)
-            try:
-                terminal.wait(30.0)
-            except subprocess.TimeoutExpired:
-                terminal.kill()
-                terminal.wait()
+        """Close all terminals, the last one first."""
+        while self._terminals:
+            self._terminals.pop().close()
 
     def _open_terminal(self, line: str) -> None:
         """Begin it, and look at it until it has spoken; a daemon's robot until it is ready."""
-        said = self._folder.parent / f"terminal{len(self._terminals)}.txt"
-        with said.open("wb") as output:
-            terminal = subprocess.Popen(
-                ["bash", "-c", f"exec {line}"],
-                cwd=self._folder,
-                env=self._environment,
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-            )
+        terminal = Terminal(line, self._folder, self._environment)
         self._terminals.append(terminal)
         deadline_s = time.monotonic() + READY_S
         runs = line.startswith("tentacled run ")
-        while not said.stat().st_size or (runs and not self._is_ready()):
-            assert terminal.poll() is None, f"{line}: {said.read_text()}"
-            assert time.monotonic() < deadline_s, f"{line}: {said.read_text()}"
+        while not terminal.shown or (runs and not self._is_ready()):
+            assert terminal.process.poll() is None, f"{line}: {terminal.shown}"
+            assert time.monotonic() < deadline_s, f"{line}: {terminal.shown}"
             time.sleep(0.2)
 
     def _is_ready(self) -> bool:
