@@ -28,7 +28,7 @@ def test_every_shipped_file_is_sound(path: Path, capsys: pytest.CaptureFixture[s
 def test_what_only_the_gate_keeps_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     _, out, _ = checked(SHIPPED_ROBOTS / "concentric_tubes.yaml", capsys)
     assert "collar_clearance: the gate keeps it; drives alone reach 0.5 mm beyond it" in out
-    assert "snap_guard: the gate keeps it; drives alone reach 20 mm beyond it" in out
+    assert "snap_guard: the gate keeps it; drives alone reach 25 mm beyond it" in out
 
 
 def test_a_soft_arm_of_three_axes_is_refused(

@@ -16,7 +16,7 @@ COLLARS = """    kind: length
     highest_mm: 86.5
 """
 GUARD = """    sum: {d_31: 1.0}
-    lowest_mm: 20.0
+    lowest_mm: 25.0
 """
 OPPOSITE = "sum: {alpha_31: 1.0}, near_rad: 3.1416, within_rad: 1.2"
 
@@ -29,7 +29,7 @@ def test_the_tubes_limits_are_those_of_the_facts() -> None:
         0.5,
         86.5,
     )
-    assert (guard.name, guard.lowest, guard.highest) == ("snap_guard", 20.0, None)
+    assert (guard.name, guard.lowest, guard.highest) == ("snap_guard", 25.0, None)
     assert [(one.near, one.within) for one in guard.only_while] == [(3.1416, 1.2)] * 2
 
 
@@ -154,7 +154,7 @@ def test_limits_that_exclude_each_other_are_told_at_the_one_that_leaves_no_room(
 def test_a_limit_may_be_kept_beside_its_band_alone(tmp_path: Path) -> None:
     """No carriage comes so far out, but the tubes can be turned away."""
     file = tmp_path / "robot.yaml"
-    turned_away = TEXT.replace(GUARD, GUARD.replace("20.0", "500.0"))
+    turned_away = TEXT.replace(GUARD, GUARD.replace("25.0", "500.0"))
     file.write_text(turned_away)
     assert load_robot(file).robot.coupled_limits[1].lowest == 500.0
     always = turned_away.replace("within_rad: 1.2", "within_rad: 3.1, comes_round: false")

@@ -26,17 +26,17 @@ def at(
         (at(0.0, 0.0, 0.49), False),
         (at(0.0, 0.0, 86.5), True),
         (at(0.0, 0.0, 86.51), False),
-        (at(0.0, np.pi, 20.0), True),
-        (at(0.0, np.pi, 19.9), False),
-        (at(0.0, -np.pi, 19.9), False),
-        (at(0.0, 3 * np.pi, 19.9), False),
-        (at(2 * np.pi, np.pi, 19.9), False),
-        (at(0.0, np.pi - 1.25, 19.9), True),
-        (at(0.0, np.pi - 1.15, 19.9), False),
-        (at(1.0, np.pi + 0.5, 19.9), False),
-        (at(2.5, np.pi + 1.25, 19.9), True),
-        (at(0.0, np.pi, 19.9, roll=2.0), False),
-        (at(0.0, np.pi, 20.1, ins=9.0), True),
+        (at(0.0, np.pi, 25.0), True),
+        (at(0.0, np.pi, 24.9), False),
+        (at(0.0, -np.pi, 24.9), False),
+        (at(0.0, 3 * np.pi, 24.9), False),
+        (at(2 * np.pi, np.pi, 24.9), False),
+        (at(0.0, np.pi - 1.25, 24.9), True),
+        (at(0.0, np.pi - 1.15, 24.9), False),
+        (at(1.0, np.pi + 0.5, 24.9), False),
+        (at(2.5, np.pi + 1.25, 24.9), True),
+        (at(0.0, np.pi, 24.9, roll=2.0), False),
+        (at(0.0, np.pi, 25.1, ins=9.0), True),
     ],
 )
 def test_where_the_tubes_may_be(u: Vector, inside: bool) -> None:
@@ -69,7 +69,7 @@ def test_a_straight_way_is_looked_at_in_between() -> None:
     assert TUBES.way_inside(out, at(0.0, np.pi - 1.5, 60.0))
     assert TUBES.way_inside(at(0.0, np.pi, 5.0), at(0.0, np.pi, 60.0)) is False
     # From where it is not inside, it may be led back in.
-    assert TUBES.way_inside(at(0.0, np.pi, 19.9), at(0.0, np.pi, 60.0))
+    assert TUBES.way_inside(at(0.0, np.pi, 24.9), at(0.0, np.pi, 60.0))
 
 
 def test_a_way_round_leads_by_where_the_guarded_sum_is_as_at_zero() -> None:
@@ -81,8 +81,8 @@ def test_a_way_round_leads_by_where_the_guarded_sum_is_as_at_zero() -> None:
 
 
 def test_what_the_travels_alone_do_not_keep() -> None:
-    assert beyond_alone(ROBOT) == pytest.approx([0.5, 20.0])
+    assert beyond_alone(ROBOT) == pytest.approx([0.5, 25.0])
     inner = ROBOT.axes[4].model_copy(update={"travel_mm": (-43.0, 23.0)})
     kept = ROBOT.model_copy(update={"axes": [*ROBOT.axes[:4], inner]})
-    assert beyond_alone(kept) == pytest.approx([0.0, 19.5])
+    assert beyond_alone(kept) == pytest.approx([0.0, 24.5])
     assert beyond_alone(load_robot(SOFT_ARM).robot) == []

@@ -88,11 +88,11 @@ CASES = [
     # The inner tube drawn into the pair.
     ((0.0, 0.0, 0.0, 0.0, 12.0), (0.0, 0.0, 0.0, 10.0, 0.0), "collar_clearance", (4, 0.5)),
     # Tube 3 against the pair, drawn in; and the same a turn further, rolled.
-    ((0.0, 0.0, PI, 0.0, 30.0), (0.0, 0.0, PI, 0.0, 5.0), "snap_guard", (4, 20.0)),
-    ((1.0, 0.4, 0.2 - PI, 0.0, 30.0), (1.0, 0.4, 0.2 - PI, 5.0, 5.0), "snap_guard", (4, 20.0)),
+    ((0.0, 0.0, PI, 0.0, 30.0), (0.0, 0.0, PI, 0.0, 5.0), "snap_guard", (4, 25.0)),
+    ((1.0, 0.4, 0.2 - PI, 0.0, 30.0), (1.0, 0.4, 0.2 - PI, 5.0, 5.0), "snap_guard", (4, 25.0)),
     # Drawn in, tube 3 turned against the pair; or the pair against tube 3.
     ((0.0, 0.0, 1.0, 6.0, 5.0), (0.0, 0.0, PI, 6.0, 5.0), "snap_guard", (2, 3.1416 - 1.2)),
-    ((0.0, 1.8, PI, 0.0, 25.0), (0.0, 0.0, PI, 0.0, 5.0), "snap_guard", None),
+    ((0.0, 1.8, PI, 0.0, 30.0), (0.0, 0.0, PI, 0.0, 5.0), "snap_guard", None),
 ]
 
 
