@@ -78,7 +78,7 @@ def test_the_seed_decides() -> None:
 
 
 def test_it_stays_within_coupled_limits() -> None:
-    """At 25.5 mm out and against the pair: nothing that a gate would have to cut, but for dither."""
+    """At 25.5 mm out, against the pair: nothing that a gate would have to cut, but for dither."""
     robot = load_robot(SHIPPED_ROBOTS / "concentric_tubes.yaml").robot
     axes = AxisRanges.of(robot)
     for start in ([0.0, 0.0, 3.1, 0.0, -28.0], [0.0, 0.0, 1.9, 0.0, -40.0]):
