@@ -2,10 +2,11 @@
 
 The clearance that is left, h, may only get less as fast as it is large: Δh ≥ −γ (h − h₀) (a control
 barrier function), for each part of the body that something is near to. Of all steps that keep to it
-and to the axes' limits the one is taken that is nearest to the wanted, each axis counted by its
-speed, and the tip's task besides: what it is asked to give up is dearer than what the axes do where
-it does not see it. Where that gains the tip nothing, because there is no other way for the body,
-the step is the nearest by the axes alone, and by the clearance of the whole body.
+and to the axes' limits, each by itself and coupled, the one is taken that is nearest to the wanted,
+each axis counted by its speed, and the tip's task besides: what it is asked to give up is dearer
+than what the axes do where it does not see it. Where that gains the tip nothing, because there is
+no other way for the body, the step is the nearest by the axes alone, and by the clearance of the
+whole body.
 
 It decides nothing: what comes out is a proposal, which the gate judges as any.
 """
@@ -66,7 +67,8 @@ class Avoidance:
         low, high = np.array(ranges, np.float64).T
         kept = np.where(np.isfinite(high - low), _TENSION_KEPT * (high - low), 0.0)
         self._slack_n, self._tight_n = low + kept, high - kept
-        self._room = room_for(axes.count, _MOST_PARTS)
+        self._coupled = _CoupledRows(axes)
+        self._room = room_for(axes.count, _MOST_PARTS + 2 * len(axes.coupled.limits))
 
     def warm_up(self) -> None:
         """Compile the kernel, or load it from numba's cache."""
@@ -141,15 +143,17 @@ class Avoidance:
         steep = ((slope * speeds) ** 2).sum(axis=1) >= _LEAST_SLOPE_MM_S**2
         if not ((slope @ delta_u < allowed_mm) & steep).any():
             return None
-        slope, allowed_mm = slope[steep], allowed_mm[steep]
+        rows, least = self._coupled.near(targets, dt_s)
+        slope = np.concatenate([slope[steep], rows])
+        allowed = np.concatenate([allowed_mm[steep], least])
         reach = float(((task * speeds) ** 2).sum() / len(task))
         task = np.ascontiguousarray(task * np.sqrt(_TASK_COUNTS / max(reach, 1e-9)))
         wanted = Wanted(
             np.ascontiguousarray(delta_u, np.float64),
             *limits,
             speeds,
-            np.ascontiguousarray(slope),
-            allowed_mm,
+            slope,
+            allowed,
             task,
         )
         step = np.empty(speeds.size)
@@ -163,6 +167,37 @@ class Avoidance:
             return whole if parts is None else parts
         by_whole, by_parts = task @ (whole - delta_u), task @ (parts - delta_u)
         return parts if by_parts @ by_parts <= _GAINS_FROM**2 * (by_whole @ by_whole) else whole
+
+
+class _CoupledRows:
+    """The coupled limits that a step could reach, as rows beside those of the parts.
+
+    A limit that counts only sometimes is kept where it counts as the step begins. The gate keeps
+    all of them anyway; what it has to cut from a step that ignores them is lost for the tip.
+    """
+
+    def __init__(self, axes: AxisRanges) -> None:
+        limits = self._limits = axes.coupled.limits
+        self._factors = np.array([limit.sum.factors for limit in limits]).reshape(-1, axes.count)
+        self._constant = np.array([limit.sum.constant for limit in limits])
+        self._lowest = np.array([limit.lowest for limit in limits])
+        self._highest = np.array([limit.highest for limit in limits])
+        self._fastest = np.abs(self._factors) @ axes.max_velocity
+
+    def near(self, targets: Vector, dt_s: float) -> tuple[Vector, Vector]:
+        """(q, m) rows, and (q,) the least that each may be times the step from (m,) targets."""
+        if not self._limits:
+            return self._factors, self._constant
+        sums = self._factors @ targets + self._constant
+        counts = np.array(
+            [all(bool(one.met(targets)) for one in limit.only_while) for limit in self._limits],
+            np.bool_,
+        )
+        most = self._fastest * dt_s
+        low, high = self._lowest - sums, sums - self._highest
+        falls, rises = counts & (-low <= most), counts & (-high <= most)
+        rows = np.concatenate([self._factors[falls], -self._factors[rises]])
+        return rows, np.minimum(np.concatenate([low[falls], high[rises]]), 0.0)
 
 
 def avoid(

@@ -1,14 +1,18 @@
 """A step that leads too near to something goes along it, and nothing else is changed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from config.coupling.sums import AxesCondition, AxesLimit, AxesSum
 from daemon.control.avoidance import Aside, Avoidance, avoid
 from daemon.control.avoidance_kernels import nearest_step
 from daemon.robot.axes import AxisRanges
+from daemon.robot.coupled_axes import CoupledAxes
 from drivers.pose import Vector
 from safety.risk_source import Clearance, PartClearance
 
@@ -223,6 +227,44 @@ def test_who_knows_no_parts_is_turned_aside_by_the_whole() -> None:
         assert aside is not None
         np.testing.assert_array_equal(aside.delta_u, blind)
         assert (aside.arc_mm, aside.given_up_mm) == (None, None)
+
+
+NEVER = AxesCondition(AxesSum(np.array([0.0, 1.0, 0.0])), 5.0, 1.0, None)
+"""The second axis stands at 0."""
+
+
+def turned_aside(lowest: float, *only_while: AxesCondition, third: float = -0.5) -> Aside | None:
+    """Where the first and the third axis together may not be below something.
+
+    third: what the third one does to the clearance.
+    """
+    limit = AxesLimit("ac", "", AxesSum(np.array([1.0, 0.0, 1.0])), lowest, np.inf, only_while)
+    axes = replace(THREE, coupled=CoupledAxes((limit,)))
+    clearance = near((80.0, 0.5, (-1.0, 0.0, third)))
+    return Avoidance(axes).aside(np.array([0.05, 0.0, 0.0]), AT, clearance, DT_S)
+
+
+def test_what_axes_may_not_do_together_is_not_asked_of_them() -> None:
+    free, bound = turned_aside(-5.0), turned_aside(-0.02)
+    assert free is not None
+    assert bound is not None
+    assert free.delta_u[0] + free.delta_u[2] == pytest.approx(-0.05, abs=0.01)
+    assert bound.delta_u[0] + bound.delta_u[2] >= -0.02 - 1e-3
+    assert -bound.delta_u[0] - 0.5 * bound.delta_u[2] >= -1e-3
+
+
+def test_a_coupled_limit_binds_only_while_it_counts() -> None:
+    free, unbound = turned_aside(-5.0), turned_aside(-0.02, NEVER)
+    assert free is not None
+    assert unbound is not None
+    np.testing.assert_array_equal(free.delta_u, unbound.delta_u)
+
+
+def test_axes_that_are_beyond_a_coupled_limit_need_not_come_back_at_once() -> None:
+    free, beyond = turned_aside(-5.0, third=0.5), turned_aside(1.0, third=0.5)
+    assert free is not None
+    assert beyond is not None
+    np.testing.assert_allclose(free.delta_u, beyond.delta_u, atol=1e-3)
 
 
 def test_what_is_compiled_beforehand_is_all_that_a_step_needs() -> None:
