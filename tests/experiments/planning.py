@@ -112,7 +112,8 @@ def one_chest(arguments: argparse.Namespace, number: int) -> list[dict[str, Any]
     roadmap = planner.roadmap
     safe = [k for k, one in enumerate(roadmap.standings) if one.risk <= _SAFE]
     rollouts = Rollouts(body, [roadmap.places[k] for k in safe], arguments.bodies)
-    random, clock, found = np.random.default_rng(number), MonotonicClock(), []
+    random, clock = np.random.default_rng(number), MonotonicClock()
+    found: list[dict[str, Any]] = []
     tips = roadmap.tips()
     for _ in range(_TRIED):
         if len(found) == arguments.pairs:
