@@ -5,7 +5,8 @@ reader sees it too:
 
 - `# on a rig`, `# as root`, `# from a checkout`: not run, only understood;
 - `# in terminals of their own`: each line is started, and runs until the page has ended;
-- `# takes minutes`: run by `make hil` alone.
+- `# takes minutes`: run by `make hil`, as the shorter ones are;
+- `# takes hours`: not run. What is typed to try it, on the same page, is smaller and is run.
 
 Every other block is run to its end, one after the other, in one folder for each page.
 """
@@ -24,6 +25,7 @@ MARKS: Final = {
     "# from a checkout": "not run",
     "# in terminals of their own": "background",
     "# takes minutes": "long",
+    "# takes hours": "not run",
 }
 _OURS: Final = ("tentacled ", "make ")
 
