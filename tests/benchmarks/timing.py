@@ -15,7 +15,7 @@ import numpy as np
 Figures = dict[str, Any]
 
 STATED_REFERENCE_MS: Final = 54.0
-"""What a million turns of the reference loop took on the machine of README's figures."""
+"""What a million turns of the reference loop took on the machine of docs/figures.md."""
 _TURNS: Final = 1_000_000
 _LINES_OF_A_TRACEBACK: Final = 12
 

@@ -1,11 +1,12 @@
 """What the pages tell people to type is understood, and the files it names are there."""
 
 import re
+from pathlib import Path
 
 import pytest
 
-from daemon.commands.terminal.command_line import parsed
-from tests.docs.blocks import ROOT, commands_of, pages, prose_of, words_of
+from daemon.commands.terminal.command_line import main, parsed
+from tests.docs.blocks import ROOT, blocks_of, commands_of, pages, prose_of, words_of
 
 PAGES = [page for page in pages() if "/reference/" not in page]
 COMMANDS = list(dict.fromkeys((page, line) for page in PAGES for line in commands_of(page)))
@@ -33,6 +34,35 @@ def test_the_shipped_files_that_a_command_names_are_there(page: str, line: str) 
     for word in line.split():
         if word.startswith("config/"):
             assert (ROOT / word).is_file(), page
+
+
+QUICK = frozenset({"certificates", "check", "environment", "init", "plugins", "service"})
+"""Commands of a second at most; `make hil` runs the others."""
+
+
+def quick_lines(page: str) -> list[str]:
+    """Commands that are run in one folder, in their order."""
+    blocks = [block for block in blocks_of(page, "sh") if block.mark in {"run", "long"}]
+    lines = [line for block in blocks for line in block.commands]
+    return [line for line in lines if line.split()[1] in QUICK or line.endswith("--list")]
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if quick_lines(page)])
+def test_quick_commands_end_well_in_an_empty_folder(
+    page: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for line in quick_lines(page):
+        if line.startswith("tentacled inject"):  # asks a lab
+            continue
+        try:
+            code: object = main(words_of(line))
+        except SystemExit as end:
+            code = end.code
+        assert code == 0, f"{line}: {capsys.readouterr()}"
 
 
 def test_make_has_the_targets_that_are_named() -> None:
