@@ -52,13 +52,9 @@ def check_robot(path: Path) -> CheckedRobot:
     return CheckedRobot(file, budgets, warned)
 
 
-def robot_or_explain(path: Path) -> CheckedRobot | None:
-    """The robot with its warnings told, or None with all its problems told (on stderr)."""
-    try:
-        robot = check_robot(path)
-    except ConfigError as error:
-        print(error, file=sys.stderr)
-        return None
+def robot_with_warnings_told(path: Path) -> CheckedRobot:
+    """The robot, with its warnings told on stderr. Raises ConfigError."""
+    robot = check_robot(path)
     for warning in robot.warnings:
         print(f"{warning} (warning)", file=sys.stderr)
     return robot

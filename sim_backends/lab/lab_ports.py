@@ -87,6 +87,10 @@ _STANDSTILL_NS: Final = 60_000_000
 """The body is looked at more often than this, and with it every bus."""
 
 
+class LabTakenError(LabError):
+    """Another lab lives in the folder."""
+
+
 class LabPorts:
     """A started lab, reachable in `directory` until closed.
 
@@ -114,7 +118,7 @@ class LabPorts:
         )
 
     async def open(self) -> None:
-        """Make the folder and everything in it. Raises LabError where another lab lives there."""
+        """Make the folder and everything in it. Raises LabTakenError, LabError."""
         longest = max(map(len, (CONTROL_SOCKET, *(f"{name}.sock" for name in self._lab.buses))))
         if len(str(self._directory.absolute())) + 1 + longest > _LONGEST_SOCKET_PATH:
             raise LabError(
@@ -157,18 +161,20 @@ class LabPorts:
         self._taken = None
 
     def _take_directory(self) -> None:
-        """Raises LabError where another lab lives in it."""
+        """Raises LabTakenError where another lab lives in it."""
         status = self._directory.stat()
         try:
             taken = ExclusiveName(f"lab {status.st_dev} {status.st_ino}")
         except NameTakenError as error:
-            raise LabError(
+            raise LabTakenError(
                 f"another lab is running in {self._directory} ({error.holder or 'unknown'}): "
                 "choose another folder"
             ) from None
         if _somebody_answers(self._directory / CONTROL_SOCKET):  # from within a container
             taken.release()
-            raise LabError(f"another lab is running in {self._directory}: choose another folder")
+            raise LabTakenError(
+                f"another lab is running in {self._directory}: choose another folder"
+            )
         self._taken = taken
 
     def _description(self) -> Mapping[str, Any]:

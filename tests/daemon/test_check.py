@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from daemon.commands.outcome.exit_codes import EXIT_CONFIGURATION
 from daemon.commands.terminal.command_line import main
 from tests import SHIPPED_ROBOTS, SOFT_ARM
 from tests.experiments.check_mutations import KINDS, shipped, try_many
@@ -38,7 +39,7 @@ def test_a_soft_arm_of_three_axes_is_refused(
     lines = SOFT_ARM.read_text().splitlines()
     path.write_text("\n".join(line for line in lines if "name: distal_" not in line))
     code, out, err = checked(path, capsys)
-    assert (code, out) == (1, "")
+    assert (code, out) == (EXIT_CONFIGURATION, "")
     assert "axes: 3 axes cannot fill the 6 chambers of emulation.plant" in err
 
 
@@ -51,10 +52,10 @@ def test_an_experiment_without_its_waypoints_is_explained(
         "trajectory: {kind: waypoints, file: nowhere.csv}\n"
     )
     code, _, err = checked(path, capsys)
-    assert code == 1
+    assert code == EXIT_CONFIGURATION
     assert err.startswith(f"{path}:4:13: trajectory: ")
     assert f"{tmp_path / 'nowhere.csv'}: No such file" in err
-    assert main(["experiment", str(path), "--out", str(tmp_path / "out")]) == 1
+    assert main(["experiment", str(path), "--out", str(tmp_path / "out")]) == EXIT_CONFIGURATION
     assert "nowhere.csv" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
@@ -68,7 +69,7 @@ def test_a_controller_that_does_not_fit_the_robot_is_explained(
         "trajectory: {kind: hold, position_mm: [0.0, 0.0, 190.0], duration_s: 1.0}\n"
     )
     code, _, err = checked(path, capsys)
-    assert code == 1
+    assert code == EXIT_CONFIGURATION
     assert err.startswith(f"{path}:3:13: controller: ")
 
 
@@ -78,7 +79,7 @@ def test_a_fault_that_there_is_not_is_explained_in_a_scenario(
     path = tmp_path / "strange.yaml"
     path.write_text("scenario: strange\nevents:\n  - {at_s: 1.0, inject: tracker.mising=1s}\n")
     code, _, err = checked(path, capsys)
-    assert code == 1
+    assert code == EXIT_CONFIGURATION
     assert "events[0].inject" in err
     assert "did you mean 'missing'" in err
 
@@ -88,7 +89,7 @@ def test_a_file_that_cannot_be_read_has_no_line(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code, out, err = checked(tmp_path / name, capsys)
-    assert (code, out) == (1, "")
+    assert (code, out) == (EXIT_CONFIGURATION, "")
     assert err.startswith(f"{tmp_path / name}: ")
     assert ":1:1" not in err
 
@@ -99,7 +100,7 @@ def test_a_file_of_no_kind_is_told_which_kinds_there_are(
     path = tmp_path / "what.yaml"
     path.write_text("experimnt: x\n")
     code, _, err = checked(path, capsys)
-    assert code == 1
+    assert code == EXIT_CONFIGURATION
     assert "robot, experiment, scenario, study (did you mean 'experiment'?)" in err
 
 
@@ -118,5 +119,5 @@ def test_a_name_that_no_file_can_have_is_explained(
         "trajectory: {kind: hold, position_mm: [0.0, 0.0, 190.0], duration_s: 1.0}\n"
     )
     code, _, err = checked(path, capsys)
-    assert code == 1
+    assert code == EXIT_CONFIGURATION
     assert "robot: there is no file" in err

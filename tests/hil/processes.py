@@ -130,7 +130,7 @@ class Probe(Process):
                 at_s, text = self.next_line(deadline_s)
             except AssertionError as error:
                 raise AssertionError(f"{error}; the last line was {line}") from None
-            line = json.loads(text)
+            line = json.loads(text)["result"]
             for number, wants in enumerate(wanted):
                 if number not in found and wants(line):
                     found[number] = at_s, line

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from daemon.commands.terminal.command_line import EXIT_INTERRUPTED
+from daemon.commands.outcome.exit_codes import EXIT_INTERRUPTED, EXIT_UNAVAILABLE
 from daemon.recording.result import read_result
 from daemon.recording.run_folder import RESULT_FILE, RUN_FILE, unfinished
 from daemon.recording.run_reader import RunReader
@@ -61,7 +61,7 @@ def test_probe_beside_a_moving_robot_shows_what_the_daemon_says(robot: Rig) -> N
     frames, said, _ = frames_of_a_master(robot, probe)
     assert frames == []
     assert f"process {robot.daemon.pid} (tentacled run " in said
-    lines = [json.loads(line) for line in said.splitlines() if line.startswith("{")]
+    lines = [json.loads(line)["result"] for line in said.splitlines() if line.startswith("{")]
     assert {line["kind"] for line in lines} == {"status"}
     assert len(lines) > 3
     assert len(lines[-1]["axes"]) == 6
@@ -179,7 +179,7 @@ def test_a_master_that_comes_by_another_adapter_hears_us_and_keeps_silent(robot:
         probe = ["probe", other, "--runtime-dir", str(robot.folder), "--json", "--duration", "4"]
         frames, said, code = frames_of_a_master(robot, probe)
     assert (frames, code) == ([], 1)
-    lines = [json.loads(line) for line in said.splitlines() if line.startswith("{")]
+    lines = [json.loads(line)["result"] for line in said.splitlines() if line.startswith("{")]
     told = [line for line in lines if line.get("name") == "bus_foreign_master"]
     assert told, said
     assert told[0]["detail"] == "SYNC" or "set-point" in told[0]["detail"]
@@ -223,7 +223,7 @@ def test_a_second_lab_in_a_folder_leaves_the_first_one_as_it_is(tmp_path: Path) 
         there = {path.name: path.lstat().st_ino for path in tmp_path.iterdir()}
         for _ in range(2):
             refused = run("emulate", str(SOFT_ARM), "--runtime-dir", str(tmp_path))
-            assert refused.returncode == 1
+            assert refused.returncode == EXIT_UNAVAILABLE
             assert f"another lab is running in {tmp_path} (process {one.process.pid}" in (
                 refused.stderr
             )

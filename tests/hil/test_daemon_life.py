@@ -13,6 +13,7 @@ from statistics import median
 import msgspec
 import pytest
 
+from daemon.commands.outcome.exit_codes import EXIT_REFUSED, EXIT_UNAVAILABLE, EXIT_USAGE
 from daemon.messages import LoopStatus, Status
 from daemon.recording.format.channels import RAW_CAN, read_can_payload
 from daemon.recording.result import Result
@@ -388,7 +389,7 @@ def test_only_one_daemon_runs_in_a_folder(robot: Rig) -> None:
     robot.running()
     where = ["--runtime-dir", str(robot.folder), "--runs", str(robot.folder / "other")]
     second = run("run", str(robot.robot), *where, "--no-real-time")
-    assert second.returncode == 1
+    assert second.returncode == EXIT_UNAVAILABLE
     assert f"a daemon is running in {robot.folder} (process {robot.daemon.pid})" in second.stderr
     assert "Traceback" not in second.stderr
     assert robot.state is S.RUNNING
@@ -436,7 +437,7 @@ def test_status_tells_programs_everything(robot: Rig) -> None:
     told = run("status", "--runtime-dir", str(robot.folder), "--json")
     assert told.returncode == 0
     wanted = {field.encode_name for field in msgspec.structs.fields(Status)}
-    assert set(json.loads(told.stdout)) == wanted | {"type"}
+    assert set(json.loads(told.stdout)["result"]) == wanted | {"type"}
     status = msgspec.json.decode(told.stdout, type=Status)
     assert status.state == S.RUNNING.value
     assert status.tip_mm is not None
@@ -453,13 +454,13 @@ def test_commands_end_with_codes_that_scripts_can_tell_apart(robot: Rig) -> None
     robot.ready()
     with short_folder() as empty:
         nobody = run("status", "--runtime-dir", str(empty))
-    assert nobody.returncode == 3
+    assert nobody.returncode == EXIT_UNAVAILABLE
     assert "no daemon is running" in nobody.stderr
     refused = run("arm", *where)
-    assert refused.returncode == 4
+    assert refused.returncode == EXIT_REFUSED
     assert "lease" in refused.stderr
     assert run("status", *where).returncode == 0
     assert run("stop", *where).returncode == 0
-    assert run("stop", "--no-such-option").returncode == 2
+    assert run("stop", "--no-such-option").returncode == EXIT_USAGE
     robot.daemon.kill()
-    assert run("stop", *where).returncode == 3
+    assert run("stop", *where).returncode == EXIT_UNAVAILABLE

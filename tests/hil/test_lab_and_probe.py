@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from config.loader import load_robot
+from daemon.commands.outcome.exit_codes import EXIT_CONFIGURATION, EXIT_UNAVAILABLE, EXIT_USAGE
 from daemon.robot.lab_connections import ask
 from daemon.workbench.pretraining.model_cache import pretrained
 from tests import SOFT_ARM
@@ -51,7 +52,7 @@ def test_a_lab_leaves_its_ports_and_takes_them_away_again(tmp_path: Path) -> Non
 def test_a_lab_ends_by_itself_and_another_may_follow_or_stand_beside(tmp_path: Path) -> None:
     with lab(tmp_path / "a", "--duration", "2") as one, lab(tmp_path / "b") as other:
         refused = run("emulate", str(SOFT_ARM), "--runtime-dir", str(tmp_path / "b"))
-        assert refused.returncode == 1
+        assert refused.returncode == EXIT_UNAVAILABLE
         assert "another lab is running in" in refused.stderr
         assert one.process.wait(PATIENCE_S) == 0
         assert other.process.poll() is None
@@ -141,7 +142,7 @@ def test_faults_are_injected_from_the_command_line(tmp_path: Path) -> None:
         watching.wait_for_each(event("tool_missing", "tracker/tip"), event("node_lost", "can0/3"))
         watching.wait_for(without("tool_missing", "node_lost"))
         wrong = one.inject("tracker.mising=0.5s")
-        assert wrong.returncode == 1
+        assert wrong.returncode == EXIT_USAGE
         assert "did you mean 'missing'?" in wrong.stderr
         listed = run("inject", "--list", "--runtime-dir", str(tmp_path)).stdout
         assert "drive.can0/1" in listed
@@ -181,7 +182,7 @@ def test_a_wrong_scenario_is_explained_and_nothing_starts(tmp_path: Path) -> Non
         "--scenario",
         str(scenario),
     )
-    assert said.returncode == 1
+    assert said.returncode == EXIT_CONFIGURATION
     assert "events[1].at: unknown key" in said.stderr
     scenario.write_text("scenario: wrong\nevents:\n  - {at_s: 1.0, inject: tracker.mising}\n")
     said = run(

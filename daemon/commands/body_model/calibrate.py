@@ -2,12 +2,11 @@
 
 import argparse
 import json
-import sys
 from pathlib import Path
 
-from config.documents.problems import in_words
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
-from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
+from daemon.commands.outcome.failures import as_failed
+from daemon.commands.outcome.result import Result
+from daemon.robot.checked_robot import add_robot_argument, robot_with_warnings_told
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,25 +35,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
-    checked = robot_or_explain(arguments.robot)
-    if checked is None:
-        return EXIT_FAILED
+def run(arguments: argparse.Namespace) -> Result:
+    checked = robot_with_warnings_told(arguments.robot)
     # Matplotlib and the plant's compiled code are slow to come: `--help` does without.
     from daemon.array_files import misfit_of
     from daemon.commands.terminal.compiled import telling_progress
     from daemon.files import write_whole
     from daemon.host.processes import worker_processes
     from daemon.risk.model_file import read_model
-    from daemon.workbench.body_model.clouds.collection import CollectionError
-    from daemon.workbench.body_model.clouds.emulated_body import UnreachableError
     from daemon.workbench.body_model.evaluation.contact_calibration import (
         contact_calibration,
         write_reliability,
     )
     from daemon.workbench.body_model.evaluation.rollouts import roll_out
     from safety.risk.model.risk_model import RiskModelError
-    from sim_backends.lab.bodies import LabError
     from sim_backends.plants.shooting import warm_up
 
     try:
@@ -86,27 +80,17 @@ def run(arguments: argparse.Namespace) -> int:
         path, figure = arguments.out / "contact.json", arguments.out / "reliability.png"
         write_whole(path, (json.dumps(found.summary(), indent=2) + "\n").encode())
         write_reliability(found, figure)
-    except (
-        RiskModelError,
-        CollectionError,
-        UnreachableError,
-        LabError,
-        ValueError,
-        OSError,
-    ) as error:
-        print(in_words(error), file=sys.stderr)
-        return EXIT_FAILED
-    print(
+    except ValueError as error:
+        raise as_failed(error) from None
+    lines = [
         f"{len(found.predicted)} situations of {found.rollouts} rollouts "
         f"(left out: {found.unknown} configurations that the model does not know, {found.learnt} "
         "that it was trained at); "
-        f"in {found.undecided:.0%} it was open whether it touches"
-    )
-    print(
+        f"in {found.undecided:.0%} it was open whether it touches",
         f"expected calibration error {found.expected_error:.3f}, largest of a tenth "
         f"{found.largest_error:.3f}; a single situation is off by {found.single_error:.3f} on the "
-        f"average; more contacts than the upper limit in {found.exceeded:.1%}"
-    )
-    for written in (path, figure):
-        print(written)
-    return EXIT_OK
+        f"average; more contacts than the upper limit in {found.exceeded:.1%}",
+        str(path),
+        str(figure),
+    ]
+    return Result({"calibration": found.summary(), "written": [path, figure]}, "\n".join(lines))

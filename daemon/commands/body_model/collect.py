@@ -5,16 +5,17 @@ see `daemon.workbench.body_model.clouds.cloud_table`.
 """
 
 import argparse
-import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from config.documents.problems import in_words
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE, share
-from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
+from daemon.commands.outcome.failures import UsageError
+from daemon.commands.outcome.result import Result
+from daemon.commands.terminal.command_line import share
+from daemon.robot.checked_robot import add_robot_argument, robot_with_warnings_told
 
 if TYPE_CHECKING:
     from config.robot import Robot
+    from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset
     from daemon.workbench.body_model.clouds.cloud_import import ImportSettings
 
 _OF_TEN_TO_TEST = 0.1
@@ -82,45 +83,47 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Result:
     return _emulated(arguments) if arguments.folder is None else _imported(arguments)
 
 
-def _imported(arguments: argparse.Namespace) -> int:
+def _imported(arguments: argparse.Namespace) -> Result:
     from daemon.commands.terminal.compiled import telling_progress
     from daemon.files import check_can_be_made
     from daemon.host.processes import worker_processes
-    from daemon.workbench.body_model.clouds.cloud_dataset import CloudDatasetError
     from daemon.workbench.body_model.clouds.cloud_import import import_clouds
 
-    checked = robot_or_explain(arguments.robot)
-    if checked is None:
-        return EXIT_FAILED
+    checked = robot_with_warnings_told(arguments.robot)
     robot = checked.file.robot
     if arguments.configurations is not None or arguments.starts is not None:
-        print("--configurations and --starts are as the table has them", file=sys.stderr)
-        return EXIT_USAGE
+        raise UsageError("--configurations and --starts are as the table has them")
     try:
         settings = _import_settings(arguments, robot)
         if arguments.processes < 1:
             raise ValueError("there must be a process")
     except ValueError as error:
-        print(error, file=sys.stderr)
-        return EXIT_USAGE
-    try:
-        check_can_be_made(arguments.out)
-        with telling_progress() as bar, worker_processes(arguments.processes) as workers:
-            made = import_clouds(robot, arguments.folder, settings, workers, bar)
-        made.save(arguments.out)
-    except (CloudDatasetError, OSError) as error:
-        print(in_words(error), file=sys.stderr)
-        return EXIT_FAILED
-    print(
+        raise UsageError(str(error)) from None
+    check_can_be_made(arguments.out)
+    with telling_progress() as bar, worker_processes(arguments.processes) as workers:
+        made = import_clouds(robot, arguments.folder, settings, workers, bar)
+    made.save(arguments.out)
+    clouds = made.clouds_mm.shape[0] * made.clouds_mm.shape[1]
+    miss_mm = made.provenance["imported"]["miss_mm"]
+    return Result(
+        {**_figures(arguments, made, clouds), "miss_mm": miss_mm},
         f"{arguments.out}: {len(made)} configurations ({int(made.test.sum())} to test with), "
-        f"{made.clouds_mm.shape[0] * made.clouds_mm.shape[1]} clouds of {settings.points} points, "
-        f"{made.provenance['imported']['miss_mm']:.2f} mm off the bodies that were fitted to them"
+        f"{clouds} clouds of {settings.points} points, "
+        f"{miss_mm:.2f} mm off the bodies that were fitted to them",
     )
-    return EXIT_OK
+
+
+def _figures(arguments: argparse.Namespace, made: "CloudDataset", clouds: int) -> dict[str, Any]:
+    return {
+        "written": arguments.out,
+        "configurations": len(made),
+        "test": int(made.test.sum()),
+        "clouds": clouds,
+    }
 
 
 def _import_settings(arguments: argparse.Namespace, robot: "Robot") -> "ImportSettings":
@@ -151,21 +154,16 @@ def _import_settings(arguments: argparse.Namespace, robot: "Robot") -> "ImportSe
     )
 
 
-def _emulated(arguments: argparse.Namespace) -> int:
+def _emulated(arguments: argparse.Namespace) -> Result:
     # The plant's compiled code is slow to come: `--help` does without.
     from daemon.commands.terminal.compiled import telling_progress
     from daemon.files import check_can_be_made
     from daemon.host.processes import WHOLE, worker_processes
-    from daemon.workbench.body_model.clouds.cloud_dataset import CloudDatasetError
-    from daemon.workbench.body_model.clouds.collection import CollectionError, CollectionSettings
-    from daemon.workbench.body_model.clouds.emulated_body import UnreachableError
+    from daemon.workbench.body_model.clouds.collection import CollectionSettings
     from daemon.workbench.body_model.clouds.parallel_collection import collect_share
-    from sim_backends.lab.bodies import LabError
     from sim_backends.plants.shooting import warm_up
 
-    checked = robot_or_explain(arguments.robot)
-    if checked is None:
-        return EXIT_FAILED
+    checked = robot_with_warnings_told(arguments.robot)
     try:
         wanted, starts = arguments.configurations, arguments.starts
         wanted = _CONFIGURATIONS if wanted is None else wanted
@@ -181,23 +179,18 @@ def _emulated(arguments: argparse.Namespace) -> int:
         if arguments.processes < 1:
             raise ValueError("there must be a process")
     except ValueError as error:
-        print(error, file=sys.stderr)
-        return EXIT_USAGE
-    try:
-        check_can_be_made(arguments.out)
-        with telling_progress() as bar, worker_processes(arguments.processes) as workers:
-            warm_up()  # here, once, and not in each process
-            mine = arguments.share or WHOLE
-            made = collect_share(checked.file, settings, arguments.out, workers, bar, mine)
-    except (CollectionError, UnreachableError, CloudDatasetError, LabError, OSError) as error:
-        print(in_words(error), file=sys.stderr)
-        return EXIT_FAILED
+        raise UsageError(str(error)) from None
+    check_can_be_made(arguments.out)
+    with telling_progress() as bar, worker_processes(arguments.processes) as workers:
+        warm_up()  # here, once, and not in each process
+        mine = arguments.share or WHOLE
+        made = collect_share(checked.file, settings, arguments.out, workers, bar, mine)
     if made is None:
-        print(f"share {mine} is in {arguments.out}.parts: the others' parts are not all there yet")
-        return EXIT_OK
-    clouds = len(made) * settings.starts
-    print(
+        text = f"share {mine} is in {arguments.out}.parts: the others' parts are not all there yet"
+        return Result({"share": str(mine), "parts": f"{arguments.out}.parts"}, text)
+    clouds, block = len(made) * settings.starts, int(made.block.sum())
+    return Result(
+        {**_figures(arguments, made, clouds), "block": block},
         f"{arguments.out}: {len(made)} configurations ({int(made.test.sum())} to test with, "
-        f"{int(made.block.sum())} in the block), {clouds} clouds of {settings.points} points"
+        f"{block} in the block), {clouds} clouds of {settings.points} points",
     )
-    return EXIT_OK

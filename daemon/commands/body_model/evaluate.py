@@ -2,14 +2,13 @@
 
 import argparse
 import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from config.documents.problems import in_words
-from daemon.commands.body_model.train import add_data_arguments, torch_or_explain
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
-from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
+from daemon.commands.body_model.train import add_data_arguments, prepare_torch
+from daemon.commands.outcome.failures import as_failed
+from daemon.commands.outcome.result import Result
+from daemon.robot.checked_robot import add_robot_argument, robot_with_warnings_told
 
 if TYPE_CHECKING:
     from daemon.workbench.body_model.evaluation.evaluation import Evaluation
@@ -38,21 +37,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--threads", type=int, default=1, metavar="N", help="default: %(default)s")
 
 
-def run(arguments: argparse.Namespace) -> int:
-    checked = robot_or_explain(arguments.robot)
-    if checked is None or not torch_or_explain(arguments.threads):
-        return EXIT_FAILED
+def run(arguments: argparse.Namespace) -> Result:
+    checked = robot_with_warnings_told(arguments.robot)
+    prepare_torch(arguments.threads)
     # Torch and matplotlib take seconds to come: `--help` does without.
     from daemon.array_files import misfit_of
     from daemon.commands.terminal.compiled import telling_progress
     from daemon.files import write_whole
     from daemon.risk.model_file import read_model
-    from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset, CloudDatasetError
+    from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset
     from daemon.workbench.body_model.evaluation.evaluation import evaluate
     from daemon.workbench.body_model.evaluation.mdn_figures import write_evaluation
     from daemon.workbench.body_model.training.body_training import BodySettings
     from daemon.workbench.body_model.training.network import NetworkShape
-    from daemon.workbench.body_model.training.training import TrainingError
     from safety.risk.model.risk_model import RiskModelError
 
     try:
@@ -68,14 +65,13 @@ def run(arguments: argparse.Namespace) -> int:
         path = arguments.out / "evaluation.json"
         write_whole(path, (json.dumps(made.summary(), indent=2) + "\n").encode())
         figures = write_evaluation(made, file.model, dataset, arguments.out)
-    except (CloudDatasetError, RiskModelError, TrainingError, ValueError, OSError) as error:
-        print(in_words(error), file=sys.stderr)
-        return EXIT_FAILED
-    for line in _lines(made):
-        print(line)
-    for written in (path, *figures):
-        print(written)
-    return EXIT_OK
+    except ValueError as error:
+        raise as_failed(error) from None
+    written = [path, *figures]
+    return Result(
+        {"evaluation": made.summary(), "written": written},
+        "\n".join([*_lines(made), *map(str, written)]),
+    )
 
 
 def _lines(made: "Evaluation") -> list[str]:

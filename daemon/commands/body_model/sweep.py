@@ -5,20 +5,18 @@ They chose the most that do not collapse; how many that are depends on where com
 """
 
 import argparse
-import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from config.documents.problems import in_words
 from daemon.commands.body_model.train import (
     add_data_arguments,
     add_training_arguments,
-    torch_or_explain,
+    prepare_torch,
 )
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
-from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
+from daemon.commands.outcome.failures import UsageError, as_failed
+from daemon.commands.outcome.result import Result
+from daemon.robot.checked_robot import add_robot_argument, robot_with_warnings_told
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -43,26 +41,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "paper (default: %(default)s)",
     )
     parser.add_argument("--out", type=Path, required=True, metavar="NLL.png")
-    parser.add_argument("--json", action="store_true", help="the figures as one JSON object")
     add_training_arguments(parser, 2000, "at most: enough to tell numbers of components apart")
 
 
-def run(arguments: argparse.Namespace) -> int:
-    checked = robot_or_explain(arguments.robot)
+def run(arguments: argparse.Namespace) -> Result:
+    checked = robot_with_warnings_told(arguments.robot)
     components = _range(arguments.components)
     if components is None:
-        print(f"--components: FIRST..LAST, from 1 to {_MOST}", file=sys.stderr)
-        return EXIT_USAGE
-    if checked is None or not torch_or_explain(arguments.threads):
-        return EXIT_FAILED
+        raise UsageError(f"--components: FIRST..LAST, from 1 to {_MOST}")
+    prepare_torch(arguments.threads)
     # Torch and matplotlib take seconds to come: `--help` does without.
     from daemon.commands.terminal.compiled import telling_progress
     from daemon.files import check_can_be_made
-    from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset, CloudDatasetError
+    from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset
     from daemon.workbench.body_model.evaluation.component_sweep import summary, sweep
     from daemon.workbench.body_model.evaluation.mdn_figures import write_sweep
     from daemon.workbench.body_model.training.body_training import STARTS, BodySettings
-    from daemon.workbench.body_model.training.training import TrainingError
 
     try:
         check_can_be_made(arguments.out)
@@ -78,21 +72,16 @@ def run(arguments: argparse.Namespace) -> int:
                 for one in sweep(dataset, components, settings, start, say, progress)
             ]
         write_sweep(found, arguments.out)
-    except (CloudDatasetError, TrainingError, ValueError, OSError) as error:
-        print(in_words(error), file=sys.stderr)
-        return EXIT_FAILED
-    found_out = summary(found)
-    if arguments.json:
-        print(json.dumps(found_out, indent=2))
-        return EXIT_OK
+    except ValueError as error:
+        raise as_failed(error) from None
+    found_out, lines = summary(found), []
     for start, one in found_out["starts"].items():
         collapsed = one["first_collapsed"]
         said = "none collapsed" if collapsed is None else f"first collapsed at {collapsed}"
         best = one["recommended"]
         advice = "try fewer components" if best is None else f"recommended: {best} components"
-        print(f"{start}: {said}; {advice}")
-    print(arguments.out)
-    return EXIT_OK
+        lines.append(f"{start}: {said}; {advice}")
+    return Result({**found_out, "written": arguments.out}, "\n".join([*lines, str(arguments.out)]))
 
 
 def _said_past(progress: "ProgressLine") -> "Callable[[Counted], None]":

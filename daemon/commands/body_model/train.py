@@ -1,25 +1,22 @@
 """`tentacled mdn train ROBOT.yaml CLOUDS.npz --out MODEL.npz`: learn where a body is."""
 
 import argparse
-import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from config.documents.problems import in_words
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
-from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
+from daemon.commands.outcome.failures import CommandError, UsageError, as_failed
+from daemon.commands.outcome.result import Result
+from daemon.robot.checked_robot import add_robot_argument, robot_with_warnings_told
 
 if TYPE_CHECKING:
     from daemon.commands.terminal.progress_line import ProgressLine
     from daemon.workbench.body_model.training.body_training import BodySettings
     from daemon.workbench.body_model.training.training import Check
 
-NEEDS_TORCH: Final = (
-    "training needs PyTorch, and it is not installed: in the source folder, "
-    "pip install '.[training]'"
-)
+NEEDS_TORCH: Final = "training needs PyTorch, and it is not installed"
+INSTALL_TORCH: Final = "in the source folder, pip install '.[training]'"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -68,35 +65,31 @@ def add_training_arguments(parser: argparse.ArgumentParser, steps: int, what: st
     )
 
 
-def torch_or_explain(threads: int) -> bool:
-    """Make torch ready; or say on stderr that it is not there."""
+def prepare_torch(threads: int) -> None:
+    """Make torch ready. Raises CommandError where it is not installed."""
     try:
         import torch
     except ModuleNotFoundError:
-        print(NEEDS_TORCH, file=sys.stderr)
-        return False
+        raise CommandError(
+            "unavailable", f"{NEEDS_TORCH}: {INSTALL_TORCH}", place="torch"
+        ) from None
     torch.set_num_threads(threads)
-    return True
 
 
-def run(arguments: argparse.Namespace) -> int:
-    checked = robot_or_explain(arguments.robot)
-    if checked is None or not torch_or_explain(arguments.threads):
-        return EXIT_FAILED
+def run(arguments: argparse.Namespace) -> Result:
+    checked = robot_with_warnings_told(arguments.robot)
+    prepare_torch(arguments.threads)
     # Torch takes seconds to come: `--help` does without.
     from daemon.commands.terminal.compiled import telling_progress
     from daemon.files import check_can_be_made
     from daemon.risk.model_file import write_model
-    from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset, CloudDatasetError
+    from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset
     from daemon.workbench.body_model.training.body_training import nats_in_metres, train_body
-    from daemon.workbench.body_model.training.training import TrainingError
-    from safety.risk.model.risk_model import RiskModelError
 
     try:
         settings = _settings(arguments)
     except ValueError as error:
-        print(error, file=sys.stderr)
-        return EXIT_USAGE
+        raise UsageError(str(error)) from None
     try:
         check_can_be_made(arguments.out)
         dataset = CloudDataset.load(arguments.data, checked.file.robot)
@@ -104,19 +97,26 @@ def run(arguments: argparse.Namespace) -> int:
             made = train_body(dataset, settings, _Checks(settings, progress).hear)
         about = {**made.about, "commands": _commands(arguments, dataset.provenance)}
         write_model(arguments.out, made.arrays, about)
-    except (CloudDatasetError, TrainingError, RiskModelError, ValueError, OSError) as error:
-        print(in_words(error), file=sys.stderr)
-        return EXIT_FAILED
+    except ValueError as error:
+        raise as_failed(error) from None
     kept_back = nats_in_metres(made.points.best.kept_back)
     widths = made.about["shapes_widths"]
-    print(
+    text = (
         f"{arguments.out}: NLL {kept_back:.3f} nats per point (places in m) at configurations that "
         f"were kept back, best after step {made.points.best.step}; for what the modes leave out "
         f"and the fit is off, up to {made.about['basis_left_out_mm']:.2f} mm are added; of shapes, "
         f"{widths['wide_share']:.0%} are {widths['wide']:.2f} times as wide as learnt, the others "
         f"{widths['narrow']:.2f} times, as the same say"
     )
-    return EXIT_OK
+    return Result(
+        {
+            "written": arguments.out,
+            "nll_nats_in_metres": kept_back,
+            "step": made.points.best.step,
+            "about": about,
+        },
+        text,
+    )
 
 
 def _settings(arguments: argparse.Namespace) -> "BodySettings":

@@ -3,37 +3,33 @@
 import argparse
 import asyncio
 import sys
+from contextlib import suppress
 from importlib.util import find_spec
 
 from daemon.bridges.robot_feed import Listener, RobotFeed
-from daemon.commands.terminal.remote_arguments import UsageError, address
+from daemon.commands.outcome.failures import CommandError
+from daemon.commands.terminal.remote_arguments import address
 from daemon.host.stop_signals import StopSignals
 from daemon.messages import Message, Surroundings, WhoAmI
 from daemon.remote.client.client_errors import ClientError
 
 
-def library_is_missing(module: str, extra: str = "bridges") -> bool:
-    """Whether an optional library is not there. Says how it is installed then."""
-    if find_spec(module) is not None:
-        return False
-    print(
-        f"this needs the library '{module}', which is not installed: "
-        f"pip install 'tentacled[{extra}]'",
-        file=sys.stderr,
-    )
-    return True
+def require_library(module: str, extra: str = "bridges") -> None:
+    """Raises CommandError, which says how it is installed, where an optional one is not there."""
+    if find_spec(module) is None:
+        raise CommandError(
+            "unavailable",
+            f"this needs the library '{module}', which is not installed: "
+            f"pip install 'tentacled[{extra}]'",
+            place=module,
+        )
 
 
-def usage_problem(arguments: argparse.Namespace) -> str:
-    """What is wrong with the words that say which daemon; empty: nothing. One that is not running
+def check_target(arguments: argparse.Namespace) -> None:
+    """Raises UsageError where the words that say which daemon are wrong. One that is not running
     yet is waited for."""
-    try:
+    with suppress(ClientError):
         address(arguments)
-    except UsageError as error:
-        return str(error)
-    except ClientError:
-        pass
-    return ""
 
 
 async def follow(arguments: argparse.Namespace, listener: Listener) -> None:

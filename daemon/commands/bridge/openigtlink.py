@@ -8,8 +8,9 @@ from typing import Final
 
 from config.documents.problems import in_words
 from daemon.bridges.openigtlink.server import OpenIGTLinkServer
-from daemon.commands.bridge.bridge_process import follow, usage_problem
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
+from daemon.commands.bridge.bridge_process import check_target, follow
+from daemon.commands.outcome.failures import CommandError
+from daemon.commands.outcome.result import Result, tell
 from daemon.commands.terminal.remote_arguments import add_target_arguments
 
 _PORT: Final = 18944
@@ -43,18 +44,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
-    problem = usage_problem(arguments)
-    if problem:
-        print(problem, file=sys.stderr)
-        return EXIT_USAGE
+def run(arguments: argparse.Namespace) -> Result:
+    check_target(arguments)
     try:
         asyncio.run(_serve(arguments))
     except (OSError, OverflowError) as error:
         told = in_words(error) if isinstance(error, OSError) else str(error)
-        print(f"port {arguments.port} cannot be served: {told}", file=sys.stderr)
-        return EXIT_FAILED
-    return EXIT_OK
+        text = f"port {arguments.port} cannot be served: {told}"
+        raise CommandError("unavailable", text, place=str(arguments.port)) from None
+    return Result(None)
 
 
 async def _serve(arguments: argparse.Namespace) -> None:
@@ -67,7 +65,8 @@ async def _serve(arguments: argparse.Namespace) -> None:
     try:
         if arguments.bind not in _LOOPBACK:
             print(f"warning: port {port} is open to the network, at {host}", file=sys.stderr)
-        print(f"OpenIGTLink at {host}:{port}; Ctrl-C ends it", flush=True)
+        ready = {"host": host, "port": port, "state": "ready"}
+        tell("bridge openigtlink", ready, f"OpenIGTLink at {host}:{port}; Ctrl-C ends it")
         await follow(arguments, server)
     finally:
         await server.close()

@@ -2,8 +2,8 @@
 
 import argparse
 
+from daemon.commands.outcome.result import Result
 from daemon.commands.terminal.remote_arguments import (
-    add_json_argument,
     add_target_arguments,
     add_timeout_argument,
     run_command,
@@ -13,7 +13,6 @@ from daemon.messages import Arm
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_target_arguments(parser)
-    add_json_argument(parser)
     add_timeout_argument(parser)
     parser.add_argument(
         "--despite-contact",
@@ -22,5 +21,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Result:
     return run_command(arguments, Arm(despite_contact=arguments.despite_contact))

@@ -5,10 +5,10 @@ import asyncio
 import sys
 from typing import TYPE_CHECKING
 
+from daemon.commands.outcome.result import Result
 from daemon.commands.terminal.remote_arguments import (
-    add_json_argument,
     add_target_arguments,
-    print_answer,
+    answer_result,
     run_talk,
 )
 from daemon.messages import Event
@@ -27,7 +27,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="this one, and whichever else is named; without any: all that do not know their zero",
     )
     add_target_arguments(parser)
-    add_json_argument(parser)
     parser.add_argument(
         "--timeout",
         type=float,
@@ -37,14 +36,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
-    async def talk(client: "RobotClient") -> int:
+def run(arguments: argparse.Namespace) -> Result:
+    async def talk(client: "RobotClient") -> Result:
         showing = asyncio.create_task(_show(client))
         try:
             answer = await client.home(arguments.axis, arguments.timeout)
         finally:
             showing.cancel()
-        return print_answer(answer, arguments.json)
+        return answer_result(answer)
 
     return run_talk(arguments, talk)
 

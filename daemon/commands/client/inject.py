@@ -2,13 +2,12 @@
 
 import argparse
 import shutil
-import sys
 import textwrap
 from pathlib import Path
 from typing import Final
 
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
-from daemon.robot.lab_connections import LabRefusedError, LabUnreachableError, ask, the_running_lab
+from daemon.commands.outcome.result import Result
+from daemon.robot.lab_connections import ask, the_running_lab
 
 _USAGE_WIDTH: Final = 34
 """What is longer pushes its text to the right."""
@@ -22,22 +21,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
-    try:
-        directory = arguments.runtime_dir or the_running_lab()
-        if arguments.list or not arguments.faults:
-            _list(directory)
-        for fault in arguments.faults:
-            ask(directory, {"do": "inject", "fault": fault})
-    except (LabUnreachableError, LabRefusedError) as error:
-        print(error, file=sys.stderr)
-        return EXIT_FAILED
-    return EXIT_OK
+def run(arguments: argparse.Namespace) -> Result:
+    directory = arguments.runtime_dir or the_running_lab()
+    known = {}
+    if arguments.list or not arguments.faults:
+        known = ask(directory, {"do": "faults"})["faults"]
+    for fault in arguments.faults:
+        ask(directory, {"do": "inject", "fault": fault})
+    return Result({"injected": arguments.faults, "faults": known}, lambda: _list(known))
 
 
-def _list(directory: Path) -> None:
+def _list(known: dict[str, dict[str, str]]) -> None:
     width = shutil.get_terminal_size().columns
-    for device, faults in ask(directory, {"do": "faults"})["faults"].items():
+    for device, faults in known.items():
         print(device)
         for usage, text in faults.items():
             word = f"  .{usage}"

@@ -6,7 +6,8 @@ import sys
 from pathlib import Path
 from typing import Final
 
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+from daemon.commands.outcome.failures import CommandError
+from daemon.commands.outcome.result import Result, tell
 from daemon.commands.terminal.remote_arguments import (
     add_target_arguments,
     address,
@@ -27,21 +28,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_target_arguments(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
-    async def talk(client: RobotClient) -> int:
+def run(arguments: argparse.Namespace) -> Result:
+    async def talk(client: RobotClient) -> Result:
         target = address(arguments)
         return await _hold(client, lease_file(target), target.user)
 
     return run_talk(arguments, talk)
 
 
-async def _hold(client: RobotClient, path: Path, user: str) -> int:
+async def _hold(client: RobotClient, path: Path, user: str) -> Result:
     stop = StopSignals()
     stopping = asyncio.create_task(stop.wait(None))
     answer = await client.acquire()
     try:
         store_lease(path, StoredLease(user, answer.token))
-        print(f"{client.me.robot}: the lease is yours; Ctrl-C gives it back", flush=True)
+        held = {"robot": client.me.robot, "user": user, "lease": "yours"}
+        tell("lease", held, f"{client.me.robot}: the lease is yours; Ctrl-C gives it back")
         while not stopping.done():
             if client.lease_lost is not None:
                 print(f"{client.lease_lost}; trying to get it back", file=sys.stderr, flush=True)
@@ -49,12 +51,12 @@ async def _hold(client: RobotClient, path: Path, user: str) -> int:
                 if taken is None:
                     break
                 store_lease(path, StoredLease(user, taken.token))
-                print("the lease is yours again", flush=True)
+                tell("lease", held, "the lease is yours again")
             await asyncio.wait((stopping,), timeout=_LOOK_EVERY_S)
         return await _give_back(client)
     except OSError as error:
-        print(f"the lease cannot be kept in {path}: {error.strerror}", file=sys.stderr)
-        return EXIT_FAILED
+        text = f"the lease cannot be kept in {path}: {error.strerror}"
+        raise CommandError("input_output", text, place=str(path)) from None
     finally:
         stopping.cancel()
         forget_lease(path)
@@ -70,15 +72,13 @@ async def _take_again(client: RobotClient, stopping: asyncio.Task[None]) -> Answ
     return None
 
 
-async def _give_back(client: RobotClient) -> int:
+async def _give_back(client: RobotClient) -> Result:
     if client.lease_lost is not None:
-        return EXIT_FAILED
+        raise CommandError("failed", f"{client.lease_lost}")
     try:
         await client.release()
     except RefusedError as error:
-        print(
-            f"the lease is not given back but runs out: {error}",
-            file=sys.stderr,
-        )
-        return EXIT_FAILED
-    return EXIT_OK
+        raise CommandError(
+            "refused", f"the lease is not given back but runs out: {error}"
+        ) from None
+    return Result(None)

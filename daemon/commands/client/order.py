@@ -3,8 +3,8 @@
 import argparse
 from typing import Final
 
+from daemon.commands.outcome.result import Result
 from daemon.commands.terminal.remote_arguments import (
-    add_json_argument,
     add_target_arguments,
     add_timeout_argument,
     run_command,
@@ -18,9 +18,8 @@ _ORDERS: Final[dict[str, type[Command]]] = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_target_arguments(parser)
-    add_json_argument(parser)
     add_timeout_argument(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Result:
     return run_command(arguments, _ORDERS[arguments.command]())

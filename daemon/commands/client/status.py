@@ -4,10 +4,8 @@ import argparse
 import asyncio
 from typing import Final
 
-import msgspec
-
-from daemon.commands.terminal.command_line import EXIT_OK
-from daemon.commands.terminal.remote_arguments import add_target_arguments, run_talk
+from daemon.commands.outcome.result import Result, tell
+from daemon.commands.terminal.remote_arguments import add_target_arguments, as_json, run_talk
 from daemon.host.stop_signals import StopSignals
 from daemon.messages import Status
 from daemon.remote.client.client import RobotClient
@@ -18,32 +16,27 @@ _EVERY_S: Final = 0.25
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_target_arguments(parser)
-    parser.add_argument(
-        "--json", action="store_true", help="the status message as JSON, one a line"
-    )
     parser.add_argument("--watch", action="store_true", help="live, until Ctrl-C")
     parser.add_argument(
         "--every", type=float, default=_EVERY_S, metavar="S", help="with --watch: how often"
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
-    async def talk(client: RobotClient) -> int:
+def run(arguments: argparse.Namespace) -> Result:
+    async def talk(client: RobotClient) -> Result:
         if not arguments.watch:
-            _show_once(await client.status(), arguments.json)
-        elif arguments.json:
+            status = await client.status()
+            return Result(as_json(status), lambda: _show_once(status))
+        if arguments.json:
             await _write(client, arguments.every)
         else:
             await _watch(client, arguments.every)
-        return EXIT_OK
+        return Result(None)
 
     return run_talk(arguments, talk)
 
 
-def _show_once(status: Status, as_json: bool) -> None:
-    if as_json:
-        _print_json(status)
-        return
+def _show_once(status: Status) -> None:
     from rich.console import Console
 
     from daemon.commands.terminal.page import Size
@@ -53,14 +46,10 @@ def _show_once(status: Status, as_json: bool) -> None:
     Console(width=size.width).print(status_view(status, size))
 
 
-def _print_json(status: Status) -> None:
-    print(msgspec.json.encode(status).decode(), flush=True)
-
-
 async def _write(client: RobotClient, every_s: float) -> None:
     stopping = asyncio.create_task(StopSignals().wait(None))
     while not stopping.done():
-        _print_json(await client.status())
+        tell("status", as_json(await client.status()))
         await asyncio.wait((stopping,), timeout=every_s)
 
 

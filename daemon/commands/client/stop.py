@@ -6,16 +6,16 @@ It goes by STOP's own way, and as an ordinary command only where that brings not
 import argparse
 import asyncio
 import sys
+from collections.abc import Callable
 
-from daemon.commands.terminal.command_line import EXIT_USAGE
+from daemon.commands.outcome.failures import failure_of
+from daemon.commands.outcome.result import Result
 from daemon.commands.terminal.remote_arguments import (
-    UsageError,
-    add_json_argument,
     add_target_arguments,
     add_timeout_argument,
     addresses,
-    failed,
-    print_answer,
+    answer_result,
+    tell_text,
 )
 from daemon.messages import Answer, Stop, verb
 from daemon.remote.client.address import Address
@@ -25,26 +25,37 @@ from daemon.remote.client.stop_client import first_answer
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_target_arguments(parser)
-    add_json_argument(parser)
     add_timeout_argument(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
-    try:
-        targets = addresses(arguments)
-    except UsageError as error:
-        print(error, file=sys.stderr)
-        return EXIT_USAGE
-    except ClientError as error:
-        return failed(error, arguments.json)
+def run(arguments: argparse.Namespace) -> Result:
+    targets = addresses(arguments)
     outcomes = asyncio.run(_stop_all(targets, arguments.timeout))
-    codes = [
-        failed(outcome, arguments.json)
-        if isinstance(outcome, ClientError)
-        else print_answer(outcome, arguments.json)
-        for outcome in outcomes
+    if len(outcomes) == 1:
+        if isinstance(outcome := outcomes[0], ClientError):
+            raise outcome
+        return answer_result(outcome)
+    robots = [
+        _one_of_several(target, outcome) for target, outcome in zip(targets, outcomes, strict=True)
     ]
-    return max(codes)
+    return Result(
+        {"robots": [data for data, _, _ in robots]},
+        lambda: tell_text(text for _, text, _ in robots),
+        max(code for _, _, code in robots),
+    )
+
+
+def _one_of_several(
+    target: Address, outcome: Answer | ClientError
+) -> tuple[dict[str, object], str | Callable[[], None], int]:
+    """What is told of it to programs and to people, and its exit code."""
+    if isinstance(outcome, Answer):
+        result = answer_result(outcome)
+        return {"robot": target.robot, **(result.data or {})}, result.text, result.code
+    failure = failure_of(outcome)
+    assert failure is not None
+    error: dict[str, object] = {"robot": target.robot, "error": failure.as_json("stop")}
+    return error, lambda: print(failure.text, file=sys.stderr), failure.kind.code
 
 
 async def _stop_all(targets: list[Address], within_s: float) -> list[Answer | ClientError]:

@@ -17,8 +17,8 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from config.documents.problems import in_words
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
+from daemon.commands.outcome.failures import CommandError, UsageError
+from daemon.commands.outcome.result import Result
 from daemon.commands.terminal.remote_arguments import add_target_arguments, run_talk
 from daemon.host.stop_signals import StopSignals
 from daemon.messages import SetpointRefused
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 _STDIN: Final = 0
 _MOST_BYTES: Final = 65536
+_ENDED: Final = Result({"ended": "the robot holds"})
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -82,22 +83,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     hand.add_argument("--pointing", action="store_true", help="steer the tip's direction, too")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Result:
     try:
         controller = _controller(arguments.controller)
         settings = _settings(arguments)
     except ValueError as error:
-        print(error, file=sys.stderr)
-        return EXIT_USAGE
+        raise UsageError(str(error)) from None
     if arguments.device is not None:
         return _by_hand(arguments, settings, controller)
     if arguments.record is not None:
-        print("--record goes with --device", file=sys.stderr)
-        return EXIT_USAGE
+        raise UsageError("--record goes with --device")
     if arguments.replay is not None:
         return _again(arguments, controller)
 
-    async def talk(client: RobotClient) -> int:
+    async def talk(client: RobotClient) -> Result:
         if not client.token:
             await client.acquire()
         return await _teleoperate(client, arguments.valid, controller)
@@ -134,23 +133,15 @@ def _settings(arguments: argparse.Namespace) -> HandSettings:
 
 def _by_hand(
     arguments: argparse.Namespace, settings: HandSettings, controller: dict[str, Any] | None
-) -> int:
-    from daemon.steering.hid_device import HidDevice, HidDeviceError
+) -> Result:
+    from daemon.steering.hid_device import HidDevice
 
-    try:
-        device = HidDevice(arguments.device, arguments.profile)
-    except HidDeviceError as error:
-        print(error, file=sys.stderr)
-        return EXIT_FAILED
+    device = HidDevice(arguments.device, arguments.profile)
     with ExitStack() as open_files:
         open_files.callback(device.close)
         station = Station(device.kind.made(), settings)
         if arguments.record is not None:
-            try:
-                journal = open_files.enter_context(arguments.record.open("xb"))
-            except OSError as error:
-                print(f"{arguments.record}: {error.strerror}", file=sys.stderr)
-                return EXIT_FAILED
+            journal = open_files.enter_context(arguments.record.open("xb"))
             station = RecordedStation(device.kind, settings, journal.write)
 
         async def work(client: RobotClient, asked: "Asked") -> None:
@@ -162,13 +153,13 @@ def _by_hand(
         return run_talk(arguments, lambda client: _until_stopped(client, arguments.valid, work))
 
 
-def _again(arguments: argparse.Namespace, controller: dict[str, Any] | None) -> int:
+def _again(arguments: argparse.Namespace, controller: dict[str, Any] | None) -> Result:
     try:
         with arguments.replay.open("rb") as journal:
             path = list(replayed(journal))
-    except (OSError, JournalError) as error:
-        print(f"{arguments.replay}: {in_words(error)}", file=sys.stderr)
-        return EXIT_FAILED
+    except JournalError as error:
+        text = f"{arguments.replay}: {error}"
+        raise CommandError("unusable_data", text, place=str(arguments.replay)) from None
 
     async def work(client: RobotClient, asked: "Asked") -> None:
         from daemon.steering.session import replay
@@ -182,7 +173,7 @@ async def _until_stopped(
     client: RobotClient,
     valid_s: float,
     work: "Callable[[RobotClient, Asked], Coroutine[Any, Any, None]]",
-) -> int:
+) -> Result:
     """The work, until it ends or Ctrl-C does; then the robot holds."""
     from daemon.steering.session import Asked
 
@@ -202,7 +193,7 @@ async def _until_stopped(
         outcomes = await asyncio.gather(*tasks, return_exceptions=True)
     if isinstance(failure := outcomes[1], Exception):
         raise failure
-    return EXIT_OK
+    return _ENDED
 
 
 # By lines of standard input.
@@ -210,7 +201,7 @@ async def _until_stopped(
 
 async def _teleoperate(
     client: RobotClient, valid_s: float, controller: dict[str, Any] | None
-) -> int:
+) -> Result:
     stop = StopSignals()
 
     def send(line: bytes) -> None:
@@ -234,9 +225,8 @@ async def _teleoperate(
         if isinstance(outcome, ClientError):
             raise outcome
         if isinstance(outcome, Exception):
-            print(outcome, file=sys.stderr)
-            return EXIT_FAILED
-    return EXIT_OK
+            raise CommandError("failed", str(outcome)) from None
+    return _ENDED
 
 
 async def _tell_refused(events: Subscription) -> None:

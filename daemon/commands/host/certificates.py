@@ -1,12 +1,13 @@
 """`tentacled certificates DIR --host 192.168.1.10 --operator alice --viewer bob`."""
 
 import argparse
-import sys
 from pathlib import Path
+from typing import Any
 
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
+from daemon.commands.outcome.failures import UsageError
+from daemon.commands.outcome.result import Result
 from daemon.host.clock import MonotonicClock
-from daemon.remote.certificates import CertificateError, CertificateFolder
+from daemon.remote.certificates import CertificateFolder
 from daemon.remote.keys import Keys
 
 _DEFAULT_DAYS = 730
@@ -33,38 +34,36 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Result:
     users = [*arguments.operator, *arguments.viewer]
     try:
         for user in users:
             Keys("robot").whoami(user)
     except ValueError as error:
-        print(error, file=sys.stderr)
-        return EXIT_USAGE
+        raise UsageError(str(error)) from None
     if arguments.days < 1 or not (arguments.host or users):
-        print("name a --host, an --operator or a --viewer, and one day at least", file=sys.stderr)
-        return EXIT_USAGE
+        raise UsageError("name a --host, an --operator or a --viewer, and one day at least")
     folder = CertificateFolder(arguments.folder, MonotonicClock().wall_time_ns(), arguments.days)
-    try:
-        made = folder.make(arguments.host, users)
-    except CertificateError as error:
-        print(error, file=sys.stderr)
-        return EXIT_FAILED
-    for path in made:
-        print(f"made {path}")
-    _tell(arguments)
-    return EXIT_OK
+    made = folder.make(arguments.host, users)
+    told = "\n".join([*(f"made {path}" for path in made), *_what_is_next(arguments)])
+    return Result({"made": made, "robot_file": _robot_file(arguments)}, told)
 
 
-def _tell(arguments: argparse.Namespace) -> None:
+def _robot_file(arguments: argparse.Namespace) -> dict[str, Any]:
+    """What goes into it."""
     host = arguments.host[0] if arguments.host else "ADDRESS"
-    print("\nIn the robot file:\n\nremote:\n  tls:")
-    print(f"    endpoint: {host}:{_DEFAULT_PORT}")
-    print(f"    certificates: {arguments.folder.absolute()}\n  users:")
-    for role in ("operator", "viewer"):
-        for user in getattr(arguments, role):
-            print(f"    {user}: {role}")
-    print(
-        "\nThe daemon needs ca.pem, server.pem and server.key; a user NAME needs ca.pem, NAME.pem"
-    )
-    print("and NAME.key, on the own machine. Keep ca.key where nobody else can read it.")
+    users = {user: role for role in ("operator", "viewer") for user in getattr(arguments, role)}
+    tls = {"endpoint": f"{host}:{_DEFAULT_PORT}", "certificates": str(arguments.folder.absolute())}
+    return {"remote": {"tls": tls, "users": users}}
+
+
+def _what_is_next(arguments: argparse.Namespace) -> list[str]:
+    remote = _robot_file(arguments)["remote"]
+    return [
+        "\nIn the robot file:\n\nremote:\n  tls:",
+        *(f"    {key}: {value}" for key, value in remote["tls"].items()),
+        "  users:",
+        *(f"    {user}: {role}" for user, role in remote["users"].items()),
+        "\nThe daemon needs ca.pem, server.pem and server.key; a user NAME needs ca.pem, NAME.pem",
+        "and NAME.key, on the own machine. Keep ca.key where nobody else can read it.",
+    ]

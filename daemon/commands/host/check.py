@@ -11,7 +11,7 @@ from typing import Final
 
 from config.documents.problems import ConfigError, Problem, did_you_mean
 from config.documents.yaml_document import read_yaml
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+from daemon.commands.outcome.result import Result
 from daemon.robot.checked_robot import CheckedRobot, check_robot
 from daemon.robot.coupled_axes import beyond_alone
 from daemon.robot.shipped_files import FOLDERS, add_list_option, file_argument
@@ -36,14 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
-    try:
-        lines = check(arguments.file, arguments.robot)
-    except ConfigError as error:
-        print(error, file=sys.stderr)
-        return EXIT_FAILED
-    print("\n".join(lines))
-    return EXIT_OK
+def run(arguments: argparse.Namespace) -> Result:
+    lines = check(arguments.file, arguments.robot)
+    return Result({"file": arguments.file, "sound": True, "described": lines}, "\n".join(lines))
 
 
 def check(path: Path, robot: Path | None = None) -> list[str]:

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Final
 from urllib.parse import quote
 
 from config.documents.problems import in_words
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
+from daemon.commands.outcome.failures import CommandError, UsageError
+from daemon.commands.outcome.result import Result, tell
 from daemon.host.stop_signals import StopSignals
 from daemon.remote.access import OPERATOR
 from daemon.remote.discovery import read_daemon, running_daemons
@@ -72,19 +73,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Result:
     if arguments.bind not in _LOOPBACK and (arguments.tls is None or arguments.no_token):
-        print("others than this machine are served with --tls and a token only", file=sys.stderr)
-        return EXIT_USAGE
+        raise UsageError("others than this machine are served with --tls and a token only")
     if arguments.replay is not None and not arguments.replay.exists():
-        print(f"{arguments.replay}: there is no such file or folder", file=sys.stderr)
-        return EXIT_FAILED
+        text = f"{arguments.replay}: there is no such file or folder"
+        raise CommandError("no_input", text, place=str(arguments.replay))
     try:
         asyncio.run(_serve(arguments))
     except OSError as error:
-        print(f"the page cannot be served: {in_words(error)}", file=sys.stderr)
-        return EXIT_FAILED
-    return EXIT_OK
+        raise CommandError("unavailable", f"the page cannot be served: {in_words(error)}") from None
+    return Result(None)
 
 
 async def _serve(arguments: argparse.Namespace) -> None:
@@ -126,10 +125,16 @@ def _tell(arguments: argparse.Namespace, port: int, tokens: dict[str, str]) -> N
     if arguments.bind not in _LOOPBACK:
         print(f"warning: port {port} is open to the network, at {arguments.bind}", file=sys.stderr)
     replay = "" if arguments.replay is None else f"replay={quote(arguments.replay.resolve().name)}"
-    if not tokens:
-        print(f"{address}{replay and '?'}{replay}  (whoever reaches it commands)", flush=True)
-    for token, role in tokens.items():
-        print(f"{role}: {address}?token={token}{replay and '&'}{replay}", flush=True)
+    if tokens:
+        pages = {
+            role: f"{address}?token={token}{replay and '&'}{replay}"
+            for token, role in tokens.items()
+        }
+        text = "\n".join(f"{role}: {page}" for role, page in pages.items())
+    else:
+        pages = {"anybody": f"{address}{replay and '?'}{replay}"}
+        text = f"{pages['anybody']}  (whoever reaches it commands)"
+    tell("dashboard", {"port": port, "pages": pages, "state": "ready"}, text)
 
 
 def _token() -> str:

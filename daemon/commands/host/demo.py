@@ -14,7 +14,8 @@ from typing import Final
 
 from config.documents.problems import in_words
 from config.loader import load_robot
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+from daemon.commands.outcome.failures import CommandError
+from daemon.commands.outcome.result import Result
 from daemon.commands.terminal.compiled import compile_all, telling_progress
 from daemon.commands.terminal.tour import Tour, TourError
 from daemon.files import check_folder_can_be_made
@@ -44,21 +45,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Result:
     robot = Path(str(files("config") / "robots" / "soft_arm.yaml"))
-    try:
-        check_folder_can_be_made(arguments.runs)
-    except OSError as error:
-        print(in_words(error), file=sys.stderr)
-        return EXIT_FAILED
+    check_folder_can_be_made(arguments.runs)
     with tempfile.TemporaryDirectory(prefix="tentacled-") as name:
         directory = Path(name)
         with nullcontext() if arguments.no_page else _page(directory, arguments.runs):
             try:
                 model = _prepared(robot)
             except (TrialError, PretrainingError, OSError) as error:
-                print(f"the arm cannot be explored: {in_words(error)}", file=sys.stderr)
-                return EXIT_FAILED
+                text = f"the arm cannot be explored: {in_words(error)}"
+                raise CommandError("failed", text) from None
             return run_in_real_time(_demonstrate(robot, directory, model, arguments))
 
 
@@ -110,7 +107,7 @@ def _prepared(robot: Path) -> Path:
 
 async def _demonstrate(
     robot: Path, directory: Path, model: Path, arguments: argparse.Namespace
-) -> int:
+) -> Result:
     where = [str(robot), "--runtime-dir", str(directory)]
     daemon = ["run", *where, "--runs", str(arguments.runs)]
     stop, processes = StopSignals(), OwnProcesses(["emulate", *where], daemon)
@@ -124,15 +121,13 @@ async def _demonstrate(
         outcome = (await asyncio.gather(tour, ending, return_exceptions=True))[0]
         await processes.end()
     if isinstance(outcome, asyncio.CancelledError):
-        print("\nended: the drives were stopped and switched off")
-        return EXIT_OK
+        ended = "ended: the drives were stopped and switched off"
+        return Result({"ended": ended}, f"\n{ended}")
     if isinstance(outcome, ProcessError | TourError | ClientError):
-        print(f"\n{outcome}", file=sys.stderr)
-        return EXIT_FAILED
+        raise CommandError("failed", f"\n{outcome}") from None
     if isinstance(outcome, BaseException):
         raise outcome
-    _tell_result(Path(outcome))
-    return EXIT_OK
+    return _result(Path(outcome))
 
 
 async def _guide(processes: OwnProcesses, directory: Path, cycle_s: float, model: Path) -> str:
@@ -143,9 +138,12 @@ async def _guide(processes: OwnProcesses, directory: Path, cycle_s: float, model
     return await Tour(directory, cycle_s, controller).run()
 
 
-def _tell_result(folder: Path) -> None:
-    result = read_result(folder)
+def _result(folder: Path) -> Result:
+    result, report, lines = read_result(folder), write_report(folder), []
     if result is not None:
-        print(f"\ndistance of the tip from its reference, {result.controller}:")
-        print(table_text(result.cycles))
-    print(f"\nreport: {write_report(folder)}")
+        lines = [
+            f"\ndistance of the tip from its reference, {result.controller}:",
+            table_text(result.cycles),
+        ]
+    told = {"recording": folder, "report": report, "result": result}
+    return Result(told, "\n".join([*lines, f"\nreport: {report}"]))

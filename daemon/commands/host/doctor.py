@@ -11,7 +11,8 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+from daemon.commands.outcome.exit_codes import EXIT_FAILED, EXIT_OK
+from daemon.commands.outcome.result import Result
 from drivers.can.preflight import can_interfaces
 
 _OURS: Final = ("config", "daemon", "drivers", "safety", "sim_backends")
@@ -33,13 +34,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     del parser
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Result:
     del arguments
     findings = list(examine())
-    for finding in findings:
-        mark = "ok  " if finding.good else "FAIL" if finding.serious else "note"
-        print(f"{mark}  {finding.text}")
-    return EXIT_FAILED if any(f.serious and not f.good for f in findings) else EXIT_OK
+    bad = any(finding.serious and not finding.good for finding in findings)
+    return Result(
+        {"findings": [finding._asdict() for finding in findings]},
+        "\n".join(map(_line, findings)),
+        EXIT_FAILED if bad else EXIT_OK,
+    )
+
+
+def _line(finding: Finding) -> str:
+    mark = "ok  " if finding.good else "FAIL" if finding.serious else "note"
+    return f"{mark}  {finding.text}"
 
 
 def examine() -> Iterator[Finding]:

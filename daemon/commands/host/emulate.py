@@ -2,22 +2,19 @@
 
 import argparse
 import asyncio
-import sys
 from pathlib import Path
 from typing import Final
 
-from config.documents.problems import ConfigError, in_words
 from config.patience import patient
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+from daemon.commands.outcome.result import Result, tell
 from daemon.commands.terminal.compiled import telling_progress
 from daemon.host.clock import MonotonicClock, run_in_real_time
 from daemon.host.logs import logging_to_stderr
 from daemon.host.resident_memory import give_back_compiler
 from daemon.host.stop_signals import StopSignals
-from daemon.robot.checked_robot import CheckedRobot, add_robot_argument, robot_or_explain
+from daemon.robot.checked_robot import CheckedRobot, add_robot_argument, robot_with_warnings_told
 from daemon.robot.runtime_directory import default_runtime_directory
 from daemon.robot.shipped_files import file_argument
-from sim_backends.lab.bodies import LabError
 from sim_backends.lab.lab import Lab
 from sim_backends.lab.lab_ports import LabPorts
 from sim_backends.lab.play import PLAYS
@@ -43,17 +40,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, metavar="N", help="instead of the robot file's")
 
 
-def run(arguments: argparse.Namespace) -> int:
-    checked = robot_or_explain(arguments.robot)
-    if checked is None:
-        return EXIT_FAILED
-    try:
-        with logging_to_stderr("lab"):
-            run_in_real_time(_emulate(checked, arguments))
-    except (LabError, ConfigError, OSError) as error:
-        print(in_words(error), file=sys.stderr)
-        return EXIT_FAILED
-    return EXIT_OK
+def run(arguments: argparse.Namespace) -> Result:
+    checked = robot_with_warnings_told(arguments.robot)
+    with logging_to_stderr("lab"):
+        run_in_real_time(_emulate(checked, arguments))
+    return Result(None)
 
 
 async def _emulate(checked: CheckedRobot, arguments: argparse.Namespace) -> None:
@@ -80,8 +71,14 @@ async def _emulate(checked: CheckedRobot, arguments: argparse.Namespace) -> None
 
 
 def _tell(robot: str, directory: Path, buses: list[str]) -> None:
-    print(f"{robot}, emulated, in {directory}")
-    print("  aurora      the tracker's serial port")
-    for bus in buses:
-        print(f"  {bus:<12}a serial CAN adapter (slcan); {bus}.sock: python-can's 'tentacled'")
-    print("Ctrl-C ends it", flush=True)
+    lines = [
+        f"{robot}, emulated, in {directory}",
+        "  aurora      the tracker's serial port",
+        *(
+            f"  {bus:<12}a serial CAN adapter (slcan); {bus}.sock: python-can's 'tentacled'"
+            for bus in buses
+        ),
+        "Ctrl-C ends it",
+    ]
+    ready = {"robot": robot, "runtime_dir": directory, "buses": buses, "state": "ready"}
+    tell("emulate", ready, "\n".join(lines))

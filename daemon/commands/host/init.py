@@ -6,15 +6,14 @@ the shipped file with its drives' EDS file and an experiment, to be changed.
 
 import argparse
 import re
-import sys
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 from typing import Final
 
 from config.documents.kinds import CONTROLLERS, entries
-from config.documents.problems import in_words
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
+from daemon.commands.outcome.failures import UsageError
+from daemon.commands.outcome.result import Result
 
 _NAME: Final = re.compile(r"[a-z][a-z0-9_]{0,62}")
 _EXPERIMENTS: Final = {
@@ -35,29 +34,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Result:
     folder: Path = arguments.folder
     name = folder.absolute().name.replace("-", "_")
     if not _NAME.fullmatch(name):
         text = "must be a lower-case word: letters, digits and _ after a letter"
-        print(f"{folder}: its name is the {arguments.what}'s, and {text}", file=sys.stderr)
-        return EXIT_USAGE
+        raise UsageError(f"{folder}: its name is the {arguments.what}'s, and {text}")
     if arguments.what == "controller" and name in entries(CONTROLLERS):
-        print(f"there is a controller {name} already: take another name", file=sys.stderr)
-        return EXIT_USAGE
-    try:
-        folder.mkdir(parents=True)
-        made = _controller(name) if arguments.what == "controller" else _robot(name, arguments.like)
-        for path, text in made.items():
-            (folder / path).parent.mkdir(parents=True, exist_ok=True)
-            (folder / path).write_text(text, encoding="utf-8")
-    except OSError as error:
-        print(in_words(error, folder), file=sys.stderr)
-        return EXIT_FAILED
-    for path in made:
-        print(folder / path)
-    print(_NEXT[arguments.what].format(folder=folder))
-    return EXIT_OK
+        raise UsageError(f"there is a controller {name} already: take another name")
+    folder.mkdir(parents=True)
+    made = _controller(name) if arguments.what == "controller" else _robot(name, arguments.like)
+    for path, text in made.items():
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (folder / path).write_text(text, encoding="utf-8")
+    paths = [folder / path for path in made]
+    lines = [*map(str, paths), _NEXT[arguments.what].format(folder=folder)]
+    return Result({"made": paths}, "\n".join(lines))
 
 
 _NEXT: Final = {

@@ -4,16 +4,14 @@ Each is imported, as it would be for a file that names it.
 """
 
 import argparse
-import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 from rich.console import Console
 from rich.table import Table
 
 from config.documents.kinds import API_VERSION, GROUPS, Entry, KindError, entries, kind_of, shadowed
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
-
-_SCHEMA = "tentacled.plugins/1"
+from daemon.commands.outcome.exit_codes import EXIT_FAILED, EXIT_OK
+from daemon.commands.outcome.result import Result
 
 
 @dataclass(frozen=True)
@@ -28,17 +26,17 @@ class _Row:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--json", action="store_true", help="as one JSON object, for scripts")
+    del parser
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Result:
+    del arguments
     rows = [row for group in GROUPS for row in _rows(group)]
-    if arguments.json:
-        kinds = [asdict(row) for row in rows]
-        print(json.dumps({"schema": _SCHEMA, "api_version": API_VERSION, "kinds": kinds}, indent=2))
-    else:
-        _show(rows)
-    return EXIT_FAILED if any(row.problem for row in rows) else EXIT_OK
+    return Result(
+        {"api_version": API_VERSION, "kinds": rows},
+        lambda: _show(rows),
+        EXIT_FAILED if any(row.problem for row in rows) else EXIT_OK,
+    )
 
 
 def _rows(group: str) -> list[_Row]:

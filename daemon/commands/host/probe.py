@@ -6,7 +6,6 @@ running daemon, nothing is sent: what is shown is what the daemon says.
 
 import argparse
 import asyncio
-import json
 import sys
 from collections import deque
 from pathlib import Path
@@ -15,22 +14,20 @@ from typing import Final
 from rich.console import Console
 from rich.live import Live
 
-from config.documents.problems import in_words
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+from daemon.commands.outcome.exit_codes import EXIT_FAILED, EXIT_OK
+from daemon.commands.outcome.result import Result, tell
 from daemon.commands.terminal.page import Size
 from daemon.commands.terminal.probe_beside_daemon import folder_of_master, show_what_it_says
 from daemon.commands.terminal.probe_snapshot import Json, ProbeSession
 from daemon.commands.terminal.probe_view import event_line, view
 from daemon.host.clock import MonotonicClock, run_in_real_time
 from daemon.host.stop_signals import StopSignals
-from daemon.remote.client.client_errors import ClientError
 from daemon.robot.capture import CanCapture
-from daemon.robot.checked_robot import CheckedRobot, add_robot_argument, robot_or_explain
+from daemon.robot.checked_robot import CheckedRobot, add_robot_argument, robot_with_warnings_told
 from daemon.robot.lab_connections import no_lab
 from daemon.robot.runtime_directory import default_runtime_directory, uses_lab, with_lab_ports
 from drivers.bounded import end_tasks
 from drivers.can.bus_lock import BusTakenError, check_buses_are_free
-from drivers.canopen.object_dictionary import EdsError
 
 _SHOW_EVERY_S: Final = 0.25
 _EVENTS_SHOWN: Final = 6
@@ -56,16 +53,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
-    checked = robot_or_explain(arguments.robot)
-    if checked is None:
-        return EXIT_FAILED
-    try:
-        healthy = run_in_real_time(_probe(checked, arguments))
-    except (EdsError, ClientError, OSError) as error:
-        print(in_words(error), file=sys.stderr)
-        return EXIT_FAILED
-    return EXIT_OK if healthy else EXIT_FAILED
+def run(arguments: argparse.Namespace) -> Result:
+    checked = robot_with_warnings_told(arguments.robot)
+    healthy = run_in_real_time(_probe(checked, arguments))
+    return Result(None, code=EXIT_OK if healthy else EXIT_FAILED)
 
 
 async def _probe(checked: CheckedRobot, arguments: argparse.Namespace) -> bool:
@@ -125,7 +116,7 @@ class _JsonLines:
             self._print("end", session.snapshot())
 
     def _print(self, kind: str, content: Json) -> None:
-        print(json.dumps({"kind": kind, **content}), flush=True)
+        tell("probe", {"kind": kind, **content})
 
 
 class _LiveTable:

@@ -8,9 +8,8 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Final
 
-from config.documents.problems import in_words
 from config.robot import Robot
-from daemon.commands.terminal.command_line import EXIT_CONFIGURATION, EXIT_FAILED, EXIT_OK
+from daemon.commands.outcome.result import Result, tell
 from daemon.commands.terminal.compiled import telling_progress
 from daemon.controllers.make_controller import warm_up
 from daemon.files import check_folder_can_be_made, models_directory
@@ -23,11 +22,10 @@ from daemon.messages import Status
 from daemon.recording.flight_recorder import FlightRecorder
 from daemon.recording.recovery import recover_unfinished
 from daemon.recording.run_folder import describe_run, new_run
-from daemon.remote.discovery import FolderError, SecondDaemonError
-from daemon.remote.server.server import RemoteOpenError, RemoteServer
+from daemon.remote.server.server import RemoteServer
 from daemon.remote.surroundings import PreparedSurroundings, cut_surroundings
-from daemon.risk.body_risk_source import RiskFilesError, make_risk_source, surroundings_stl
-from daemon.robot.checked_robot import CheckedRobot, add_robot_argument, robot_or_explain
+from daemon.risk.body_risk_source import make_risk_source, surroundings_stl
+from daemon.robot.checked_robot import CheckedRobot, add_robot_argument, robot_with_warnings_told
 from daemon.robot.connections import RealConnections
 from daemon.robot.lab_connections import (
     LabListener,
@@ -42,8 +40,7 @@ from daemon.service.motion_loader import in_a_thread
 from daemon.service.operation.run_recording import MakeFolder
 from daemon.service.operation.session import Session
 from daemon.service.telemetry.emulated_body import LabBody
-from drivers.can.bus_lock import BusTakenError, check_buses_are_free
-from drivers.canopen.object_dictionary import EdsError
+from drivers.can.bus_lock import check_buses_are_free
 from drivers.clock import WallClock
 from safety.risk_source import RiskSource
 
@@ -76,32 +73,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Result:
     _spread_out()
-    checked = robot_or_explain(arguments.robot)
-    if checked is None:
-        return EXIT_CONFIGURATION
-    try:
-        check_folder_can_be_made(arguments.runs)
-    except OSError as error:
-        print(in_words(error), file=sys.stderr)
-        return EXIT_FAILED
+    checked = robot_with_warnings_told(arguments.robot)
+    check_folder_can_be_made(arguments.runs)
     for recovered in recover_unfinished(arguments.runs):
         print(recovered)
-    try:
-        with telling_progress():
-            risk = make_risk_source(checked.file, MonotonicClock())
-            for why_not in warm_up():
-                print(why_not, file=sys.stderr)
-        with logging_to_stderr("daemon"):
-            run_in_real_time(_serve(checked, arguments, risk))
-    except (RiskFilesError, EdsError) as error:
-        print(error, file=sys.stderr)
-        return EXIT_CONFIGURATION
-    except (SecondDaemonError, BusTakenError, FolderError, RemoteOpenError) as error:
-        print(error, file=sys.stderr)
-        return EXIT_FAILED
-    return EXIT_OK
+    with telling_progress():
+        risk = make_risk_source(checked.file, MonotonicClock())
+        for why_not in warm_up():
+            print(why_not, file=sys.stderr)
+    with logging_to_stderr("daemon"):
+        run_in_real_time(_serve(checked, arguments, risk))
+    return Result(None)
 
 
 def _spread_out() -> None:
@@ -166,7 +150,8 @@ async def _serve(checked: CheckedRobot, arguments: argparse.Namespace, risk: Ris
             truth.start()
             if not_there := no_lab(directory, checked.file.path):
                 print(not_there, file=sys.stderr, flush=True)
-        print(f"{robot.robot} in {directory}: Ctrl-C ends it", flush=True)
+        ready = {"robot": robot.robot, "runtime_dir": directory, "state": "ready"}
+        tell("run", ready, f"{robot.robot} in {directory}: Ctrl-C ends it")
         await session.serve(stop)
     finally:
         manager.stopping()

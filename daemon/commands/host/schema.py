@@ -4,17 +4,16 @@ import argparse
 import json
 
 from config.robot import Robot
-from daemon.commands.terminal.command_line import EXIT_OK
+from daemon.commands.outcome.result import Result
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     del parser
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Result:
     del arguments
-    print(robot_schema())
-    return EXIT_OK
+    return Result({"robot": Robot.model_json_schema()}, robot_schema())
 
 
 def robot_schema() -> str:

@@ -9,14 +9,9 @@ import sys
 from pathlib import Path
 from typing import Final
 
-from config.documents.problems import ConfigError, in_words
 from config.loader import load_robot
 from config.robot import Robot
-from daemon.commands.terminal.command_line import (
-    EXIT_CONFIGURATION,
-    EXIT_FAILED,
-    EXIT_OK,
-)
+from daemon.commands.outcome.result import Result
 from daemon.robot.shipped_files import file_argument
 
 _BITRATE: Final = 1_000_000
@@ -34,28 +29,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
-    try:
-        robot = None if arguments.robot is None else load_robot(arguments.robot).robot
-    except ConfigError as error:
-        print(error, file=sys.stderr)
-        return EXIT_CONFIGURATION
+def run(arguments: argparse.Namespace) -> Result:
+    robot = None if arguments.robot is None else load_robot(arguments.robot).robot
     files = service_files(_program(), robot)
-    if arguments.print:
+    shown = [f"# {name}\n{text}" for name, text in files.items()] if arguments.print else []
+    folder = Path("DIR") if arguments.print else arguments.write
+    if not arguments.print:
+        folder.mkdir(parents=True, exist_ok=True)
         for name, text in files.items():
-            print(f"# {name}\n{text}")
-        folder = Path("DIR")
-    else:
-        folder = arguments.write
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            for name, text in files.items():
-                (folder / name).write_text(text, encoding="utf-8")
-        except OSError as error:
-            print(in_words(error, folder), file=sys.stderr)
-            return EXIT_FAILED
-    print(_commands(folder, files, "NAME" if robot is None else robot.robot))
-    return EXIT_OK
+            (folder / name).write_text(text, encoding="utf-8")
+    commands = _commands(folder, files, "NAME" if robot is None else robot.robot)
+    told = {"folder": folder, "files": files, "commands": commands.splitlines()}
+    return Result(told, "\n".join([*shown, commands]))
 
 
 def service_files(program: str, robot: Robot | None = None) -> dict[str, str]:
@@ -125,7 +110,7 @@ TimeoutStopSec=5
 Restart=on-failure
 RestartSec=2
 # Wrong usage and wrong files are not mended by starting again.
-RestartPreventExitStatus=2 78
+RestartPreventExitStatus=64 65 78
 Environment=PYTHONFAULTHANDLER=1 PYTHONUNBUFFERED=1 PYTHONSAFEPATH=1
 # Places to write for a read-only installation: compiled kernels, distance grids, models.
 Environment=NUMBA_CACHE_DIR=%C/tentacled/numba XDG_CACHE_HOME=%C XDG_DATA_HOME=%S/tentacled/%i

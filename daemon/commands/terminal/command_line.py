@@ -5,26 +5,35 @@ import atexit
 import gc
 import re
 import sys
-from collections.abc import Sequence
+import traceback
+from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
 from importlib import import_module
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Final, NoReturn, Protocol, cast
 
-from config.documents.problems import did_you_mean, in_words
+from config.documents.problems import did_you_mean
+from daemon.commands.outcome.exit_codes import (
+    EXIT_INTERNAL,
+    EXIT_OK,
+    EXIT_USAGE,
+    exit_code_lines,
+)
+from daemon.commands.outcome.failures import Failure, Kind, UsageError, failure_of
+from daemon.commands.outcome.result import (
+    Result,
+    only_json_on_stdout,
+    program_version,
+    tell_failure,
+    tell_result,
+    telling_json,
+)
 from daemon.host.real_time import imported_for_good
 
 if TYPE_CHECKING:
     from daemon.host.processes import Share
 
-EXIT_OK: Final = 0
-EXIT_FAILED: Final = 1
-EXIT_USAGE: Final = 2
-EXIT_CONFIGURATION: Final = 78
-"""EX_CONFIG of sysexits.h: a file is wrong, and starting again does not help."""
-EXIT_INTERRUPTED: Final = 130
-
 # The folder that each is in and what it is for, in the order in which a newcomer needs them.
-_COMMANDS: Final = {
+COMMANDS: Final = {
     "demo": (
         "host",
         "show it all, with nothing plugged in: lab, daemon and a client round a rectangle",
@@ -63,8 +72,8 @@ _COMMANDS: Final = {
         "workbench",
         "carry out experiments with all controllers, and put them side by side",
     ),
-    "report": ("workbench", "make a page of figures of a recorded run"),
-    "recover": ("workbench", "make recordings whole that a crash has left unfinished"),
+    "report": ("recordings", "make a page of figures of a recorded run"),
+    "recover": ("recordings", "make recordings whole that a crash has left unfinished"),
     "environment": ("workbench", "make surroundings to try the risk of touching them in"),
     "mdn": (
         "workbench",
@@ -97,8 +106,8 @@ class CommandModule(Protocol):
         """Declare the command's arguments."""
         ...
 
-    def run(self, arguments: argparse.Namespace) -> int:
-        """Do it. Returns the exit code."""
+    def run(self, arguments: argparse.Namespace) -> Result:
+        """Do it. Errors of `daemon.commands.outcome.failures` are told by who calls it."""
         ...
 
 
@@ -124,7 +133,13 @@ class CommandParser(argparse.ArgumentParser):
                 word for word, name in names if not any(one.startswith(name) for one in options)
             ]
             message += f"; unknown: {self._with_options_meant(misspelt)}" if misspelt else ""
-        super().error(_with_what_was_meant(message))
+        self.print_usage(sys.stderr)
+        told = _with_what_was_meant(message)
+        if telling_json():
+            failure = failure_of(UsageError(told))
+            assert failure is not None
+            tell_failure(self.prog.removeprefix("tentacled").strip(), failure)
+        self.exit(EXIT_USAGE, f"{self.prog}: error: {told}\n")
 
     def _options(self) -> list[str]:
         return re.findall(r"--[a-z][a-z-]*", self.format_help())
@@ -156,6 +171,9 @@ def _with_what_was_meant(message: str) -> str:
     return f"{argument}there is no '{word}'{meant}{more}"
 
 
+_INTERNAL: Final = Kind("internal", EXIT_INTERNAL, "report it, with the traceback on stderr")
+
+
 def share(text: str) -> "Share":
     """Of `--share`: argparse tells what is wrong with it."""
     from daemon.host.processes import Share
@@ -170,39 +188,109 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Entry point of the console command. Returns the exit code."""
     # To look through all there is for garbage as the process ends would take tenths of a second.
     atexit.register(gc.freeze)
-    arguments = parsed(sys.argv[1:] if argv is None else argv)
-    try:
-        return _command(arguments.command).run(arguments)
-    except KeyboardInterrupt:
-        return EXIT_INTERRUPTED
-    except BrokenPipeError:  # the reader of our output has left, as `head` does
-        sys.stderr.close()
-        return EXIT_OK
-    except OSError as error:  # a file that a command has not looked at itself
-        if error.filename is None:
-            raise
-        print(in_words(error), file=sys.stderr)
-        return EXIT_FAILED
+    words = list(sys.argv[1:] if argv is None else argv)
+    with only_json_on_stdout() if _wants_json(words) else nullcontext():
+        arguments = parsed(words)
+        name = name_of(arguments)
+        try:
+            result = _command(arguments.command).run(arguments)
+            tell_result(name, result)
+        except BrokenPipeError:  # the reader of our output has left, as `head` does
+            sys.stderr.close()
+            return EXIT_OK
+        except (Exception, KeyboardInterrupt) as error:
+            return _failed(name, error)
+    return result.code
+
+
+def _failed(name: str, error: BaseException) -> int:
+    failure = failure_of(error)
+    if failure is None:
+        traceback.print_exception(error)
+        failure = Failure(_INTERNAL, f"{type(error).__name__}: {error}")
+    tell_failure(name, failure)
+    return failure.kind.code
 
 
 def parsed(words: Sequence[str]) -> argparse.Namespace:
     """What the words after `tentacled` ask for. Explains wrong usage, and ends the process."""
     wanted = next((word for word in words if not word.startswith("-")), None)
-    parser = CommandParser(prog="tentacled", description="The control daemon for continuum robots.")
-    parser.add_argument("--version", action="version", version=version("tentacled"))
-    subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for name, (_, purpose) in _COMMANDS.items():
-        subparser = subparsers.add_parser(name, help=purpose, description=purpose)
-        if name == wanted:
-            _command(name).add_arguments(subparser)
+    parser = command_parser(only=wanted)
     if not words:
         parser.print_help(sys.stderr)
         sys.exit(EXIT_USAGE)
     return parser.parse_args(words)
 
 
+def command_parser(only: str | None = None) -> CommandParser:
+    """The whole command line. only: no other command gets its arguments, nor is it imported."""
+    parser = CommandParser(
+        prog="tentacled",
+        description="The control daemon for continuum robots.",
+        epilog="exit codes:\n" + "\n".join(f"  {line}" for line in exit_code_lines()),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action=_Version, help="of tentacled; with --json of its parts")
+    subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for name, (_, purpose) in COMMANDS.items():
+        subparser = subparsers.add_parser(name, help=purpose, description=purpose)
+        if only is None or name == only:
+            _command(name).add_arguments(subparser)
+            for _, leaf in leaves(subparser):
+                _add_json_argument(leaf)
+    return parser
+
+
+def leaves(parser: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.ArgumentParser]]:
+    """Each command below this parser that has no further words, with its name."""
+    below = [one for one in parser._actions if isinstance(one, argparse._SubParsersAction)]  # noqa: SLF001
+    if not below:
+        yield parser.prog.removeprefix("tentacled").strip(), parser
+    for action in below:
+        for one in dict.fromkeys(action.choices.values()):
+            yield from leaves(one)
+
+
+def name_of(arguments: argparse.Namespace) -> str:
+    """Of the command that was asked for, with all its words: `mdn collect`."""
+    return " ".join(
+        word
+        for word in (arguments.command, *(getattr(arguments, key, "") for key in _FURTHER_WORDS))
+        if word
+    )
+
+
+_FURTHER_WORDS: Final = ("word",)
+"""Where commands with words below them leave those."""
+
+
+def _add_json_argument(parser: argparse.ArgumentParser) -> None:
+    if "--json" not in parser._option_string_actions:  # noqa: SLF001
+        text = "one JSON object on standard output, and nothing else; of a failure, too"
+        parser.add_argument("--json", action="store_true", help=text)
+
+
+def _wants_json(words: Sequence[str]) -> bool:
+    """Also while the words have not been understood, or cannot be."""
+    own = words[: words.index("--")] if "--" in words else words
+    return any(len(word) >= len("--js") and "--json".startswith(word) for word in own)
+
+
+class _Version(argparse.Action):
+    """Of tentacled; for programs, and for who reports a defect, of what it stands on, too."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str, **more: Any) -> None:
+        super().__init__(option_strings, dest, nargs=0, help=more.get("help"))
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        from daemon.commands.outcome.parts import versions
+
+        tell_result("version", Result(versions(), program_version()))
+        parser.exit()
+
+
 def _command(name: str) -> CommandModule:
-    folder, _ = _COMMANDS[name]
+    folder, _ = COMMANDS[name]
     module = "order" if name in _ONE_WORD else name
     with imported_for_good():
         return cast(CommandModule, import_module(f"daemon.commands.{folder}.{module}"))

@@ -1,7 +1,6 @@
 """Probing a robot whose buses have a master already: not a frame is sent; the daemon is asked."""
 
 import asyncio
-import json
 import sys
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
@@ -11,6 +10,7 @@ import msgspec
 from rich.console import Console
 from rich.live import Live
 
+from daemon.commands.outcome.result import tell
 from daemon.commands.terminal.page import Size
 from daemon.commands.terminal.status_view import status_view
 from daemon.host.stop_signals import StopSignals
@@ -78,8 +78,7 @@ class _Reader:
             while True:
                 self.last = status = await client.status()
                 if self._live is None:
-                    line = {"kind": "status", **msgspec.to_builtins(status)}
-                    print(json.dumps(line), flush=True)
+                    tell("probe", {"kind": "status", **msgspec.to_builtins(status)})
                 else:
                     self._live.update(status_view(status, Size.of_terminal()), refresh=True)
                 await asyncio.sleep(every_s)

@@ -2,54 +2,28 @@
 
 import argparse
 import asyncio
-import json
 import sys
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from config.documents.problems import did_you_mean
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
-from daemon.messages import Answer, Command
+from daemon.commands.outcome.exit_codes import EXIT_FAILED, EXIT_OK
+from daemon.commands.outcome.failures import UsageError
+from daemon.commands.outcome.result import Result
+from daemon.messages import Answer, Command, Message
 from daemon.remote.client.address import Address, LocalAddress, TlsAddress
-from daemon.remote.client.client_errors import (
-    ARMS_WITHIN_S,
-    AccessDeniedError,
-    ClientError,
-    DaemonNotRunningError,
-    DisconnectedError,
-    RefusedError,
-    TimedOutError,
-)
+from daemon.remote.client.client_errors import ARMS_WITHIN_S, DaemonNotRunningError
 from daemon.remote.client.token_file import stored_token, token_file
 from daemon.remote.discovery import running_daemons
 
 if TYPE_CHECKING:  # `tentacled stop` must be quick, and needs no session
     from daemon.remote.client.client import RobotClient
 
-EXIT_NO_DAEMON: Final = 3
-EXIT_REFUSED: Final = 4
-EXIT_TIMED_OUT: Final = 5
-
-_EXIT_CODES: Final[tuple[tuple[type[ClientError], int], ...]] = (
-    (DaemonNotRunningError, EXIT_NO_DAEMON),
-    (DisconnectedError, EXIT_NO_DAEMON),
-    (AccessDeniedError, EXIT_REFUSED),
-    (RefusedError, EXIT_REFUSED),
-    (TimedOutError, EXIT_TIMED_OUT),
-)
-_NO_LEASE: Final = (
-    "hold the lease in another terminal, with `tentacled lease`, while you work with the robot"
-)
-
-Talk = Callable[["RobotClient"], Awaitable[int]]
-"""What to do with a connected client. Returns the exit code; may raise ClientError."""
-
-
-class UsageError(ValueError):
-    """The command line does not say enough, or too much."""
+Talk = Callable[["RobotClient"], Awaitable[Result]]
+"""What to do with a connected client. May raise ClientError."""
 
 
 def add_target_arguments(parser: argparse.ArgumentParser) -> None:
@@ -61,10 +35,6 @@ def add_target_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--connect", metavar="HOST:PORT", help="a daemon on another machine")
     parser.add_argument("--certificates", type=Path, metavar="DIR", help="with --connect")
     parser.add_argument("--user", metavar="NAME", help="with --connect: whose certificate")
-
-
-def add_json_argument(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--json", action="store_true", help="the answer as one JSON object")
 
 
 def add_timeout_argument(parser: argparse.ArgumentParser) -> None:
@@ -123,29 +93,21 @@ def lease_file(target: Address) -> Path:
     return token_file(folder, f"{target.robot}.{target.user}")
 
 
-def run_command(arguments: argparse.Namespace, command: Command) -> int:
-    """Have `command` carried out with the lease that is kept. Returns the exit code."""
+def run_command(arguments: argparse.Namespace, command: Command) -> Result:
+    """Have `command` carried out with the lease that is kept. Raises UsageError, ClientError."""
 
-    async def talk(client: "RobotClient") -> int:
-        return print_answer(await client.send(command, arguments.timeout), arguments.json)
+    async def talk(client: "RobotClient") -> Result:
+        return answer_result(await client.send(command, arguments.timeout))
 
     return run_talk(arguments, talk)
 
 
-def run_talk(arguments: argparse.Namespace, talk: Talk) -> int:
-    """Connect to the one daemon that is meant, and talk. Returns the exit code."""
-    as_json = bool(getattr(arguments, "json", False))
-    try:
-        target = address(arguments)
-        return asyncio.run(_talk(target, talk))
-    except UsageError as error:
-        print(error, file=sys.stderr)
-        return EXIT_USAGE
-    except ClientError as error:
-        return failed(error, as_json)
+def run_talk(arguments: argparse.Namespace, talk: Talk) -> Result:
+    """Connect to the one daemon that is meant, and talk. Raises UsageError, ClientError."""
+    return asyncio.run(_talk(address(arguments), talk))
 
 
-async def _talk(target: Address, talk: Talk) -> int:
+async def _talk(target: Address, talk: Talk) -> Result:
     from daemon.remote.client.client import RobotClient
 
     async with await RobotClient.connect(target, own_stop=False) as client:
@@ -153,11 +115,16 @@ async def _talk(target: Address, talk: Talk) -> int:
         return await talk(client)
 
 
-def print_answer(answer: Answer, as_json: bool) -> int:
-    """Show an answer. Returns the exit code."""
-    if as_json:
-        print(msgspec.json.encode(answer).decode())
-    else:
+def as_json(message: Message) -> dict[str, Any]:
+    """A message, for `--json`."""
+    content: dict[str, Any] = msgspec.to_builtins(message)
+    return content
+
+
+def answer_result(answer: Answer) -> Result:
+    """What is told of an answer."""
+
+    def show() -> None:
         print(f"{answer.state}{': ' if answer.text else ''}{answer.text}")
         if not answer.confirmed:
             print(
@@ -165,20 +132,17 @@ def print_answer(answer: Answer, as_json: bool) -> int:
                 "emergency stop if it moves.",
                 file=sys.stderr,
             )
-    return EXIT_OK if answer.confirmed else EXIT_FAILED
+
+    return Result(as_json(answer), show, EXIT_OK if answer.confirmed else EXIT_FAILED)
 
 
-def failed(error: ClientError, as_json: bool) -> int:
-    """Show why there is no answer. Returns the exit code."""
-    if not as_json:
-        print(error, file=sys.stderr)
-        if isinstance(error, RefusedError) and error.refusal.name == "no_lease":
-            print(_NO_LEASE, file=sys.stderr)
-    elif isinstance(error, RefusedError):
-        print(msgspec.json.encode(error.refusal).decode())
-    else:
-        print(json.dumps({"error": type(error).__name__, "text": str(error)}))
-    return next((code for kind, code in _EXIT_CODES if isinstance(error, kind)), EXIT_FAILED)
+def tell_text(texts: Iterable[str | Callable[[], None]]) -> None:
+    """Several results' texts, one after the other."""
+    for text in texts:
+        if callable(text):
+            text()
+        elif text:
+            print(text)
 
 
 def _named(found: LocalAddress, robot: str | None) -> LocalAddress:

@@ -10,9 +10,10 @@ from typing import Final
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from config.documents.problems import ConfigError, in_words
 from config.paths import is_file
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE, share
+from daemon.commands.outcome.exit_codes import EXIT_FAILED, EXIT_OK
+from daemon.commands.outcome.result import Result
+from daemon.commands.terminal.command_line import share
 from daemon.commands.terminal.compiled import compile_all, telling_progress
 from daemon.commands.terminal.progress_line import ProgressLine
 from daemon.workbench.studies.error_tables import aims_text, trouble_text
@@ -69,26 +70,23 @@ Figures = Callable[[StudyFile, Findings, Path], Iterator[tuple[str, Figure]]]
 
 def carry_out_study(
     path: Path, arguments: argparse.Namespace, only: list[str], tables: Tables, figures: Figures
-) -> int:
-    """Do what is left of a study, and write it up. Returns the exit code."""
-    try:
-        file = load_study(path)
-        whole, runs = _plans(file, arguments, only)
-        if arguments.share is not None:
-            return _carry_out_share(whole, runs, arguments)
-        errors = _carry_out(runs, arguments)
-        found = findings(file, Grid(whole, arguments.out).outcomes(), len(whole))
-        made = tables(file, found)
-        written = write_up(file, found, arguments.out, made, figures)
-    except PlanError as error:
-        print(error, file=sys.stderr)
-        return EXIT_USAGE
-    except (ConfigError, OSError) as error:
-        print(in_words(error), file=sys.stderr)
-        return EXIT_FAILED
-    _show(file, found, made)
-    print("\n".join(map(str, written)))
-    return EXIT_FAILED if errors else EXIT_OK
+) -> Result:
+    """Do what is left of a study, and write it up. Raises ConfigError, PlanError, OSError."""
+    file = load_study(path)
+    whole, runs = _plans(file, arguments, only)
+    if arguments.share is not None:
+        return _carry_out_share(whole, runs, arguments)
+    errors = _carry_out(runs, arguments)
+    found = findings(file, Grid(whole, arguments.out).outcomes(), len(whole))
+    made = tables(file, found)
+    written = write_up(file, found, arguments.out, made, figures)
+
+    def show() -> None:
+        _show(file, found, made)
+        print("\n".join(map(str, written)))
+
+    told = {"study": file.study.study, "runs": len(whole), "errors": errors, "written": written}
+    return Result(told, show, EXIT_FAILED if errors else EXIT_OK)
 
 
 def _plans(
@@ -119,13 +117,16 @@ def _carry_out(runs: list[Run], arguments: argparse.Namespace) -> int:
     return told.errors
 
 
-def _carry_out_share(whole: list[Run], runs: list[Run], arguments: argparse.Namespace) -> int:
+def _carry_out_share(whole: list[Run], runs: list[Run], arguments: argparse.Namespace) -> Result:
     """Without tables: a part of the runs tells nothing that is to be compared. Raises OSError."""
     mine = shared(runs, arguments.share)
     errors = _carry_out(mine, arguments)
     there = len(Grid(whole, arguments.out).outcomes())
-    print(f"share {arguments.share}: {len(mine)} runs; {there} of {len(whole)} are in the folder")
-    return EXIT_FAILED if errors else EXIT_OK
+    return Result(
+        {"share": str(arguments.share), "mine": len(mine), "there": there, "runs": len(whole)},
+        f"share {arguments.share}: {len(mine)} runs; {there} of {len(whole)} are in the folder",
+        EXIT_FAILED if errors else EXIT_OK,
+    )
 
 
 def _console() -> Console:

@@ -2,13 +2,12 @@
 
 import argparse
 import json
-import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from config.documents.problems import in_words
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+from daemon.commands.outcome.failures import CommandError, about
+from daemon.commands.outcome.result import Result
 
 if TYPE_CHECKING:
     from safety.risk.surroundings.environment import InsertionPort, Mesh
@@ -44,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--gap-mm", type=float, default=30.0, metavar="MM", help="of the slot")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Result:
     # Compiled code and mesh files are slow to come: `--help` does without.
     from daemon.risk.mesh_file import write_mesh
     from safety.risk.surroundings.environment import EnvironmentFaultError, environment
@@ -52,21 +51,18 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         mesh, port = _made(arguments)
         checked = environment(*mesh)
-        write_mesh(arguments.out, mesh)
+        with about(arguments.out):
+            write_mesh(arguments.out, mesh)
     except (EnvironmentFaultError, ValueError) as error:
-        print(f"{arguments.out}: {error}", file=sys.stderr)
-        return EXIT_FAILED
-    except OSError as error:
-        print(in_words(error, arguments.out), file=sys.stderr)
-        return EXIT_FAILED
+        place = str(arguments.out)
+        raise CommandError("failed", f"{place}: {error}", place=place) from None
     summary = {
         "mesh": str(arguments.out),
         "triangles": len(mesh.triangles),
         "free": "inside" if checked.solid_around else "outside",
         "insertion_port": None if port is None else asdict(port),
     }
-    print(json.dumps(summary, indent=2))
-    return EXIT_OK
+    return Result(summary, json.dumps(summary, indent=2))
 
 
 def _made(arguments: argparse.Namespace) -> "tuple[Mesh, InsertionPort | None]":

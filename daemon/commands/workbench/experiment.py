@@ -1,21 +1,19 @@
 """`tentacled experiment EXPERIMENT.yaml --out DIR`: carry it out, in virtual time or in real."""
 
 import argparse
-import sys
 from pathlib import Path
 
-from config.documents.problems import ConfigError, in_words
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_INTERRUPTED, EXIT_OK
+from daemon.commands.outcome.failures import CommandError
+from daemon.commands.outcome.result import Result
 from daemon.commands.terminal.compiled import compile_all, telling_progress
 from daemon.commands.terminal.progress_line import Aside, ProgressLine
 from daemon.host.logs import logging_to_stderr
 from daemon.host.real_time import imported_for_good
 from daemon.host.stop_signals import all_like_ctrl_c
-from daemon.recording.result import Result, pose_text, table_text
-from daemon.recording.run_reader import UnreadableRunError
+from daemon.recording.result import Result as RunResult
+from daemon.recording.result import pose_text, table_text
 from daemon.robot.shipped_files import add_list_option, file_argument
 from daemon.workbench.experiments.experiment_file import ExperimentFile, load_experiment
-from daemon.workbench.experiments.trial import TrialError
 from daemon.workbench.pretraining.model_cache import with_model
 from daemon.workbench.report.report_process import ReportBeside
 
@@ -38,12 +36,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--no-report", action="store_true", help="figures and recording only")
 
 
-def run(arguments: argparse.Namespace) -> int:
-    try:
-        file = load_experiment(arguments.experiment)
-    except ConfigError as error:
-        print(error, file=sys.stderr)
-        return EXIT_FAILED
+def run(arguments: argparse.Namespace) -> Result:
+    file = load_experiment(arguments.experiment)
     seed = file.experiment.seed if arguments.seed is None else arguments.seed
     try:
         arguments.out.mkdir(parents=True)
@@ -52,24 +46,19 @@ def run(arguments: argparse.Namespace) -> int:
             logging_to_stderr("experiment"),
             telling_progress() as progress,
         ):
-            _experiment(file, seed, arguments, progress)
+            return _experiment(file, seed, arguments, progress)
     except FileExistsError:
-        print(f"{arguments.out} is there already: name a new folder", file=sys.stderr)
-        return EXIT_FAILED
+        place = str(arguments.out)
+        text = f"{place} is there already: name a new folder"
+        raise CommandError("cannot_create", text, place=place) from None
     except KeyboardInterrupt:
-        print(f"ended early: what was recorded is in {arguments.out}", file=sys.stderr)
-        return EXIT_INTERRUPTED
-    except BrokenPipeError:  # of our output: no matter of the experiment's
-        raise
-    except (TrialError, UnreadableRunError, OSError) as error:
-        print(in_words(error), file=sys.stderr)
-        return EXIT_FAILED
-    return EXIT_OK
+        text = f"ended early: what was recorded is in {arguments.out}"
+        raise CommandError("interrupted", text, place=str(arguments.out)) from None
 
 
 def _experiment(
     file: ExperimentFile, seed: int, arguments: argparse.Namespace, progress: ProgressLine
-) -> None:
+) -> Result:
     """Raises TrialError, UnreadableRunError, OSError."""
     report = ReportBeside(arguments.out)
     try:
@@ -86,10 +75,12 @@ def _experiment(
             print(f"the same of the true tip:\n{table_text(result.true_cycles)}")
         if any(row.angle_rad is not None for row in result.tip_pose):
             print(f"root mean squares by coordinate:\n{pose_text(result.tip_pose)}")
+        written = None
         if not arguments.no_report:
             progress.begin("drawing the report", 0.0)
             written = report.write()
             progress.tell(str(written))
+        return Result({"run": arguments.out, "report": written, "result": result})
     finally:
         report.end()
 
@@ -97,7 +88,9 @@ def _experiment(
 # Neither kind of time waits for what only the other needs.
 
 
-def _in_real_time(file: ExperimentFile, seed: int, folder: Path, progress: ProgressLine) -> Result:
+def _in_real_time(
+    file: ExperimentFile, seed: int, folder: Path, progress: ProgressLine
+) -> RunResult:
     from daemon.workbench.experiments.in_real_time import carry_out_in_real_time
 
     compile_all(file.file)  # here, where it is told: the lab's process is waited for
@@ -107,7 +100,7 @@ def _in_real_time(file: ExperimentFile, seed: int, folder: Path, progress: Progr
 
 def _in_virtual_time(
     file: ExperimentFile, seed: int, folder: Path, report: ReportBeside, progress: ProgressLine
-) -> Result:
+) -> RunResult:
     with imported_for_good():
         from daemon.workbench.experiments.in_virtual_time import carry_out_in_virtual_time
 

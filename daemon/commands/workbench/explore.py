@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
-from config.documents.problems import in_words
 from config.loader import RobotFile
 from config.tasks.exploration import WaypointExploration
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
+from daemon.commands.outcome.failures import UsageError, about
+from daemon.commands.outcome.result import Result
 from daemon.host.stop_signals import all_like_ctrl_c
-from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
+from daemon.robot.checked_robot import add_robot_argument, robot_with_warnings_told
 
 if TYPE_CHECKING:
     from daemon.learning.samples.dataset import Dataset
@@ -76,14 +76,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
-    # All of the daemon and its emulators: `--help` does without.
-    from daemon.learning.samples.dataset import DatasetError
-    from daemon.workbench.experiments.trial import TrialError
-
-    checked = robot_or_explain(arguments.robot)
-    if checked is None:
-        return EXIT_FAILED
+def run(arguments: argparse.Namespace) -> Result:
+    checked = robot_with_warnings_told(arguments.robot)
     try:
         options = WaypointExploration(
             kind="waypoint_exploration",
@@ -94,20 +88,16 @@ def run(arguments: argparse.Namespace) -> int:
         if not (arguments.tip_load >= 0.0 and arguments.seed >= 0):
             raise ValueError("neither a load nor a seed is below 0")
     except ValidationError as error:
-        for problem in error.errors():
-            print(f"--{_OPTIONS[str(problem['loc'][0])]}: {problem['msg']}", file=sys.stderr)
-        return EXIT_USAGE
+        problems = [f"--{_OPTIONS[str(one['loc'][0])]}: {one['msg']}" for one in error.errors()]
+        raise UsageError("\n".join(problems)) from None
     except ValueError as error:
-        print(error, file=sys.stderr)
-        return EXIT_USAGE
-    try:
-        dataset = _seen(checked.file, options, arguments)
-    except (TrialError, DatasetError, OSError) as error:
-        print(in_words(error, arguments.recorded or arguments.out), file=sys.stderr)
-        return EXIT_FAILED
-    frames = dataset.frames
-    print(f"{arguments.out}: {len(frames)} frames, {frames.duration_s:.0f} s of motion")
-    return EXIT_OK
+        raise UsageError(str(error)) from None
+    with about(arguments.recorded or arguments.out):
+        frames = _seen(checked.file, options, arguments).frames
+    return Result(
+        {"written": arguments.out, "frames": len(frames), "duration_s": frames.duration_s},
+        f"{arguments.out}: {len(frames)} frames, {frames.duration_s:.0f} s of motion",
+    )
 
 
 def _seen(

@@ -1,17 +1,16 @@
 """`tentacled kinematics ROBOT.yaml --out MODEL.npz`: learn where the tip of concentric tubes is."""
 
 import argparse
-import json
 import sys
 from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from config.documents.problems import in_words
 from config.emulation import ConcentricTubesPlant
 from config.paths import shipped_or_beside
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
-from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
+from daemon.commands.outcome.failures import CommandError, UsageError, as_failed
+from daemon.commands.outcome.result import Result
+from daemon.robot.checked_robot import add_robot_argument, robot_with_warnings_told
 
 if TYPE_CHECKING:
     from daemon.workbench.pretraining.pose_learning import LearntPose
@@ -50,30 +49,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="of the grid that is kept back to test the model with (default: %(default)s)",
     )
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="default: %(default)s")
-    parser.add_argument("--json", action="store_true", help="the errors as one JSON object")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Result:
     # What solves and learns is compiled when it comes: `--help` does without.
-    from daemon.array_files import ModelError
     from daemon.files import check_can_be_made
     from daemon.learning.forward.pose_model import PoseModel
     from daemon.workbench.pretraining.pose_learning import (
-        PoseLearningError,
         PoseLearningSettings,
         evaluate_pose,
         learn_pose,
     )
-    from sim_backends.plants.concentric.relative import RelativeRangeError, RelativeTubes
+    from sim_backends.plants.concentric.relative import RelativeTubes
 
-    checked = robot_or_explain(arguments.robot)
-    if checked is None:
-        return EXIT_FAILED
+    checked = robot_with_warnings_told(arguments.robot)
     robot = checked.file.robot
     plant = None if robot.emulation is None else robot.emulation.plant
     if not isinstance(plant, ConcentricTubesPlant):
-        print(f"{arguments.robot}: these are no concentric tubes", file=sys.stderr)
-        return EXIT_FAILED
+        place = str(arguments.robot)
+        text = f"{place}: these are no concentric tubes"
+        raise CommandError("configuration", text, place=place)
     try:
         settings = PoseLearningSettings(
             arguments.points,
@@ -83,8 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
             arguments.seed,
         )
     except ValueError as error:
-        print(error, file=sys.stderr)
-        return EXIT_USAGE
+        raise UsageError(str(error)) from None
     extension_mm = None if arguments.extension is None else tuple(arguments.extension)
     try:
         tubes = RelativeTubes(plant, robot.axes, extension_mm)
@@ -95,11 +89,9 @@ def run(arguments: argparse.Namespace) -> int:
             check_can_be_made(arguments.out)
             found = learn_pose(tubes, settings, _about(arguments, plant), _say)
             found.model.save(arguments.out)
-    except (RelativeRangeError, PoseLearningError, ModelError, OSError, ValueError) as error:
-        print(in_words(error), file=sys.stderr)
-        return EXIT_FAILED
-    print(json.dumps(_as_json(found)) if arguments.json else _as_table(found))
-    return EXIT_OK
+    except ValueError as error:
+        raise as_failed(error) from None
+    return Result(_as_json(found), _as_table(found))
 
 
 def _about(arguments: argparse.Namespace, plant: ConcentricTubesPlant) -> dict[str, Any]:

@@ -4,6 +4,7 @@ import argparse
 from importlib import import_module
 from typing import Final, cast
 
+from daemon.commands.outcome.result import Result
 from daemon.commands.terminal.command_line import CommandModule
 
 _WORDS: Final = {
@@ -21,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         _command(word).add_arguments(words.add_parser(word, help=purpose, description=purpose))
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Result:
     return _command(arguments.word).run(arguments)
 
 

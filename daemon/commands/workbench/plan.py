@@ -1,18 +1,17 @@
 """`tentacled plan ROBOT.yaml --to X,Y,Z --out path.json`: a path that keeps the body away."""
 
 import argparse
-import json
 import re
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from config.control import Port, Surface
-from config.documents.problems import in_words
 from config.loader import RobotFile
 from config.paths import shipped_or_beside
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
-from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
+from daemon.commands.outcome.exit_codes import EXIT_FAILED
+from daemon.commands.outcome.failures import UsageError
+from daemon.commands.outcome.result import Result
+from daemon.robot.checked_robot import add_robot_argument, robot_with_warnings_told
 
 if TYPE_CHECKING:
     from daemon.host.progress import Progress
@@ -90,43 +89,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument(
             f"--{name}", type=kind, default=default, metavar=metavar, help=help_text
         )
-    parser.add_argument("--json", action="store_true", help="the figures as one JSON object")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Result:
     if (wrong := _wrong_usage(arguments)) is not None:
-        print(wrong, file=sys.stderr)
-        return EXIT_USAGE
-    checked = robot_or_explain(arguments.robot)
-    if checked is None:
-        return EXIT_FAILED
+        raise UsageError(wrong)
+    checked = robot_with_warnings_told(arguments.robot)
     # What solves and draws is compiled when it comes: `--help` does without.
     from daemon.commands.terminal.compiled import telling_progress
     from daemon.files import check_can_be_made
-    from daemon.risk.body_risk_source import RiskFilesError, read_risk_files
+    from daemon.risk.body_risk_source import read_risk_files
 
-    try:
-        if arguments.out is not None:
-            check_can_be_made(arguments.out)
-        with telling_progress() as progress:
-            files = read_risk_files(
-                checked.file,
-                surface=_surface(arguments, checked.file),
-                model=_model(arguments, checked.file),
-            )
-            return _planned(arguments, checked.file, files, progress)
-    except (RiskFilesError, _UsageError, OSError) as error:
-        print(in_words(error) if isinstance(error, OSError) else error, file=sys.stderr)
-        return EXIT_FAILED
-
-
-class _UsageError(ValueError):
-    """What was asked for does not fit the robot."""
+    if arguments.out is not None:
+        check_can_be_made(arguments.out)
+    with telling_progress() as progress:
+        files = read_risk_files(
+            checked.file,
+            surface=_surface(arguments, checked.file),
+            model=_model(arguments, checked.file),
+        )
+        return _planned(arguments, checked.file, files, progress)
 
 
 def _planned(
     arguments: argparse.Namespace, file: RobotFile, files: "RiskFiles", progress: "Progress"
-) -> int:
+) -> Result:
     import numpy as np
 
     from daemon.reference.planned_path import write_path
@@ -150,7 +137,7 @@ def _planned(
     if arguments.start is not None:
         start = np.array(arguments.start)
         if start.size != ranges.count:
-            raise _UsageError(f"--from has {start.size} numbers, and there are {ranges.count} axes")
+            raise UsageError(f"--from has {start.size} numbers, and there are {ranges.count} axes")
     goals = _goals(arguments)
     if arguments.pareto:
         front = planner.pareto(start, goals)
@@ -162,16 +149,13 @@ def _planned(
     else:
         found = planner.plan(start, goals)
     if isinstance(found, Blocked):
-        print(json.dumps(found.summary()) if arguments.json else found.text)
-        return EXIT_FAILED
+        return Result(found.summary(), found.text, EXIT_FAILED)
     figures = figures_of(found, settings, arguments.preset, course)
     if arguments.out is not None:
         pointing = arguments.pointing is not None
         write_path(arguments.out, path_of(found, figures, file.robot, files.identity, pointing))
-    print(json.dumps(figures) if arguments.json else _told(found, figures))
-    if arguments.out is not None and not arguments.json:
-        print(arguments.out)
-    return EXIT_OK
+    written = [] if arguments.out is None else [str(arguments.out)]
+    return Result({**figures, "written": written}, "\n".join([_told(found, figures), *written]))
 
 
 def _as_in_the_paper(
@@ -211,7 +195,7 @@ def _surface(arguments: argparse.Namespace, file: RobotFile) -> Surface | None:
     if all(one is None for one in said) and not arguments.no_port:
         return None
     if arguments.surroundings is None and own is None:
-        raise _UsageError("this robot file names no surroundings: say them with --surroundings")
+        raise UsageError("this robot file names no surroundings: say them with --surroundings")
     surface = own or Surface(mesh="")
     update: dict[str, Any] = {}
     if arguments.surroundings is not None:

@@ -1,14 +1,12 @@
 """`tentacled pretrain ROBOT.yaml DATA.npz --out MODEL.npz`: learn a forward model from data."""
 
 import argparse
-import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from config.documents.problems import in_words
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE
-from daemon.robot.checked_robot import add_robot_argument, robot_or_explain
+from daemon.commands.outcome.failures import UsageError
+from daemon.commands.outcome.result import Result
+from daemon.robot.checked_robot import add_robot_argument, robot_with_warnings_told
 
 if TYPE_CHECKING:
     from daemon.learning.forward.pretraining import Pretraining
@@ -48,23 +46,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="default: %(default)s")
     parser.add_argument("--no-figures", action="store_true", help="the model only")
-    parser.add_argument("--json", action="store_true", help="the errors as one JSON object")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Result:
     # What learns is compiled when it comes, and matplotlib is slow: `--help` does without.
     from daemon.commands.terminal.compiled import telling_progress
     from daemon.files import check_can_be_made
     from daemon.learning.forward.pretrained_model import PretrainedModel
-    from daemon.learning.forward.pretraining import PretrainingError, PretrainingSettings, pretrain
-    from daemon.learning.samples.dataset import Dataset, DatasetError, joined
+    from daemon.learning.forward.pretraining import PretrainingSettings, pretrain
+    from daemon.learning.samples.dataset import Dataset, joined
     from daemon.learning.samples.motion_samples import SamplingSettings
     from daemon.workbench.pretraining.model_cache import epochs_told
     from daemon.workbench.pretraining.pretraining_table import print_table
 
-    checked = robot_or_explain(arguments.robot)
-    if checked is None:
-        return EXIT_FAILED
+    checked = robot_with_warnings_told(arguments.robot)
     try:
         sampling = {} if arguments.sample is None else {"tip_mm": arguments.sample}
         settings = PretrainingSettings(
@@ -76,26 +71,21 @@ def run(arguments: argparse.Namespace) -> int:
             arguments.lag,
         )
     except ValueError as error:
-        print(error, file=sys.stderr)
-        return EXIT_USAGE
-    try:
-        check_can_be_made(arguments.out)
-        dataset = joined([Dataset.load(path, checked.file.robot) for path in arguments.data])
-        with telling_progress() as progress:
-            pretraining = pretrain(dataset, settings, epochs_told(settings, progress))
-        model = PretrainedModel.of(pretraining, dataset)
-        model.save(arguments.out)
-        figures = [] if arguments.no_figures else _figures(pretraining, arguments.out)
-    except (DatasetError, PretrainingError, OSError) as error:
-        print(in_words(error), file=sys.stderr)
-        return EXIT_FAILED
-    if arguments.json:
-        print(json.dumps(dict(model.metadata), sort_keys=True))
-        return EXIT_OK
-    print_table(pretraining)
-    for path in (arguments.out, *figures):
-        print(path)
-    return EXIT_OK
+        raise UsageError(str(error)) from None
+    check_can_be_made(arguments.out)
+    dataset = joined([Dataset.load(path, checked.file.robot) for path in arguments.data])
+    with telling_progress() as progress:
+        pretraining = pretrain(dataset, settings, epochs_told(settings, progress))
+    model = PretrainedModel.of(pretraining, dataset)
+    model.save(arguments.out)
+    figures = [] if arguments.no_figures else _figures(pretraining, arguments.out)
+
+    def show() -> None:
+        print_table(pretraining)
+        for path in (arguments.out, *figures):
+            print(path)
+
+    return Result({**model.metadata, "written": [arguments.out, *figures]}, show)
 
 
 def _figures(pretraining: "Pretraining", model: Path) -> list[Path]:

@@ -2,6 +2,7 @@
 
 import argparse
 
+from daemon.commands.outcome.result import Result
 from daemon.commands.terminal.study_command import add_grid_arguments, shipped_study
 
 
@@ -17,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Result:
     # matplotlib is slow to come: `--help` does without.
     from daemon.commands.terminal.study_command import carry_out_study
     from daemon.workbench.studies.write_up import reproduction_figures, reproduction_tables

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+from daemon.commands.outcome.result import Result
 
 if TYPE_CHECKING:
     from safety.risk.body_point import BodyPointBounds, BodyPointValue
@@ -35,7 +35,7 @@ near_exact       the value itself, to about four digits
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     from daemon.workbench.body_model.evaluation.mixture_file import FORM
 
-    parts = parser.add_subparsers(dest="what", metavar="WHAT", required=True)
+    parts = parser.add_subparsers(dest="word", metavar="WHAT", required=True)
     query = parts.add_parser(
         "query",
         help="body_point_risk of a mixture in a mesh, as JSON",
@@ -55,22 +55,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Result:
     # Compiled code and mesh files are slow to come: `--help` does without.
     from daemon.risk.mesh_file import read_environment
     from daemon.workbench.body_model.evaluation.mixture_file import read_mixture
     from safety.risk.body_point import BodyPointRisk
     from safety.risk.model.mixture import MixtureError
-    from safety.risk.surroundings.environment import EnvironmentFaultError
 
-    try:
-        mixture = read_mixture(arguments.mixture)
-        if mixture.dimensions != 3:
-            raise MixtureError(f"{arguments.mixture}: means have 3 coordinates")
-        environment = read_environment(arguments.mesh, arguments.free, unit=arguments.unit)
-    except (MixtureError, EnvironmentFaultError) as error:
-        print(error, file=sys.stderr)
-        return EXIT_FAILED
+    mixture = read_mixture(arguments.mixture)
+    if mixture.dimensions != 3:
+        raise MixtureError(f"{arguments.mixture}: means have 3 coordinates")
+    environment = read_environment(arguments.mesh, arguments.free, unit=arguments.unit)
     risk = BodyPointRisk(environment)
     bounds, value = risk.bounds(mixture), risk.near_exact(mixture)
     if bounds.mean_in_solid.all():
@@ -80,8 +75,8 @@ def run(arguments: argparse.Namespace) -> int:
             f"say --free {other}",
             file=sys.stderr,
         )
-    print(json.dumps(_summary(mixture, environment, bounds, value), indent=2))
-    return EXIT_OK
+    summary = _summary(mixture, environment, bounds, value)
+    return Result(summary, json.dumps(summary, indent=2))
 
 
 def _summary(

@@ -4,12 +4,21 @@ Every command with a file among its words has a row here for each of them.
 """
 
 import argparse
+import json
 from collections.abc import Iterator
 from importlib.resources import files
 from pathlib import Path
 
 import pytest
 
+from daemon.commands.outcome.exit_codes import (
+    EXIT_INTERNAL,
+    EXIT_INTERRUPTED,
+    EXIT_NO_INPUT,
+    EXIT_OK,
+    MEANINGS,
+)
+from daemon.commands.outcome.failures import KINDS
 from daemon.commands.terminal import command_line
 from daemon.commands.terminal.command_line import main
 
@@ -98,6 +107,9 @@ def _makes_a_file(words: str) -> bool:
     return words.startswith(("explore", "pretrain", "kinematics", "mdn collect", "mdn train"))
 
 
+KIND_OF = {kind.code: kind.name for kind in KINDS}
+FAILURES = set(MEANINGS) - {EXIT_OK, EXIT_INTERNAL, EXIT_INTERRUPTED}
+
 BAD = ("missing", "folder", "binary", "empty", "unreadable", "below", "long")
 
 
@@ -128,7 +140,7 @@ def told(words: str, path: Path, capsys: pytest.CaptureFixture[str]) -> str:
     """What a command says on stderr that fails for this path. Nothing may be raised."""
     code = main([str(path) if word == "BAD" else word for word in words.split()])
     said = capsys.readouterr()
-    assert code in (1, 3, 4, 78), said
+    assert code in FAILURES, said
     assert said.err.strip()
     for raw in ("Traceback", "[Errno", "Error("):
         assert raw not in said.err
@@ -167,17 +179,33 @@ def test_a_folder_in_the_place_of_a_file_is_named_before_the_work(
     assert f"{place / 'folder'}: Is a directory" in told(words, place / "folder", capsys)
 
 
+@pytest.mark.parametrize("words", READ + FOLDERS + WRITTEN)
+def test_programs_are_told_the_same_as_one_object(
+    words: str, place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = bad("missing" if words in READ + FOLDERS else "below", place)
+    code = main([*(str(path) if word == "BAD" else word for word in words.split()), "--json"])
+    told = json.loads(capsys.readouterr().out)
+    assert (told["schema"], told["exit_code"]) == ("tentacled.error/1", code)
+    error = told["error"]
+    assert error["exit_code"] == code in FAILURES
+    assert str(path if words in READ + FOLDERS else place / "empty") in error["message"]
+    assert words.startswith(error["command"])
+    assert error["remedy"]
+    assert KIND_OF[code] == error["kind"]
+
+
 def test_a_missing_recording_is_not_said_to_be_whole(
     place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["recover", str(place / "nothing")]) == 1
+    assert main(["recover", str(place / "nothing")]) == EXIT_NO_INPUT
     assert f"{place / 'nothing'}: No such file or directory" in capsys.readouterr().err
     assert main(["recover", str(place / "folder")]) == 0
 
 
 def test_every_command_that_takes_a_file_is_tried() -> None:
     tried = {tuple(line.split()[:2]) for line in READ + FOLDERS + WRITTEN}
-    for name in command_line._COMMANDS:
+    for name in command_line.COMMANDS:
         parser = command_line.CommandParser(prog=name)
         command_line._command(name).add_arguments(parser)
         named = [one for one in parser._actions if "path" in str(getattr(one.type, "__name__", ""))]

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from config.loader import load_robot
+from daemon.commands.outcome.exit_codes import EXIT_INTERNAL
 from daemon.commands.terminal import compiled
 from daemon.commands.terminal.command_line import main
 from tests import SHIPPED_ROBOTS, SOFT_ARM
@@ -73,7 +74,10 @@ class BeganError(Exception):
 
 @pytest.mark.parametrize("command", ["experiment", "explore"])
 def test_in_real_time_it_is_done_before_the_lab_is_started(
-    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    command: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     done: list[str] = []
 
@@ -91,6 +95,6 @@ def test_in_real_time_it_is_done_before_the_lab_is_started(
         "experiment": [str(tmp_path / "circle.yaml"), "--out", str(tmp_path / "run")],
         "explore": [str(SOFT_ARM), "--out", str(tmp_path / "data.npz"), "--waypoints", "1"],
     }[command]
-    with pytest.raises(BeganError):
-        main([command, *words, "--real-time"])
+    assert main([command, *words, "--real-time"]) == EXIT_INTERNAL
+    assert "BeganError" in capsys.readouterr().err
     assert done == ["compiled", "started"]

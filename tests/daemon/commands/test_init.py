@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from config.loader import load_robot
+from daemon.commands.outcome.exit_codes import EXIT_CANNOT_CREATE, EXIT_USAGE
 from daemon.commands.terminal.command_line import main
 from tests.installed_package import installed
 
@@ -77,9 +78,9 @@ def test_the_made_robot_and_its_experiment_are_sound(
 @pytest.mark.parametrize(
     ("words", "code", "told"),
     [
-        (["controller", "broyden"], 2, "there is a controller broyden already"),
-        (["controller", "Mine!"], 2, "must be a lower-case word"),
-        (["robot", "there"], 1, "there: File exists"),
+        (["controller", "broyden"], EXIT_USAGE, "there is a controller broyden already"),
+        (["controller", "Mine!"], EXIT_USAGE, "must be a lower-case word"),
+        (["robot", "there"], EXIT_CANNOT_CREATE, "there: File exists"),
     ],
 )
 def test_what_cannot_be_made_is_explained(

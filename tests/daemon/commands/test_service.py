@@ -51,7 +51,7 @@ def test_the_robots_own_interfaces_are_set_up(
 def test_a_program_is_named_with_its_whole_path() -> None:
     unit = service_files("/opt/tentacled/bin/tentacled")["tentacled@.service"]
     assert "\nExecStart=/opt/tentacled/bin/tentacled run /etc/tentacled/%i.yaml " in unit
-    assert "\nRestartPreventExitStatus=2 78\n" in unit
+    assert "\nRestartPreventExitStatus=64 65 78\n" in unit
 
 
 def test_a_wrong_robot_file_is_not_started_again(

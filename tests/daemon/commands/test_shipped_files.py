@@ -44,7 +44,7 @@ def test_it_is_understood_by_every_command(words: list[str]) -> None:
 
 
 def test_what_is_meant_is_told(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit, match="2"):
+    with pytest.raises(SystemExit, match="64"):
         main(["experiment", "builtin:rectangel", "--out", "run"])
     assert "no builtin:rectangel (did you mean 'builtin:rectangle'?)" in capsys.readouterr().err
 

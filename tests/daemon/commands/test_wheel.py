@@ -22,7 +22,7 @@ def test_a_made_project_runs_with_the_installed_wheel(tmp_path: Path) -> None:
     project = empty / "arm_control"
     install = ("install", "--no-deps", "--no-build-isolation", str(project))
     done([sys.executable, *PIP, "--python", str(python), *install], empty)
-    listed = json.loads(done([str(tentacled), "plugins", "--json"], empty))["kinds"]
+    listed = json.loads(done([str(tentacled), "plugins", "--json"], empty))["result"]["kinds"]
     assert ("arm_control", "arm_control 0.1.0", "") in {
         (one["name"], one["source"], one["problem"]) for one in listed
     }

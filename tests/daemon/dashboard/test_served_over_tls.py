@@ -7,8 +7,8 @@ from pathlib import Path
 import aiohttp
 import pytest
 
-from daemon.commands.host.dashboard import run
-from daemon.commands.terminal.command_line import parsed
+from daemon.commands.outcome.exit_codes import EXIT_USAGE
+from daemon.commands.terminal.command_line import main
 from daemon.host.clock import run_in_real_time
 from tests.daemon.remote.over_tls import make_certificates
 from tests.hil.processes import Process, command
@@ -60,6 +60,5 @@ def test_it_is_served_over_tls_and_over_nothing_else(certificates: Path, address
 def test_other_machines_are_served_with_tls_and_a_token_only(
     words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    arguments = parsed(["dashboard", *words.split()])
-    assert run(arguments) == 2
+    assert main(["dashboard", *words.split()]) == EXIT_USAGE
     assert "--tls" in capsys.readouterr().err

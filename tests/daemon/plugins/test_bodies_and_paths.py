@@ -10,6 +10,7 @@ import yaml
 from config.documents.kinds import API_VERSION, KindError
 from config.loader import load_robot
 from config.tasks.trajectory import load_trajectory_options
+from daemon.commands.outcome.exit_codes import EXIT_CONFIGURATION
 from daemon.commands.terminal.command_line import main
 from daemon.host.clock import MonotonicClock
 from daemon.messages import Acquire, Load
@@ -168,7 +169,7 @@ def test_a_mistake_in_its_options_is_told_with_its_place(
         "controller:\n  kind: miine\n"
     )
     with installed(path_package(tmp_path / "site")):
-        assert main(["check", str(path)]) == 1
+        assert main(["check", str(path)]) == EXIT_CONFIGURATION
     told = capsys.readouterr().err.splitlines()
     assert told[0].startswith(
         f"{path}:3:38: trajectory.hieght_mm: unknown key (did you mean 'height_mm'?)"
@@ -186,7 +187,7 @@ def test_the_options_of_a_broken_package_are_told_with_its_name(
         "controller: {kind: mine}\n"
     )
     with installed(controller_package(tmp_path / "site", options="import nowhere")):
-        assert main(["check", str(path)]) == 1
+        assert main(["check", str(path)]) == EXIT_CONFIGURATION
         whose = "the controller 'mine' of other_people 1.2"
         assert capsys.readouterr().err == (
             f"{path}:4:20: controller.kind: {whose} cannot be imported: "
@@ -202,8 +203,9 @@ def test_what_is_installed_is_listed_with_ours(
     with installed(controller_package(tmp_path)):
         assert main(["plugins", "--json"]) == 0
     listed = json.loads(capsys.readouterr().out)
-    assert (listed["schema"], listed["api_version"]) == ("tentacled.plugins/1", API_VERSION)
-    by_name = {(one["group"], one["name"]): one for one in listed["kinds"]}
+    assert listed["schema"] == "tentacled.plugins/1"
+    assert listed["result"]["api_version"] == API_VERSION
+    by_name = {(one["group"], one["name"]): one for one in listed["result"]["kinds"]}
     mine = by_name["tentacled.controllers", "mine"]
     assert (mine["source"], mine["options"]) == ("other_people 1.2", "Goes nowhere")
     assert by_name["tentacled.plants", "soft_arm"]["problem"] == ""
@@ -221,7 +223,7 @@ def test_a_name_of_ours_stays_ours_and_one_of_two_packages_is_nobodys(
     two = write_package(tmp_path / "2", "two", {"kinds": OPTIONS}, points)
     with installed(one, two):
         assert main(["plugins", "--json"]) == 1
-        kinds = json.loads(capsys.readouterr().out)["kinds"]
+        kinds = json.loads(capsys.readouterr().out)["result"]["kinds"]
     problems = {(kind["name"], kind["source"]): kind["problem"] for kind in kinds}
     assert problems["broyden", "tentacled"] == ""
     assert problems["broyden", "one 1.2"] == "tentacled has one of this name, which is used"

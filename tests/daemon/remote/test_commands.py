@@ -17,6 +17,15 @@ from msgspec.structs import replace
 
 from config.loader import RobotFile
 from config.remote import Remote
+from daemon.commands.outcome.exit_codes import EXIT_CANNOT_CREATE as CANNOT_CREATE
+from daemon.commands.outcome.exit_codes import EXIT_CONFIGURATION as CONFIGURATION
+from daemon.commands.outcome.exit_codes import EXIT_DATA as DATA
+from daemon.commands.outcome.exit_codes import EXIT_FAILED as FAILED
+from daemon.commands.outcome.exit_codes import EXIT_NO_ANSWER as TIMED_OUT
+from daemon.commands.outcome.exit_codes import EXIT_OK as OK
+from daemon.commands.outcome.exit_codes import EXIT_REFUSED as REFUSED
+from daemon.commands.outcome.exit_codes import EXIT_UNAVAILABLE as NO_DAEMON
+from daemon.commands.outcome.exit_codes import EXIT_USAGE as USAGE
 from daemon.commands.terminal.command_line import main
 from daemon.messages import (
     Answer,
@@ -31,8 +40,6 @@ from daemon.messages import (
 from daemon.remote.client.token_file import StoredLease, store_lease, token_file
 from daemon.remote.server.server import RemoteServer
 from tests.daemon.remote.rig import ROBOT, WITHIN_S, FakeRobot
-
-OK, FAILED, USAGE, NO_DAEMON, REFUSED, TIMED_OUT = range(6)
 
 
 def tentacled(name: str, *words: str | Path) -> int:
@@ -164,13 +171,13 @@ def test_waypoints_are_read_here_and_sent_as_data(
         assert load.robot == ""
         rows = [f"{number}, {number / 7}, 0, 185" for number in range(5000)]
         way.write_text("\n".join(["t, x, y, z", *rows]))
-        assert tentacled("load", file) == FAILED
+        assert tentacled("load", file) == DATA
         assert "more than a message holds" in capsys.readouterr().err
         way.write_text("nonsense")
-        assert tentacled("load", file) == FAILED
+        assert tentacled("load", file) == DATA
         assert f"{way}:1: the header must be" in capsys.readouterr().err
         file.write_text("robot: nowhere.yaml\ntrajectory:\n  kind: hold\n")
-        assert tentacled("load", file) == FAILED
+        assert tentacled("load", file) == CONFIGURATION
         assert "is no robot file" in capsys.readouterr().err
         assert len(robot.carried_out) == 1
 
@@ -183,7 +190,7 @@ def test_without_the_lease_commands_are_refused_and_say_how_to_get_it(
         assert tentacled(name) == REFUSED
         assert "tentacled lease" in capsys.readouterr().err
         assert tentacled(name, "--json") == REFUSED
-        assert json.loads(capsys.readouterr().out)["name"] == "no_lease"
+        assert json.loads(capsys.readouterr().out)["error"]["refusal"]["name"] == "no_lease"
         assert robot.carried_out == []
 
 
@@ -212,13 +219,13 @@ def test_a_stop_that_the_drives_have_not_confirmed_is_a_failure_and_says_so(
 ) -> None:
     with Daemon(root / ROBOT, Unsure()):
         assert tentacled("stop", "--json") == FAILED
-        assert json.loads(capsys.readouterr().out)["confirmed"] is False
+        assert json.loads(capsys.readouterr().out)["result"]["confirmed"] is False
         assert tentacled("stop") == FAILED
         assert "NOT CONFIRMED" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["arm", "stop", "status", "lease"])
-def test_without_a_daemon_the_exit_code_is_three(
+def test_without_a_daemon_there_is_an_exit_code_for_that(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
 ) -> None:
     for words in ([], [ROBOT], ["--runtime-dir", str(tmp_path)]):
@@ -273,7 +280,7 @@ def test_a_file_that_cannot_be_loaded_is_told_before_anything_is_sent(
 ) -> None:
     file = tmp_path / "file.yaml"
     file.write_text(text)
-    assert tentacled("load", file) == FAILED
+    assert tentacled("load", file) == CONFIGURATION
     assert message in capsys.readouterr().err
 
 
@@ -352,7 +359,7 @@ def test_the_status_for_programs_is_the_message_as_it_is(
 ) -> None:
     with Daemon(root / ROBOT) as robot:
         assert tentacled("status", "--json") == OK
-        status = json.loads(capsys.readouterr().out)
+        status = json.loads(capsys.readouterr().out)["result"]
         assert (status["type"], status["robot"], status["simulated"]) == ("status/1", ROBOT, True)
         assert set(status) == {"type", *robot.status().__struct_fields__}
 
@@ -360,7 +367,7 @@ def test_the_status_for_programs_is_the_message_as_it_is(
 def test_status_can_be_watched_by_a_program_until_it_is_told_to_end(root: Path) -> None:
     with Daemon(root / ROBOT), started("status", "--watch", "--json", "--every", "0.05") as watch:
         assert watch.stdout is not None
-        lines = [json.loads(watch.stdout.readline()) for _ in range(3)]
+        lines = [json.loads(watch.stdout.readline())["result"] for _ in range(3)]
         assert {line["type"] for line in lines} == {"status/1"}
         watch.send_signal(signal.SIGINT)
         assert watch.wait(WITHIN_S) == OK
@@ -443,7 +450,7 @@ def test_certificates_are_made_and_what_goes_into_the_robot_file_is_shown(
     assert "endpoint: 10.0.0.1:7448" in shown
     assert "    alice: operator\n    bob: viewer\n" in shown
     assert (folder / "alice.key").exists()
-    assert tentacled("certificates", folder, *words) == FAILED
+    assert tentacled("certificates", folder, *words) == CANNOT_CREATE
     assert "would be overwritten" in capsys.readouterr().err
     assert tentacled("certificates", folder, "--operator", "Alice") == USAGE
     assert tentacled("certificates", folder) == USAGE

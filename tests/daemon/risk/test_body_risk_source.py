@@ -9,7 +9,8 @@ import yaml
 
 from config.documents.problems import ConfigError
 from config.loader import load_robot
-from daemon.commands.terminal.command_line import EXIT_CONFIGURATION, main
+from daemon.commands.outcome.exit_codes import EXIT_CONFIGURATION
+from daemon.commands.terminal.command_line import main
 from daemon.risk.body_risk_source import RiskFilesError, make_risk_source
 from daemon.risk.mesh_file import write_mesh
 from daemon.risk.model_file import write_model

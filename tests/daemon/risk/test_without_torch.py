@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from daemon.commands.outcome.exit_codes import EXIT_UNAVAILABLE
+
 ROOT = Path(__file__).parents[3]
 LEARN = {
     "daemon.workbench.body_model.training.network",
@@ -76,6 +78,6 @@ def test_without_torch_the_commands_say_how_to_get_it(word: str, tmp_path: Path)
     done = subprocess.run(
         [sys.executable, "-c", BLOCKED, *words], capture_output=True, text=True, check=False
     )
-    assert done.returncode == 1
+    assert done.returncode == EXIT_UNAVAILABLE
     assert "pip install '.[training]'" in done.stderr
     assert not list(tmp_path.iterdir())

@@ -11,6 +11,12 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from daemon.commands.outcome.exit_codes import (
+    EXIT_DATA,
+    EXIT_NO_INPUT,
+    EXIT_UNAVAILABLE,
+    EXIT_USAGE,
+)
 from daemon.commands.terminal.command_line import main
 from daemon.messages import Setpoint, SetpointRefused
 from daemon.steering.devices import DeviceState
@@ -21,7 +27,7 @@ from tests.daemon.remote.rig import ROBOT, WITHIN_S, FakeRobot, tip
 from tests.daemon.remote.test_commands import Daemon, started
 from tests.daemon.steering.scripted import DEAD_MAN, LET_GO, Puck
 
-OK, FAILED, USAGE = range(3)
+OK = 0
 TIP = (1.1, 2.1, 103.4)
 """Where the fake robot's stands."""
 
@@ -202,12 +208,12 @@ def test_what_is_killed_sends_nothing_any_more(root: Path, pipe: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "what", "code"),
     [
-        (("--device", "/nowhere"), "/nowhere: No such file", FAILED),
-        (("--replay", "/nowhere"), "/nowhere: No such file", FAILED),
-        (("--record", "x"), "--record goes with --device", USAGE),
-        (("--device", "x", "--axes", "up"), "axes are such as", USAGE),
-        (("--device", "x", "--speed", "0"), "more than 0", USAGE),
-        (("--controller", "{"), "--controller", USAGE),
+        (("--device", "/nowhere"), "/nowhere: No such file", EXIT_UNAVAILABLE),
+        (("--replay", "/nowhere"), "/nowhere: No such file", EXIT_NO_INPUT),
+        (("--record", "x"), "--record goes with --device", EXIT_USAGE),
+        (("--device", "x", "--axes", "up"), "axes are such as", EXIT_USAGE),
+        (("--device", "x", "--speed", "0"), "more than 0", EXIT_USAGE),
+        (("--controller", "{"), "--controller", EXIT_USAGE),
     ],
 )
 def test_what_cannot_be_is_said(
@@ -222,7 +228,7 @@ def test_a_file_that_is_no_journal_is_said_to_be_none(
 ) -> None:
     path = tmp_path / "journal"
     path.write_bytes(msgspec.json.encode({"kind": "x"}) + b"\n")
-    assert main(["teleoperate", "--replay", str(path)]) == FAILED
+    assert main(["teleoperate", "--replay", str(path)]) == EXIT_DATA
     assert f"{path}: line 1" in capsys.readouterr().err
 
 

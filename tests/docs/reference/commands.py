@@ -3,14 +3,18 @@
 import argparse
 from collections.abc import Iterator
 
-from daemon.commands.terminal.command_line import _COMMANDS, CommandParser, _command
+from daemon.commands.outcome.exit_codes import MEANINGS
+from daemon.commands.terminal.command_line import COMMANDS, command_parser
 from tests.docs.reference.markdown import plain, table
 
 _HEAD = """\
 # Commands
 
 Every command of `tentacled`, with what it takes. `tentacled COMMAND --help` says the same.
-Exit codes: [Operate](../operate.md#exit-codes).
+Each of them takes `--json`: standard output then carries one JSON object and nothing else, with `schema`, `version`,
+`exit_code` and `result`; or `error`, with `kind`, `message`, `place` and `remedy`.
+
+## Exit codes
 
 """
 
@@ -19,14 +23,12 @@ def commands_page() -> str:
     """The page."""
     overview = table(
         ("command", "what it does"),
-        ((f"[`{name}`](#tentacled-{name})", purpose) for name, (_, purpose) in _COMMANDS.items()),
+        ((f"[`{name}`](#tentacled-{name})", purpose) for name, (_, purpose) in COMMANDS.items()),
     )
-    sections = []
-    for name, (_, purpose) in _COMMANDS.items():
-        parser = CommandParser(prog=f"tentacled {name}", description=purpose)
-        _command(name).add_arguments(parser)
-        sections.append("".join(_section(parser, "##")))
-    return _HEAD + overview + "".join(sections)
+    codes = table(("code", "meaning"), ((str(code), text) for code, text in MEANINGS.items()))
+    (commands,) = command_parser()._subparsers._group_actions  # type: ignore[union-attr]
+    sections = ["".join(_section(parser, "##")) for parser in dict(commands.choices or {}).values()]
+    return f"{_HEAD}{codes}\n## All of them\n\n{overview}{''.join(sections)}"
 
 
 def _section(parser: argparse.ArgumentParser, level: str) -> Iterator[str]:

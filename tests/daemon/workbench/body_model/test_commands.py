@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, main
+from daemon.commands.outcome.exit_codes import EXIT_DATA, EXIT_FAILED, EXIT_OK
+from daemon.commands.terminal.command_line import main
 from daemon.risk.mesh_file import read_environment
 from safety.risk.body_point import BodyPointRisk
 from tests.safety.risk.scenes import mixture_of
@@ -152,7 +153,7 @@ def test_a_mixture_that_cannot_be_used_is_named(
     path = tmp_path / "m.json"
     path.write_text(content)
     query = ["risk", "query", "--mixture", str(path), "--mesh", str(room)]
-    assert main(query) == EXIT_FAILED
+    assert main(query) == EXIT_DATA
     assert told in capsys.readouterr().err
 
 
@@ -161,5 +162,5 @@ def test_a_mesh_that_cannot_be_used_is_named(
 ) -> None:
     mixture = written(tmp_path / "m.json", [[0.0, 0, 0]], [[1.0] * 3])
     query = ["risk", "query", "--mixture", str(mixture), "--mesh", str(tmp_path / "no.stl")]
-    assert main(query) == EXIT_FAILED
+    assert main(query) == EXIT_DATA
     assert "no.stl: No such file" in capsys.readouterr().err

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+from daemon.commands.outcome.exit_codes import EXIT_CANNOT_CREATE, EXIT_OK
 from daemon.recording.result import read_result
 from daemon.recording.run_parts import control_hash
 from daemon.workbench.report.report import write_report
@@ -124,6 +124,6 @@ def test_a_folder_that_is_there_is_not_written_to(tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     process = command(tmp_path)
     _, complaints = process.communicate(timeout=WITHIN_S)
-    assert process.returncode == EXIT_FAILED
+    assert process.returncode == EXIT_CANNOT_CREATE
     assert "is there already" in complaints
     assert list((tmp_path / "run").iterdir()) == []

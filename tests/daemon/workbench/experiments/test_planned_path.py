@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daemon.commands.terminal.command_line import EXIT_OK, main
+from daemon.commands.outcome.exit_codes import EXIT_OK
+from daemon.commands.terminal.command_line import main
 from daemon.reference.planned_path import misfit, read_path
 from daemon.workbench.experiments.carry_out import STEPS_FILE
 from daemon.workbench.experiments.experiment_file import load_experiment

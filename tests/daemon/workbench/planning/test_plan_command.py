@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE, main
+from daemon.commands.outcome.exit_codes import EXIT_CONFIGURATION, EXIT_FAILED, EXIT_OK, EXIT_USAGE
+from daemon.commands.terminal.command_line import main
 from daemon.reference.planned_path import PlannedPathError, read_path
 from daemon.risk.mesh_file import write_mesh
 from daemon.workbench.body_model.evaluation import shapes
@@ -34,7 +35,7 @@ def test_a_path_is_told_and_written(
     out = tmp_path / "path.json"
     goal = ("--to", "-29.5,15,194.6")
     assert planned(*goal, *wall, "--out", str(out), "--json") == EXIT_OK
-    figures: dict[str, Any] = json.loads(capsys.readouterr().out)
+    figures: dict[str, Any] = json.loads(capsys.readouterr().out)["result"]
     assert figures["contact_risk_upper_limit"] <= 0.05
     assert figures["method"] == "optimised"
     path = read_path(out)
@@ -59,7 +60,7 @@ def test_the_papers_method_is_told_as_what_it_is(
     wall: tuple[str, ...], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert planned("--to", "30,0,194.6", *wall, "--preset", "thompson", "--json") == EXIT_OK
-    figures = json.loads(capsys.readouterr().out)
+    figures = json.loads(capsys.readouterr().out)["result"]
     course = figures["body_point_risk_eq_10_course"]
     assert figures["method"] == "thompson"
     assert len(course) == 51
@@ -71,7 +72,7 @@ def test_where_there_is_none_the_reason_is_told_and_nothing_is_written(
 ) -> None:
     out = tmp_path / "path.json"
     assert planned("--to", "88,0,166", *wall, "--out", str(out), "--json") == EXIT_FAILED
-    assert json.loads(capsys.readouterr().out)["none"] == "goal_in_solid"
+    assert json.loads(capsys.readouterr().out)["result"]["none"] == "goal_in_solid"
     assert not out.exists()
 
 
@@ -84,9 +85,9 @@ def test_where_there_is_none_the_reason_is_told_and_nothing_is_written(
         (("--to", "0,0,190", "--port", "1,2,3"), EXIT_USAGE, "needs eight numbers"),
         (("--to", "0,0,190", "--most-risk", "0"), EXIT_USAGE, "is a probability"),
         (("--to", "0,0,190", "--samples", "3"), EXIT_USAGE, "100 to 100000"),
-        (("--to", "0,0,190", "--from", "1,2"), EXIT_FAILED, "there are 4 axes"),
-        (("--to", "0,0,190", "--model", "no.npz"), EXIT_FAILED, "no.npz"),
-        (("--to", "0,0,190", "--surroundings", "no.stl"), EXIT_FAILED, "no.stl"),
+        (("--to", "0,0,190", "--from", "1,2"), EXIT_USAGE, "there are 4 axes"),
+        (("--to", "0,0,190", "--model", "no.npz"), EXIT_CONFIGURATION, "no.npz"),
+        (("--to", "0,0,190", "--surroundings", "no.stl"), EXIT_CONFIGURATION, "no.stl"),
     ],
 )
 def test_what_cannot_be_asked_is_explained(
@@ -101,7 +102,10 @@ def test_what_cannot_be_asked_is_explained(
 
 
 def test_a_robot_without_model_says_what_to_do(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["plan", str(SHIPPED_ROBOTS / "soft_arm.yaml"), "--to", "0,0,190"]) == EXIT_FAILED
+    assert (
+        main(["plan", str(SHIPPED_ROBOTS / "soft_arm.yaml"), "--to", "0,0,190"])
+        == EXIT_CONFIGURATION
+    )
     assert "train a model" in capsys.readouterr().err
 
 

@@ -14,7 +14,14 @@ import pytest
 
 from config.loader import RobotFile, load_robot
 from config.tasks.exploration import WaypointExploration
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE, main
+from daemon.commands.outcome.exit_codes import (
+    EXIT_DATA,
+    EXIT_FAILED,
+    EXIT_NO_INPUT,
+    EXIT_OK,
+    EXIT_USAGE,
+)
+from daemon.commands.terminal.command_line import main
 from daemon.files import models_directory
 from daemon.learning.forward.pretrained_model import PretrainedModel
 from daemon.learning.samples.dataset import Dataset, DatasetError
@@ -177,7 +184,7 @@ def test_explore_and_pretrain_on_the_command_line(
     assert main(words) == EXIT_OK
     assert "s of motion" in capsys.readouterr().out
     assert (kept / "run.mcap").is_file()
-    assert main(words) == EXIT_FAILED
+    assert main(words) == EXIT_DATA
     assert "is there already" in capsys.readouterr().err
 
     words = ["pretrain", str(PATH), str(data), "--out", str(model), "--epochs", "2"]
@@ -190,7 +197,7 @@ def test_explore_and_pretrain_on_the_command_line(
     assert PretrainedModel.load(model, FILE.robot).lwpr.count == 4
 
     assert main([*words, "--json", "--no-figures"]) == EXIT_OK
-    told = json.loads(capsys.readouterr().out)
+    told = json.loads(capsys.readouterr().out)["result"]
     assert [errors["epoch"] for errors in told["errors"]] == [1, 2]
 
     words = ["explore", str(PATH), "--out", str(tmp_path / "again.npz"), "--from", str(kept)]
@@ -219,9 +226,9 @@ def test_an_exploration_that_is_ended_goes_on_where_it_was(
     if number is not signal.SIGKILL:
         assert "--resume goes on" in told
 
-    assert main(words) == EXIT_FAILED
+    assert main(words) == EXIT_DATA
     assert "go on with --resume" in capsys.readouterr().err
-    assert main([*words, "--seed", "2", "--resume"]) == EXIT_FAILED
+    assert main([*words, "--seed", "2", "--resume"]) == EXIT_DATA
     assert "asked for otherwise (seed)" in capsys.readouterr().err
     assert main([*words, "--resume"]) == EXIT_OK
     assert "of 12 lines are there already" in capsys.readouterr().out
@@ -262,7 +269,7 @@ def test_pretrain_explains_what_it_cannot_do(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["pretrain", str(PATH), str(tmp_path / "none.npz"), "--out", str(tmp_path / "m.npz")]
-    assert main(words) == EXIT_FAILED
+    assert main(words) == EXIT_NO_INPUT
     assert "none.npz" in capsys.readouterr().err
     assert main([*words, "--epochs", "0"]) == EXIT_USAGE
     (tmp_path / "none.npz").write_bytes(b"junk")

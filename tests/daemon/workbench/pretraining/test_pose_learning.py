@@ -9,6 +9,7 @@ import pytest
 from config.emulation import ConcentricTubesPlant
 from config.loader import load_robot
 from daemon.array_files import ModelError, save_npz
+from daemon.commands.outcome.exit_codes import EXIT_CONFIGURATION, EXIT_FAILED, EXIT_USAGE
 from daemon.commands.terminal.command_line import main
 from daemon.learning.forward.pose_model import PoseModel, sized_metric
 from daemon.workbench.pretraining.pose_learning import (
@@ -165,7 +166,7 @@ def test_the_command_learns_keeps_and_says_how_well(
     first = capsys.readouterr().out
     assert "receptive fields; 1469 configurations, 259 kept back" in first
     assert main([*how, "--model", str(path), "--json"]) == 0
-    again = json.loads(capsys.readouterr().out)
+    again = json.loads(capsys.readouterr().out)["result"]
     assert f"{again['rmse_mm'][0]:.2f} mm" in first
     assert PoseModel.load(path).metadata["commands"] == [
         "tentacled kinematics concentric_tubes.yaml --out pose.npz --points 12 --fields 60 "
@@ -176,9 +177,9 @@ def test_the_command_learns_keeps_and_says_how_well(
 @pytest.mark.parametrize(
     ("robot", "options", "code", "text"),
     [
-        (FILE, ["--points", "2"], 2, "points are 4 or more"),
-        (FILE, ["--extension", "50", "10"], 1, "from lowest to highest"),
-        (SHIPPED_ROBOTS / "soft_arm.yaml", [], 1, "these are no concentric tubes"),
+        (FILE, ["--points", "2"], EXIT_USAGE, "points are 4 or more"),
+        (FILE, ["--extension", "50", "10"], EXIT_FAILED, "from lowest to highest"),
+        (SHIPPED_ROBOTS / "soft_arm.yaml", [], EXIT_CONFIGURATION, "these are no concentric tubes"),
     ],
 )
 def test_the_command_explains_what_it_cannot_do(

@@ -1,6 +1,5 @@
 """The report shows what was recorded, stands alone, and makes do with what there is."""
 
-import argparse
 import asyncio
 import base64
 import re
@@ -15,8 +14,8 @@ from matplotlib.figure import Figure
 
 from config.control import PoseFilterSettings
 from config.loader import load_robot
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
-from daemon.commands.workbench import recover, report
+from daemon.commands.outcome.exit_codes import EXIT_DATA, EXIT_FAILED, EXIT_NO_INPUT, EXIT_OK
+from daemon.commands.terminal.command_line import main
 from daemon.messages import Event, InternalError, Message, Risk, Status, Tip
 from daemon.recording.format.channels import TOPICS, telemetry_payload
 from daemon.recording.result import CycleError, Result, read_result, write_result
@@ -46,12 +45,6 @@ def page_of(folder: Path, keep: Callable[[Message], bool] = lambda message: True
 
 def titles(page: str) -> list[str]:
     return re.findall(r"<h2>(.*?)</h2>", page)
-
-
-def command(module: object, *words: str) -> int:
-    parser = argparse.ArgumentParser()
-    module.add_arguments(parser)  # type: ignore[attr-defined]
-    return int(module.run(parser.parse_args(words)))  # type: ignore[attr-defined]
 
 
 @pytest.fixture(scope="module")
@@ -309,7 +302,7 @@ def test_the_command_says_where_the_report_is(
     whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "elsewhere.html"
-    assert command(report, str(whole / "run.mcap"), "--out", str(out)) == EXIT_OK
+    assert main(["report", str(whole / "run.mcap"), "--out", str(out)]) == EXIT_OK
     assert capsys.readouterr().out == f"{out}\n"
     assert out.read_text().startswith("<!DOCTYPE html>")
 
@@ -326,18 +319,18 @@ def test_what_is_no_recording_is_refused_with_a_reason(
     name: str, content: bytes, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / name).write_bytes(content)
-    assert command(report, str(tmp_path)) == EXIT_FAILED
+    assert main(["report", str(tmp_path)]) == EXIT_DATA
     assert told in capsys.readouterr().err
 
 
 def test_a_missing_run_and_an_unwritable_place_are_refused_with_a_reason(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert command(report, str(tmp_path / "nothing")) == EXIT_FAILED
+    assert main(["report", str(tmp_path / "nothing")]) == EXIT_DATA
     assert "there is no such file or folder" in capsys.readouterr().err
     asyncio.run(direct_run(tmp_path, list(messages(1, 1.0))[-3:]))
     out = tmp_path / "no" / "report.html"
-    assert command(report, str(tmp_path), "--out", str(out)) == EXIT_FAILED
+    assert main(["report", str(tmp_path), "--out", str(out)]) == EXIT_NO_INPUT
     assert "No such file or directory" in capsys.readouterr().err
 
 
@@ -347,21 +340,21 @@ def test_the_recover_command_makes_a_run_whole(
     path = make_run(tmp_path, cycles=1, cycle_s=CYCLE_S)
     (tmp_path / "run.mcap.part").write_bytes(path.read_bytes()[:-5])
     path.unlink()
-    assert command(recover, str(tmp_path)) == EXIT_OK
+    assert main(["recover", str(tmp_path)]) == EXIT_OK
     assert "messages saved" in capsys.readouterr().out
     assert path.exists()
-    assert command(recover, str(tmp_path)) == EXIT_OK
+    assert main(["recover", str(tmp_path)]) == EXIT_OK
     assert "no unfinished recording" in capsys.readouterr().out
     damaged = bytearray(path.read_bytes())
     damaged[40:48] = bytes(8)
     (tmp_path / "run.mcap.part").write_bytes(damaged)
-    assert command(recover, str(tmp_path)) == EXIT_FAILED
+    assert main(["recover", str(tmp_path)]) == EXIT_FAILED
     heard = capsys.readouterr()
     assert "messages saved; " in (told := heard.out), heard.err
     assert "kept as run.mcap.damaged" in told
     assert (tmp_path / "run.mcap.damaged").read_bytes() == damaged
     (tmp_path / "run.mcap.part").write_bytes(b"not a recording")
-    assert command(recover, str(tmp_path)) == EXIT_FAILED
+    assert main(["recover", str(tmp_path)]) == EXIT_FAILED
     assert "left as it is" in capsys.readouterr().out
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from daemon.commands.outcome.exit_codes import EXIT_CONFIGURATION, EXIT_USAGE
 from daemon.commands.terminal.command_line import main
 from daemon.host.processes import Share
 from daemon.workbench.studies.grid import Grid
@@ -102,7 +103,7 @@ def test_shares_put_together_are_the_same_runs_and_tables(
 
 @pytest.mark.parametrize("words", ["0/2", "3/2", "half", "1/", "-1/2", "1/0"])
 def test_a_share_that_is_none_is_explained(words: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit, match="2"):
+    with pytest.raises(SystemExit, match="64"):
         main(["compare", "--out", "x", f"--share={words}"])
     assert "share" in capsys.readouterr().err
 
@@ -177,12 +178,14 @@ def test_a_name_that_is_not_in_the_study_is_refused(
     done: tuple[Path, Path, Heard], capsys: pytest.CaptureFixture[str]
 ) -> None:
     path, out, _ = done
-    assert main(["reproduce", str(path), "--out", str(out), "--only", "wild"]) == 2
+    assert main(["reproduce", str(path), "--out", str(out), "--only", "wild"]) == EXIT_USAGE
     assert "there is no wild in this study: there are calm, arcs" in capsys.readouterr().err
 
 
 def test_a_study_that_is_not_there_is_explained(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["reproduce", str(tmp_path / "no.yaml"), "--out", str(tmp_path)]) == 1
+    assert (
+        main(["reproduce", str(tmp_path / "no.yaml"), "--out", str(tmp_path)]) == EXIT_CONFIGURATION
+    )
     assert "no.yaml" in capsys.readouterr().err

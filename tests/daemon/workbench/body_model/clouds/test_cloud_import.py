@@ -12,7 +12,8 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE, main
+from daemon.commands.outcome.exit_codes import EXIT_DATA, EXIT_OK, EXIT_USAGE
+from daemon.commands.terminal.command_line import main
 from daemon.risk.model_file import read_model
 from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset
 from daemon.workbench.body_model.clouds.cloud_import import ImportSettings, import_clouds
@@ -302,7 +303,7 @@ def test_what_the_command_cannot_do_it_says(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["mdn", "collect", str(TENDON_ARM), "--out", str(tmp_path / "c.npz"), "--from"]
-    assert main([*words, str(tmp_path)]) == EXIT_FAILED
+    assert main([*words, str(tmp_path)]) == EXIT_DATA
     assert "configurations.csv: No such file" in capsys.readouterr().err
     for wrong in ("--length-mm -5", "--points 5", "--processes 0", "--starts 3", "--seen-on today"):
         assert main([*words, str(tmp_path), *wrong.split()]) == EXIT_USAGE

@@ -10,7 +10,8 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="pip install '.[training]'")
 
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK, EXIT_USAGE, main  # noqa: E402
+from daemon.commands.outcome.exit_codes import EXIT_DATA, EXIT_OK, EXIT_USAGE  # noqa: E402
+from daemon.commands.terminal.command_line import main  # noqa: E402
 from daemon.host.progress import Unheard  # noqa: E402
 from daemon.risk.model_file import ModelFile, read_model, write_model  # noqa: E402
 from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset  # noqa: E402
@@ -333,7 +334,7 @@ def test_the_commands_train_sweep_and_evaluate(
     assert main(["mdn", *words, "--start", "plain", *quick]) == EXIT_OK
     assert "plain: none collapsed; recommended: " in capsys.readouterr().out
     assert main(["mdn", *words, "--json", *quick]) == EXIT_OK
-    swept = json.loads(capsys.readouterr().out)
+    swept = json.loads(capsys.readouterr().out)["result"]
     assert [(one["start"], one["components"]) for one in swept["sweep"]] == [
         *(("arc", 1), ("arc", 2)),
         *(("plain", 1), ("plain", 2)),
@@ -360,10 +361,10 @@ def test_a_model_of_another_robot_is_not_evaluated(
     dataset().save(clouds)
     write_model(model, trained.arrays, {**trained.about, "robot": "another"})
     words = ["mdn", "evaluate", str(TENDON_ARM), str(clouds), "--model", str(model)]
-    assert main([*words, "--out", str(tmp_path / "x")]) == EXIT_FAILED
+    assert main([*words, "--out", str(tmp_path / "x")]) == EXIT_DATA
     assert "does not fit this robot" in capsys.readouterr().err
     words = ["mdn", "train", str(SOFT_ARM), str(clouds), "--out", str(tmp_path / "y.npz")]
-    assert main(words) == EXIT_FAILED
+    assert main(words) == EXIT_DATA
     assert "does not fit this robot" in capsys.readouterr().err
 
 

@@ -1,11 +1,10 @@
 """`tentacled report RUN`: one HTML file that shows what happened in a run."""
 
 import argparse
-import sys
 from pathlib import Path
 
-from config.documents.problems import in_words
-from daemon.commands.terminal.command_line import EXIT_FAILED, EXIT_OK
+from daemon.commands.outcome.failures import about
+from daemon.commands.outcome.result import Result
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -17,17 +16,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> Result:
     # matplotlib is slow to come: `--help` does without.
-    from daemon.recording.run_reader import UnreadableRunError
     from daemon.workbench.report.report import write_report
 
-    try:
-        print(write_report(arguments.run, arguments.out))
-    except UnreadableRunError as error:
-        print(error, file=sys.stderr)
-        return EXIT_FAILED
-    except OSError as error:
-        print(in_words(error, arguments.run), file=sys.stderr)
-        return EXIT_FAILED
-    return EXIT_OK
+    with about(arguments.run):
+        written = write_report(arguments.run, arguments.out)
+    return Result({"report": written}, str(written))

@@ -1,0 +1,1 @@
+"""Commands for what was recorded: reports, what a crash has left, and tables for other programs."""
