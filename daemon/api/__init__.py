@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from daemon import messages
     from daemon.control.controller import Controller, ControllerError, Observation, Proposal
     from daemon.control.tip_following import TipFollower
+    from daemon.recording.export.files import read_frame, read_frames
     from daemon.reference.trajectories import Cycle
     from daemon.remote.client.address import LocalAddress, TlsAddress
     from daemon.remote.client.blocking_client import BlockingRobotClient
@@ -60,6 +61,8 @@ _HOMES: Final = {
     "TestLab": "daemon.testing.labs",
     "TrackingResult": "daemon.testing.tracking_result",
     "Figures": "daemon.testing.tracking_result",
+    "read_frame": "daemon.recording.export.files",
+    "read_frames": "daemon.recording.export.files",
 }
 
 __all__ = [
@@ -94,6 +97,8 @@ __all__ = [
     "TlsAddress",
     "TrackingResult",
     "messages",
+    "read_frame",
+    "read_frames",
 ]
 
 

@@ -59,6 +59,7 @@ KINDS: Final = (
         "builtins.FileNotFoundError", "builtins.NotADirectoryError",
     )),
     Kind("unavailable", exit_codes.EXIT_UNAVAILABLE, "start it, plug it in, or end who has it", (
+        "daemon.recording.export.files.ExportLibraryError",
         "daemon.remote.client.client_errors.DaemonNotRunningError",
         "daemon.remote.client.client_errors.DisconnectedError",
         "daemon.remote.discovery.FolderError",

@@ -73,6 +73,7 @@ COMMANDS: Final = {
         "carry out experiments with all controllers, and put them side by side",
     ),
     "report": ("recordings", "make a page of figures of a recorded run"),
+    "export": ("recordings", "write a recorded run as tables: CSV, Parquet"),
     "recover": ("recordings", "make recordings whole that a crash has left unfinished"),
     "environment": ("workbench", "make surroundings to try the risk of touching them in"),
     "mdn": (

@@ -29,6 +29,9 @@ def reference() -> str:
             parts += ["\n## messages\n\n", *(_message(*one) for one in _messages(value))]
         elif isinstance(value, type):
             parts.append(_class(name, value))
+        elif inspect.isfunction(value):
+            member = f"{name}{_arguments(value)}"
+            parts.append(f"\n## {name}\n\n{_first(value)}\n\n```python\n{member}\n```\n")
     return "".join(parts)
 
 
@@ -105,7 +108,7 @@ def _message(name: str, value: type[msgspec.Struct]) -> str:
     return f"- `{name}`{f' ({tag})' if tag else ''}: {fields or 'nothing'}\n"
 
 
-def _first(value: type) -> str:
+def _first(value: object) -> str:
     lines = (inspect.getdoc(value) or "").strip().split("\n\n")[0]
     return " ".join(lines.split())
 

@@ -12,7 +12,7 @@ _HEAD = """\
 
 Every command of `tentacled`, with what it takes. `tentacled COMMAND --help` says the same.
 Each of them takes `--json`: standard output then carries one JSON object and nothing else, with
-`schema`, `version`, `exit_code` and `result`; or `error`, with `kind`, `message`, `place`, `remedy`.
+`schema`, `version`, `exit_code` and `result`; or `error`: `kind`, `message`, `place`, `remedy`.
 
 ## Exit codes
 

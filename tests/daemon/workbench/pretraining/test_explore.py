@@ -261,7 +261,7 @@ def test_a_robot_without_emulated_devices_is_explored_by_its_daemon(
     text = PATH.read_text()
     real = tmp_path / "real.yaml"
     real.write_text(text[: text.index("\nemulation:") + 1])
-    assert main(["explore", str(real), "--out", str(tmp_path / "d.npz")]) == EXIT_FAILED
+    assert main(["explore", str(real), "--out", str(tmp_path / "d.npz")]) == EXIT_DATA
     assert "--from" in capsys.readouterr().err
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from config.loader import RobotFile
-from daemon.commands.outcome.exit_codes import EXIT_DATA, EXIT_OK, EXIT_USAGE
+from daemon.commands.outcome.exit_codes import EXIT_CONFIGURATION, EXIT_OK, EXIT_USAGE
 from daemon.commands.terminal.command_line import main
 from daemon.host.processes import Share
 from daemon.workbench.body_model.clouds.centreline_fit import (
@@ -308,4 +308,4 @@ def test_the_command_collects_with_processes(
 
 def test_a_robot_file_that_is_not_there_is_told(tmp_path: Path) -> None:
     words = ["mdn", "collect", str(tmp_path / "no.yaml"), "--out", str(tmp_path / "c.npz")]
-    assert main(words) == EXIT_DATA
+    assert main(words) == EXIT_CONFIGURATION

@@ -1,0 +1,60 @@
+"""`tentacled export RUN`: a recording as tables that other programs read."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Final
+
+from daemon.commands.outcome.failures import about
+from daemon.commands.outcome.result import Result
+
+_FORMATS: Final = ("csv", "parquet")
+_FOLDER: Final = "export"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "run", type=Path, metavar="RUN", help="a run's folder, or one recording in it (run.mcap)"
+    )
+    parser.add_argument(
+        "--format", choices=_FORMATS, default=_FORMATS[0], help="default: %(default)s"
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help=f"default: {_FOLDER} in the run's folder"
+    )
+    parser.add_argument(
+        "--table",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="this one, and whichever else is named (default: all); `steps` has a row for each "
+        "control step, the others one for each message of state, tip, axes, risk, loop, event, "
+        "internal_error, body",
+    )
+
+
+def run(arguments: argparse.Namespace) -> Result:
+    # Nobody who asks for help alone waits for what reads recordings.
+    from daemon.commands.outcome.failures import UsageError
+    from daemon.recording.export.files import write_csv, write_parquet
+    from daemon.recording.export.tables import TABLES, read_tables
+
+    try:
+        with about(arguments.run):
+            tables = read_tables(arguments.run, arguments.table or TABLES)
+    except ValueError as error:
+        if arguments.table and not set(arguments.table) <= set(TABLES):
+            raise UsageError(str(error), place="--table") from None
+        raise
+    run_folder = arguments.run if arguments.run.is_dir() else arguments.run.parent
+    folder = arguments.out or run_folder / _FOLDER
+    write = {"csv": write_csv, "parquet": write_parquet}[arguments.format]
+    written = write(tables, folder)
+    for note in tables.notes:
+        print(note, file=sys.stderr)
+    told = {
+        "written": written,
+        "rows": {name: table.rows for name, table in tables.tables.items()},
+        "notes": tables.notes,
+    }
+    return Result(told, "\n".join(map(str, written)))

@@ -1,0 +1,1 @@
+"""A recording as tables, for programs that know nothing of recordings."""

@@ -1,0 +1,1 @@
+"""Tests of the tables that recordings are exported as."""
