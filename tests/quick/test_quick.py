@@ -24,7 +24,7 @@ MEASURED_ALREADY = read_measured(MEASURED.read_text())
 UNTESTED = {
     *("config.coupling", "daemon.commands.body_model"),
     *("daemon.commands.bridge", "daemon.commands.client", "daemon.commands.recordings"),
-    *("daemon.commands.terminal", "daemon.commands.workbench"),
+    *("daemon.commands.shell", "daemon.commands.terminal", "daemon.commands.workbench"),
 }
 """Packages that no quick test imports itself: commands are tested as processes, and what checks a
 part of a robot file by loading whole ones."""

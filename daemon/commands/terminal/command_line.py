@@ -93,6 +93,8 @@ COMMANDS: Final = {
     "plugins": ("host", "list the controllers, plants and trajectories that files may name"),
     "certificates": ("host", "make keys and certificates for clients on other machines"),
     "schema": ("host", "write the JSON Schema of robot files, for editors"),
+    "completion": ("shell", "write what makes bash, zsh or fish complete commands and options"),
+    "man": ("shell", "write the manual pages"),
     "doctor": ("host", "look for what would stop tentacled from working on this machine"),
 }
 

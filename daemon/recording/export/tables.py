@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import msgspec
 
-from daemon.messages import Axes, Event, Message, Status
+from daemon.messages import Axes, Message, Risk, Status, Tip
 from daemon.recording.format.channels import MESSAGES
 from daemon.recording.run_parts import RunParts
 from daemon.recording.run_reader import UnreadableRunError
@@ -28,9 +28,18 @@ TABLES: Final = (STEPS, *_TOPICS)
 _DECODERS: Final = {topic: msgspec.json.Decoder(kind) for topic, kind in MESSAGES.items()}
 _DATE, _SECONDS, _CLOCK, _NUMBER = "date_ns", "t_s", "t_ns", "sequence"
 _TIMES: Final = (_DATE, _SECONDS, _CLOCK, _NUMBER)
-_UNITS: Final = ("mm_s", "mm2", "mm", "rad", "s", "ml", "hz", "n", "mpa")
-_NAMES: Final = {3: ("x", "y", "z"), 4: ("w", "x", "y", "z")}
-"""Of a place's numbers, and of a quaternion's."""
+_UNITS: Final = ("mm_s", "mm")
+_PLACE: Final = ("x", "y", "z")
+_QUATERNION: Final = ("w", "x", "y", "z")
+_VECTORS: Final = {
+    kind: {
+        field.name
+        for field in msgspec.structs.fields(kind)
+        if field.type in (list[float], list[float] | None)
+    }
+    for kind in (Axes, Risk, Status, Tip)
+}
+"""Fields of fixed lengths: what is as long as a body has points, or cycles, is told as JSON."""
 _OF_STEPS: Final = {"tip": "", "axes": "", "risk": "risk_"}
 """What a control step is put together from, and what is put before its columns' names."""
 
@@ -161,19 +170,20 @@ class _Rows:
             yield row
 
     def _put(self, row: Row, message: Message, key: str, value: Any) -> None:
-        if isinstance(message, Axes) and isinstance(value, list):
-            row.update(self._by_axis(key, value))
-        elif isinstance(value, msgspec.Struct):
+        if isinstance(value, msgspec.Struct):
             for inner in value.__struct_fields__:
                 self._put(row, message, f"{key}_{inner}", getattr(value, inner))
+        elif key in _VECTORS.get(type(message), ()):
+            by_name = self._by_axis if isinstance(message, Axes) else _by_place
+            row.update(by_name(key, value))
         elif isinstance(value, list):
-            row.update(_by_place(key, value))
-        elif key == "state" and not isinstance(message, Event | Status):
-            row["state"] = value
+            row[key] = msgspec.json.encode(value).decode()
         else:
             row[key] = value
 
-    def _by_axis(self, key: str, values: list[float]) -> Row:
+    def _by_axis(self, key: str, values: list[float] | None) -> Row:
+        if values is None:
+            values = [None] * len(self._axes)  # type: ignore[list-item]
         if len(values) != len(self._axes):
             return {f"{key}_{number}": value for number, value in enumerate(values, 1)}
         return {
@@ -182,16 +192,13 @@ class _Rows:
         }
 
 
-def _by_place(key: str, values: list[Any]) -> Row:
-    """Places and quaternions number by number; what has no fixed form as JSON."""
-    numbers = all(isinstance(value, float | int) for value in values)
-    names = _NAMES.get(len(values))
-    if not numbers or names is None:
-        return {key: msgspec.json.encode(values).decode()}
+def _by_place(key: str, values: list[float] | None) -> Row:
+    """A place or a direction by its coordinates, a quaternion scalar first."""
+    names = _QUATERNION if key.endswith("quaternion") else _PLACE
     unit = next((unit for unit in _UNITS if key.endswith(f"_{unit}")), "")
-    stem = key.removesuffix(f"_{unit}") if unit else key
-    tail = f"_{unit}" if unit else ""
-    return {f"{stem}_{name}{tail}": value for name, value in zip(names, values, strict=True)}
+    stem, tail = (key.removesuffix(f"_{unit}"), f"_{unit}") if unit else (key, "")
+    known = values if values is not None and len(values) == len(names) else [None] * len(names)
+    return {f"{stem}_{name}{tail}": value for name, value in zip(names, known, strict=True)}
 
 
 def _as_name(unit: str) -> str:

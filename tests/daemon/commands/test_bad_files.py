@@ -95,6 +95,7 @@ WRITTEN = [
     f"mdn calibrate {ROBOT} --model {MODEL} --out BAD",
     "certificates BAD --host arm",
     "service --write BAD",
+    "man --write BAD",
     f"plan {ROBOT} --to 0,0,190 --out BAD",
     "init robot BAD",
     f"run {ROBOT} --runs BAD",

@@ -43,6 +43,8 @@ WORKS = {
     "certificates": "certificates keys --operator alice",
     "environment": "environment box --out box.stl --triangles 12",
     "recover": "recover .",
+    "completion": "completion bash",
+    "man": "man",
 }
 """What comes to a good end in an empty folder."""
 

@@ -52,7 +52,7 @@ def test_a_row_for_each_control_step_with_units_in_the_names(run: Path) -> None:
     assert steps.columns["velocity_x_mm_s"][0] == 0.0
     assert steps.columns["quaternion_w"][0] == 1.0
     assert {f"target_{axis}_mm" for axis in AXES} <= set(steps.columns)
-    assert {f"force_{axis}_percent" for axis in AXES} <= set(steps.columns)
+    assert {f"force_{axis}_n" for axis in AXES} <= set(steps.columns)
     assert {"contact_risk", "body_point_risk", "risk_threshold", "risk_scale"} <= set(steps.columns)
 
 
@@ -130,7 +130,7 @@ def test_parquet_is_what_the_frames_are(run: Path, tmp_path: Path) -> None:
 def test_a_damaged_recording_tells_what_is_left_and_what_is_not(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = make_run(tmp_path, cycles=1, cycle_s=CYCLE_S)
+    path = make_run(tmp_path, cycles=2, cycle_s=20.0)
     whole = read_tables(tmp_path).tables[STEPS].rows
     content = bytearray(path.read_bytes())
     content[len(content) // 3] ^= 0xFF

@@ -1,0 +1,1 @@
+"""Tests of what the shell gets from us."""
