@@ -106,7 +106,7 @@ def read_tables(path: Path, only: Sequence[str] = TABLES) -> RunTables:
     parts = RunParts(path)
     for message in parts.messages(_TOPICS[name] for name in needed):
         rows.take(message.topic, message.wall_ns, message.data)
-    if not rows.messages:
+    if not any(rows.messages.values()):
         raise UnreadableRunError(f"{path}: there is no message in it")
     tables = rows.tables(wanted, steps=STEPS in only)
     return RunTables(tables, parts.whole, parts.unreadable + rows.unreadable, parts.dropped)
