@@ -61,7 +61,7 @@ def completion_script(shell: str) -> str:
     parser = command_parser()
     for action in _actions(parser):
         _say_what_it_is(action, shtab.FILE, shtab.DIRECTORY)
-    script: str = shtab.complete(parser, shell, preamble=_PREAMBLE)
+    script: str = shtab.complete(parser, shell, preamble=_PREAMBLE.get(shell, ""))
     return script
 
 

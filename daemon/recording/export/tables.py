@@ -31,7 +31,7 @@ _TIMES: Final = (_DATE, _SECONDS, _CLOCK, _NUMBER)
 _UNITS: Final = ("mm_s", "mm")
 _PLACE: Final = ("x", "y", "z")
 _QUATERNION: Final = ("w", "x", "y", "z")
-_VECTORS: Final = {
+_VECTORS: Final[dict[type[Message], set[str]]] = {
     kind: {
         field.name
         for field in msgspec.structs.fields(kind)
