@@ -6,10 +6,11 @@ are imported when they are wanted.
 
 import csv
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
 
 from daemon.recording.export.tables import STEPS, TABLES, RunTables, Table, read_tables
 
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 
 _DATE: Final = "date_ns"
 _UTC: Final = "date_utc"
-_PER_S: Final = 1_000_000_000
 
 
 class ExportLibraryError(RuntimeError):
@@ -137,5 +137,4 @@ def _cell(value: Any) -> Any:
 
 
 def _date(wall_ns: int) -> str:
-    seconds, rest = divmod(wall_ns, _PER_S)
-    return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{rest:09d}Z"
+    return f"{np.datetime64(wall_ns, 'ns')}Z"
