@@ -192,13 +192,16 @@ async def _stopped_again_and_again(directory: Path, stops: int) -> Figures:
 
 def first_quick_stop_ns(run: Path, after_ns: int) -> int | None:
     """When the first quick stop went out to drive 1 (monotonic); None if there was none."""
+    return next((t_ns for t_ns in quick_stops_ns(run) if t_ns >= after_ns), None)
+
+
+def quick_stops_ns(run: Path) -> Iterator[int]:
+    """When each quick stop went out to drive 1 (monotonic), in their order."""
     for message in RunReader(run / "run.mcap").messages():
         if message.topic.startswith("/raw/can/"):
             for t_ns, frame in read_can_payload(message.data):
-                stops = frame.can_id == cob_ids.rpdo(1, 1) and frame.data[0] == Control.QUICK_STOP
-                if stops and t_ns >= after_ns:
-                    return t_ns
-    return None
+                if frame.can_id == cob_ids.rpdo(1, 1) and frame.data[0] == Control.QUICK_STOP:
+                    yield t_ns
 
 
 def loop_times(loop: LoopStatus) -> Figures:

@@ -7,17 +7,20 @@ the processor that the robot's own processes run on, which a rig would not let t
 import shutil
 import tempfile
 import time
+from bisect import bisect_left
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from random import Random
 from typing import TYPE_CHECKING, Any, Final
 
 from tests.benchmarks.daemon import (
     STARTS_WITHIN_S,
     emulated_robot,
-    first_quick_stop_ns,
     loop_times,
+    quick_stops_ns,
+    spinning_in_a_hurry,
     until_running,
 )
 from tests.benchmarks.timing import Figures, percentiles, pieces
@@ -32,6 +35,9 @@ _CHROMIUM: Final = shutil.which("chromium") or shutil.which("chromium-browser")
 _NONE: Final = {"left_out": "there is no Chromium: apt-get install chromium"}
 _SIZE: Final = {"width": 1500, "height": 1180}
 _PERIOD_S: Final = 0.01
+_RUNS_FOR_S: Final = (0.2, 0.4)
+_STOPS_WITHIN_NS: Final = 500_000_000
+"""A later quick stop is another one's."""
 _PRESSED: Final = """
 addEventListener("keydown", (event) => {
   window.pressed = performance.timeOrigin + event.timeStamp;
@@ -48,12 +54,12 @@ seen();
 
 def measure(tiny: bool = False) -> Figures:
     """All figures of the page."""
-    measured_s, stops, recorded_s = (1.0, 1, 10.0) if tiny else (20.0, 60, 400.0)
+    measured_s, stops, recorded_s = (1.0, 1, 10.0) if tiny else (20.0, 200, 400.0)
     counts = (0, 1) if tiny else (0, 1, 5)
     named = {f"pages_{count}": partial(beside_pages, count, measured_s) for count in counts}
-    return pieces(
-        {**named, "stop": partial(stops_by_page, stops), "replay": partial(replayed, recorded_s)}
-    )
+    floor = {"floor": partial(spinning_in_a_hurry, measured_s / 4)}
+    stop = {"stop": partial(stops_by_page, stops), "replay": partial(replayed, recorded_s)}
+    return pieces(floor | named | stop)
 
 
 def beside_pages(count: int, measured_s: float) -> Figures:
@@ -79,31 +85,41 @@ def beside_pages(count: int, measured_s: float) -> Figures:
 
 
 def stops_by_page(stops: int) -> Figures:
-    """From the key to the quick stop on the bus; and a client's own, in turns with it."""
+    """From the key to the quick stop on the bus; and a client's own, in every third turn."""
     if _CHROMIUM is None:
         return dict(_NONE)
-    by_page: list[float] = []
-    by_client: list[float] = []
+    by_chance, asked = Random(0), []
     with _bench() as (user, _, address), _pages(address, 1) as (page,):
         _usable_ms(page)
-        for turn in range(4 * stops):
-            if min(len(by_page), len(by_client)) >= stops:
-                break
-            told = by_page if turn % 2 == 0 else by_client
-            run = Path(user.do(until_running(user.client)))
-            time.sleep(0.5)
+        runs = set()
+        for turn in range(3 * max(stops // 2, 1)):
+            runs.add(Path(user.do(until_running(user.client))))
+            time.sleep(by_chance.uniform(*_RUNS_FOR_S))  # no picture is drawn in step with it
+            by_page = turn % 3 < 2
             asked_ns = time.monotonic_ns()
-            if told is by_page:
+            if by_page:
                 page.keyboard.press("Escape")
                 offset_ns = time.time_ns() - time.monotonic_ns()
                 asked_ns = round(float(page.evaluate("window.pressed")) * 1e6) - offset_ns
             else:
                 user.do(user.client.stop())
-            time.sleep(0.5)
-            stopped_ns = first_quick_stop_ns(run, asked_ns)
-            if stopped_ns is not None:  # a stall had switched the drives off before
-                told.append((stopped_ns - asked_ns) * 1e-6)
-    return {"by_page_ms": percentiles(by_page), "by_client_ms": percentiles(by_client)}
+            asked.append((by_page, asked_ns))
+        time.sleep(1.0)  # what is recorded is written within half a second
+        stopped_ns = sorted(t_ns for run in runs for t_ns in quick_stops_ns(run))
+    return {
+        "by_page_ms": percentiles(_took_ms([ns for by_page, ns in asked if by_page], stopped_ns)),
+        "by_client_ms": percentiles(_took_ms([ns for page, ns in asked if not page], stopped_ns)),
+    }
+
+
+def _took_ms(asked_ns: list[int], stopped_ns: list[int]) -> list[float]:
+    """Of each STOP that something stopped for: a stall may have switched the drives off before."""
+    took = []
+    for ns in asked_ns:
+        place = bisect_left(stopped_ns, ns)
+        if place < len(stopped_ns) and stopped_ns[place] - ns < _STOPS_WITHIN_NS:
+            took.append((stopped_ns[place] - ns) * 1e-6)
+    return took
 
 
 def replayed(recorded_s: float) -> Figures:

@@ -64,6 +64,8 @@ class StagedRobot(FakeRobot):
         """When each set-point came, monotonic."""
         self.events: list[Event] = []
         self.reasons: list[Reason] = []
+        self.aside: dict[str, float] = {}
+        """What each step's risk says of what it was turned aside for."""
         self._following = ""
         self._begun_s = 0.0
 
@@ -89,6 +91,7 @@ class StagedRobot(FakeRobot):
     def begin_anew(self) -> None:
         """As it was at first, whatever the last test has left."""
         self.state, self.reasons, self._following = "ready", [], ""
+        self.aside = {}
         self.lease = Lease(self._lease_s)
         self.tip = np.array([0.0, 0.0, 100.0])
         for kept in (self.carried_out, self.setpoints, self.came_s, self.stopped_ns):
@@ -194,6 +197,7 @@ class StagedRobot(FakeRobot):
                 clearance_mm=9.0,
                 place_mm=[x, y, 90.0],
                 obstacle_mm=[x + 9.0, y, 90.0],
+                **self.aside,
             ),
         ]
         if number % _STATUS_EVERY == 0:

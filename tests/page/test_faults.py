@@ -2,6 +2,7 @@
 
 import signal
 import time
+from functools import partial
 from typing import TYPE_CHECKING
 
 import pytest
@@ -12,7 +13,7 @@ from tests.page.browsing import browsing, until
 from tests.page.stage import Stage, stage
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser
+    from playwright.sync_api import Browser, Locator
 
 pytestmark = pytest.mark.page
 
@@ -27,6 +28,10 @@ _TWENTY_SOCKETS = """
   }
 })()
 """
+
+
+def outcome_is(says: "Locator", outcome: str) -> bool:
+    return says.get_attribute("data-outcome") == outcome
 
 
 def test_a_daemon_that_dies_and_comes_back_is_picked_up_and_nobody_is_in_control(
@@ -154,6 +159,30 @@ def test_stop_is_told_though_telemetry_and_picture_hang(browser: "Browser", on: 
         says = seen.page.locator("#stopsays")
         until(lambda: says.get_attribute("data-outcome") == "confirmed", "STOP is confirmed")
         assert on.robot.stopped_ns
+
+
+def test_stop_is_a_request_where_its_line_hangs_and_its_line_where_requests_do(
+    browser: "Browser", on: Stage
+) -> None:
+    with browsing(browser, on.address) as seen:
+        says = seen.page.locator("#stopsays")
+        confirmed = partial(outcome_is, says, "confirmed")
+        heard: list[object] = []
+        seen.page.route_web_socket(
+            "**/stop", lambda line: line.on_message(lambda said: heard.append(said))
+        )
+        seen.page.reload()
+        seen.until_live()
+        seen.page.keyboard.press("Escape")
+        until(confirmed, "a line that is open and brings nothing")
+        assert len(heard) == 1 and len(on.robot.stopped_ns) == 1
+    with browsing(browser, on.address) as seen:
+        says = seen.page.locator("#stopsays")
+        seen.page.route("**/api/stop", lambda route: route.abort())
+        seen.until_live()
+        seen.page.keyboard.press("Escape")
+        until(partial(outcome_is, says, "confirmed"), "requests that do not get through")
+        assert len(on.robot.stopped_ns) == 2
 
 
 def test_a_second_page_takes_over_and_the_first_one_commands_nothing_more(

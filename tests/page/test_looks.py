@@ -116,6 +116,26 @@ def test_events_are_filtered_and_copied(browser: "Browser", on: Stage) -> None:
         assert len(copied.splitlines()) >= 2 and "\tstate\tarmed\t" in copied, "all of them"
 
 
+def test_where_the_body_gives_way_and_what_that_takes_is_told_where_the_eyes_are(
+    browser: "Browser", on: Stage
+) -> None:
+    with browsing(browser, on.address) as seen:
+        seen.until_live()
+        seen.arm()
+        seen.press("start")
+        figures, why = seen.page.locator("#figures"), seen.page.locator("#banner .why")
+        until(lambda: "nowhere" in figures.inner_text(), "it goes straight")
+        assert not seen.probe()["ring"]
+        on.robot.aside = {"aside_arc_mm": 60.0, "aside_clearance_mm": 1.5, "given_up_mm": 0.25}
+        until(lambda: "gives way" in why.inner_text(), "it gives way")
+        for said in ("60 mm", "1.5 mm", "0.25 mm"):
+            assert said in why.inner_text() and said in figures.inner_text()
+        until(lambda: seen.probe()["ring"], "and the part is ringed")
+        assert 50.0 < seen.probe()["ring"][2] < 70.0, "60 mm along a body that goes up"
+        on.robot.aside = {}
+        until(lambda: "gives way" not in why.inner_text() and not seen.probe()["ring"])
+
+
 def test_a_phone_has_one_column_and_stop_in_its_corner(browser: "Browser", on: Stage) -> None:
     phone = {"viewport": {"width": 390, "height": 780}, "has_touch": True, "is_mobile": True}
     with browsing(browser, on.address, **phone) as seen:

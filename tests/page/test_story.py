@@ -171,7 +171,7 @@ def _arm_again(b: Browsing) -> None:
 
 def _lead(b: Browsing) -> None:
     """Teleoperated from where it is held: the tip follows the pointer, and holds after it."""
-    b.begin_teleoperation()
+    _begin_by_hand(b)
     before = b.probe()["tip"]["tip_mm"]
     x, y = b.grab()
     b.page.mouse.move(x - 30, y, steps=3)
@@ -186,6 +186,22 @@ def _lead(b: Browsing) -> None:
     until(followed, lambda: f"the tip follows the hand\n{b.told()}")
     b.page.mouse.up()
     b.until_state("hold")
+
+
+def _begin_by_hand(b: Browsing) -> None:
+    """Begun where it is held; armed before where a busy machine has switched the drives off."""
+
+    def begun() -> object:
+        if b.state() in ("ready", "standby"):
+            b.arm()
+        begin = b.page.locator('[data-verb="teleoperate"]')
+        leadable = b.page.locator("body.leadable")
+        if not leadable.count() and begin.is_enabled():
+            begin.click()
+            time.sleep(0.3)
+        return leadable.count()
+
+    until(begun, lambda: f"the tip may be led\n{b.told()}")
 
 
 def _replay(made: Bench, b: Browsing) -> None:

@@ -2,8 +2,9 @@
 const NORMAL = [0, 1, 0];
 
 export class FlatScene {
-  constructor(element) {
-    this.flat = true;
+  constructor(element, wake) {
+    this.flat = this.seen = true;
+    this.wake = wake;
     this.element = element;
     this.canvas = document.createElement("canvas");
     element.prepend(this.canvas);
@@ -37,7 +38,11 @@ export class FlatScene {
     return [(clientX - box.left - box.width / 2) / this.scale, through[1], (box.height - 40 - (clientY - box.top)) / this.scale];
   }
 
-  get waiting() { return this.dirty; }
+  get dirty() { return this.waiting; }
+
+  set dirty(on) { this.waiting = on; if (on) this.wake(); }
+
+  waits_ms() { return 0; }
 
   draw(_label, _now, finished) {
     if (!this.dirty) return false;

@@ -27,7 +27,10 @@ export class Pace {
   }
 
   // A little early is in time: the browser's own pictures come in steps.
-  due(now_ms) { return now_ms - this.began_ms >= this.every_ms - EVERY_MS / 4; }
+  due(now_ms) { return this.waits_ms(now_ms) <= 0; }
+
+  // Until it is.
+  waits_ms(now_ms) { return this.every_ms - EVERY_MS / 4 - (now_ms - this.began_ms); }
 
   began(now_ms) { this.began_ms = now_ms; }
 

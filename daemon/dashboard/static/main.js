@@ -20,16 +20,17 @@ const look = {
 };
 const fetched = replayed ? fetchReplay(replayed, reading) : null;
 if (fetched) fetched.catch(() => {});  // told where it is opened
-let scene = null, plots = null, axisNames = "", replay = null, hand = null;
+const drawnTimes = [];
+let scene = null, plots = null, axisNames = "", replay = null, hand = null, awake = false;
 
 async function makeScene() {
   try {
     const { Scene } = await import("./scene.js");
-    return new Scene($("scene"));
+    return new Scene($("scene"), wake);
   } catch {
     const { FlatScene } = await import("./flat_scene.js");
     put($("source"), "no WebGL here: seen from the front");
-    return new FlatScene($("scene"));
+    return new FlatScene($("scene"), wake);
   }
 }
 
@@ -55,7 +56,7 @@ function draw(frame) {
   if (frame.status) {
     const status = look.status = frame.status;
     makePlots(status);
-    showState(status);
+    showState(status, frame.risk || look.risk);
     put($("stopstate"), replayed ? "" : `${$("state").textContent}: ${$("headline").textContent}`);
     put($("holder"), replayed ? "" : status.lease.holder ? `in control: ${look.inControl ? "this page" : status.lease.holder}` : "nobody is in control");
   }
@@ -94,13 +95,14 @@ function takeLive(frame) {
   if (frame.buttons) showButtons(frame.buttons);
   if (frame.cycles) showCycles(frame.cycles);
   if (frame.events) addEvents(frame.events);
+  wake();
 }
 
 function showAge() {
   const seconds = look.age_s(), stale = !(seconds <= STALE_S);
   document.body.classList.toggle("stale", stale);
   for (const button of document.querySelectorAll("main .live button, #control")) if (stale) button.disabled = true;
-  if (stale) forgetButtons();
+  if (stale) { forgetButtons(); wake(); }
   else $("load").disabled = !$("experiment").value;
   const age = Number.isFinite(seconds) ? `no data for ${seconds.toFixed(1)} s` : "no data";
   put($("connection"), stale ? look.problem || age : "live");
@@ -184,8 +186,6 @@ if (replayed) {
 findRobots();
 setInterval(findRobots, 1000);
 
-const drawnTimes = [];
-
 function drawnAt(age_s, sent_s) {
   const age_ms = (age_s - sent_s) * 1000 + performance.timeOrigin + performance.now();
   look.pictureFigure = number(age_ms, 0, " ms");
@@ -193,7 +193,20 @@ function drawnAt(age_s, sent_s) {
   if (drawnTimes.length > 2000) drawnTimes.shift();
 }
 
-(function each(now) {
+// Asks for a picture, and not before it may be drawn: each that a browser is asked for costs it something,
+// with nothing new in it too, and what is pressed waits for that. A hand that leads is looked at with each.
+function wake() {
+  if (awake) return;
+  awake = true;
+  const eager = !scene || replay || (hand && (hand.held || hand.offered));
+  const wait = eager ? 0 : scene.waits_ms(performance.now());
+  if (wait < 1000 / 60) requestAnimationFrame(each);
+  else setTimeout(() => requestAnimationFrame(each), wait);
+}
+
+function each(now) {
+  awake = false;
+  if (!scene) return;
   if (replay) replay.tick(now);
   const { tipAge, tipSent, tipFresh } = look;
   const drawn = scene.draw($("clearance"), now, () => { if (tipFresh && !replay) drawnAt(tipAge, tipSent); });
@@ -204,12 +217,15 @@ function drawnAt(age_s, sent_s) {
     if (hand) hand.tick(performance.now());
     if (scene.pace) scene.pace.led = Boolean(hand && hand.held);
   }
-  requestAnimationFrame(each);
-})(performance.now());
+  if (replay || (hand && hand.held) || (scene.waiting && scene.seen)) wake();
+}
+
+wake();
 
 window.probe = () => ({
   ...look, age: look.age_s(), drawn: scene.drawn, events: eventCount(), held: hand ? hand.held : "", flat: Boolean(scene.flat),
   tipOnScreen: look.tip && look.tip.tip_mm ? scene.onScreen(look.tip.tip_mm) : null, replay: replay ? replay.told() : null,
+  ring: scene.ring && scene.ring.visible ? scene.ring.position.toArray() : null,
   pace: scene.pace ? { every_ms: scene.pace.every_ms, cost_ms: scene.pace.cost_ms, fineness: scene.pace.fineness } : null,
 });
 window.drawnTimes = () => drawnTimes.splice(0);

@@ -12,15 +12,24 @@ function changed(name, value) {
   return true;
 }
 
-export function showState(status) {
+// Where along the body it gives way, what room is left there, and what that takes from the tip's step.
+function aside(risk) {
+  if (!risk || !Number.isFinite(risk.aside_clearance_mm)) return "";
+  const where = Number.isFinite(risk.aside_arc_mm) ? `at ${number(risk.aside_arc_mm, 0, " mm")} along it, ` : "";
+  const lost = Number.isFinite(risk.given_up_mm) ? `; takes ${number(risk.given_up_mm, 2, " mm")} from the tip's step` : "";
+  return `${where}${number(risk.aside_clearance_mm, 1, " mm")} to spare${lost}`;
+}
+
+// risk: of the last step; null: none was told.
+export function showState(status, risk) {
   $("banner").dataset.mood = MOODS[status.state] || "";
   put($("state"), status.state.toUpperCase());
   const running = status.state === "running", held = status.state === "hold";
   const reason = status.reasons[0] || (running ? null : (status.stopped_by || [])[0]);
-  const reduced = running && status.risk.scale < 0.98;
+  const reduced = running && status.risk.scale < 0.98, gives = running ? aside(risk) : "";
   put($("headline"), reason ? reason.text + (reason.detail ? `: ${reason.detail}` : "")
-    : reduced ? `The gate lets ${Math.round(100 * status.risk.scale)} % of the step through` : held ? "It was told to hold" : "Nothing stands in the way");
-  put($("remedy"), reason ? reason.remedy : reduced ? status.risk.detail || "" : held ? "Resume goes on; disarm switches the drives off" : "");
+    : reduced ? `The gate lets ${Math.round(100 * status.risk.scale)} % of the step through` : gives ? "The body gives way" : held ? "It was told to hold" : "Nothing stands in the way");
+  put($("remedy"), reason ? reason.remedy : reduced ? [status.risk.detail, gives && `the body gives way ${gives}`].filter(Boolean).join("; ") : gives ? gives : held ? "Resume goes on; disarm switches the drives off" : "");
   const aim = status.reference;
   put($("following"), aim ? [aim.trajectory, aim.controller, aim.note].filter(Boolean).join(" · ") : "nothing is being followed");
   $("progress").hidden = !(aim && aim.duration_s);
@@ -41,6 +50,7 @@ export function showFigures(status, risk, frames) {
   const rows = {
     "Tracking error": number(status.error_mm, 2, " mm"), "Contact risk": number(status.risk.contact_risk, 4),
     Clearance: number(risk && risk.clearance_mm, 1, " mm"), "Gate lets through": number(100 * status.risk.scale, 0, " %"),
+    "Gives way": (status.state === "running" && aside(risk)) || "nowhere",
     Tracker: `${status.tracker.state}, ${number(status.tracker.rate_hz, 0, " Hz")}`, "Tracker quality": number(100 * status.tracker.quality, 0, " %"),
     "Bus cycles": number(status.loop.cycle_rate_hz, 0, " Hz"), "Bus load": buses || "–", "Missed cycles": String(status.loop.missed),
     Recording: status.recording ? status.recording.split("/").pop() : "none", ...frames,

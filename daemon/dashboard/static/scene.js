@@ -6,15 +6,17 @@ import { Pace } from "./frame_pace.js";
 const AROUND = 20, MOST = 32, TRAIL = 900, TRIAD_MM = 30;
 const VIEWS = { free: [0.85, -1, 0.35], front: [0, -1, 0], side: [1, 0, 0], top: [0, -0.001, 1] };
 const REFERENCE = { free: 0x27a567, reduced: 0xe0a022, held: 0xe0464f };
-const TARGET = 0xb455d6, FIELD = 38;
+const TARGET = 0xb455d6, GIVES_WAY = 0xe0a022, FIELD = 38;
 const TRAIL_MM = 0.3;  // a tracker's noise is no way that was gone
 const DOT_PX = 2.4;  // WebGL's own lines are one pixel wide, however fine the pixels are
-const UP = new THREE.Vector3(0, 1, 0);
+const UP = new THREE.Vector3(0, 1, 0), RING_AXIS = new THREE.Vector3(0, 0, 1);
 const FENCE_ASKED_MS = 3, GIVEN_UP_MS = 1000;
 
 export class Scene {
-  constructor(element) {
+  // wake: called when there is something new to draw.
+  constructor(element, wake) {
     this.element = element;
+    this.wake = wake;
     this.drawn = 0;
     this.dirty = true;  // drawn only where there is something new, where it is seen, and as often as it may
     this.seen = true;
@@ -53,6 +55,9 @@ export class Scene {
     this.clearance = new THREE.Mesh(new THREE.CylinderGeometry(0.7, 0.7, 1, 8), new THREE.MeshBasicMaterial({ color: 0xe0464f, depthTest: false }));
     this.clearance.renderOrder = 6;
     this.scene.add(this.clearance);
+    this.ring = new THREE.Mesh(new THREE.TorusGeometry(1, 0.09, 8, 40), new THREE.MeshBasicMaterial({ color: GIVES_WAY }));
+    this.ring.visible = false;
+    this.scene.add(this.ring);
     this.target = this.ball(4.2, TARGET);
     this.target.material.transparent = true;
     this.target.material.opacity = 0.75;
@@ -61,7 +66,7 @@ export class Scene {
     this.unit = new THREE.SphereGeometry(1, 24, 16);
     this.view("free");
     new ResizeObserver(() => this.resize()).observe(element);
-    new IntersectionObserver((entries) => { this.seen = entries.at(-1).isIntersecting; }).observe(element);
+    new IntersectionObserver((entries) => { this.seen = entries.at(-1).isIntersecting; this.wake(); }).observe(element);
     this.resize();
   }
 
@@ -74,14 +79,14 @@ export class Scene {
       index.push(a, b, a + 1, b, b + 1, a + 1);
     }
     this.rings.setIndex(index);
-    this.body = new THREE.Mesh(this.rings, new THREE.MeshStandardMaterial({ color: 0xd98b6a, roughness: 0.55, side: THREE.DoubleSide }));
+    this.body = new THREE.Mesh(this.rings, new THREE.MeshPhongMaterial({ color: 0xd98b6a, specular: 0x30302c, shininess: 22, side: THREE.DoubleSide }));
     this.body.frustumCulled = false;
     this.body.visible = false;
     this.scene.add(this.body);
   }
 
   ball(radius, color) {
-    const ball = new THREE.Mesh(new THREE.SphereGeometry(radius, 24, 16), new THREE.MeshStandardMaterial({ color, roughness: 0.4, depthTest: false }));
+    const ball = new THREE.Mesh(new THREE.SphereGeometry(radius, 24, 16), new THREE.MeshPhongMaterial({ color, specular: 0x444444, shininess: 40, depthTest: false }));
     ball.renderOrder = 5;
     ball.visible = false;
     this.scene.add(ball);
@@ -135,11 +140,26 @@ export class Scene {
     attribute.needsUpdate = true;
     this.rings.setDrawRange(0, at.length * AROUND * 6);
     this.rings.computeVertexNormals();
+    this.line_mm = at;
+    this.radius_mm = told.radius_mm;
+  }
+
+  // A ring round the part of the body that a step was turned aside for; null: for none.
+  setAside(arc_mm) {
+    const at = this.line_mm;
+    this.ring.visible = Boolean(at) && Number.isFinite(arc_mm);
+    if (!this.ring.visible) return;
+    let n = 1, left = arc_mm;
+    while (n < at.length - 1 && left > at[n].distanceTo(at[n - 1])) { left -= at[n].distanceTo(at[n - 1]); n += 1; }
+    const along = at[n].clone().sub(at[n - 1]), length = along.length();
+    this.ring.position.copy(at[n - 1]).addScaledVector(along, length > 0 ? Math.min(left / length, 1) : 0);
+    this.ring.quaternion.setFromUnitVectors(RING_AXIS, along.normalize());
+    this.ring.scale.setScalar(1.12 * this.radius_mm[n]);
   }
 
   setEllipsoids(components) {
     while (this.ellipsoids.length < components.length) {
-      const material = new THREE.MeshStandardMaterial({ color: 0x8a63d2, transparent: true, depthWrite: false, depthTest: false });
+      const material = new THREE.MeshLambertMaterial({ color: 0x8a63d2, transparent: true, depthWrite: false, depthTest: false });
       const mesh = new THREE.Mesh(this.unit, material);
       mesh.matrixAutoUpdate = false;
       mesh.frustumCulled = false;
@@ -199,6 +219,7 @@ export class Scene {
   clear() {
     for (const line of [this.trail, this.aims]) { line.places = []; this.drawLine(line, []); }
     for (const shown of [this.body, this.tip, this.reference, this.mesh, this.box]) if (shown) shown.visible = false;
+    this.line_mm = null;
     this.setEllipsoids([]);
     this.setTarget(null);
     this.setClearance(null);
@@ -233,6 +254,7 @@ export class Scene {
   setClearance(risk) {
     const near = risk && risk.place_mm && risk.obstacle_mm;
     this.dirty = true;
+    this.setAside(risk ? risk.aside_arc_mm : null);
     this.clearance.visible = Boolean(near);
     if (near) {
       const from = new THREE.Vector3(...risk.place_mm), way = new THREE.Vector3(...risk.obstacle_mm).sub(from), length = way.length();
@@ -273,7 +295,7 @@ export class Scene {
     const geometry = new THREE.BufferGeometry();
     geometry.setAttribute("position", new THREE.BufferAttribute(places, 3));
     geometry.computeVertexNormals();
-    const material = new THREE.MeshStandardMaterial({ color: 0xc76a72, roughness: 0.9, transparent: true, opacity: 0.16, side: THREE.DoubleSide, depthWrite: false });
+    const material = new THREE.MeshLambertMaterial({ color: 0xc76a72, transparent: true, opacity: 0.16, side: THREE.DoubleSide, depthWrite: false });
     this.mesh = new THREE.Mesh(geometry, material);
     this.scene.add(this.mesh);
   }
@@ -307,8 +329,13 @@ export class Scene {
     this.drawn += 1;
   }
 
-  // Whether there is something new that is not in the picture yet.
-  get waiting() { return this.dirty; }
+  get dirty() { return this.waiting; }
+
+  // waiting: whether there is something new that is not in the picture yet.
+  set dirty(on) { this.waiting = on; if (on) this.wake(); }
+
+  // Until the next picture may be drawn.
+  waits_ms(now) { return Math.max(this.pace.waits_ms(now), this.fence ? 2 * FENCE_ASKED_MS : 0); }
 
   // Returns whether there was something new to draw. finished: called when the picture is ready.
   draw(label, now, finished) {

@@ -15,7 +15,7 @@ from aiohttp import web
 from daemon.dashboard.experiments import ExperimentFiles
 from daemon.dashboard.http_rules import LARGEST_BODY_BYTES, LOOPBACK_HOSTS, Rules, security_headers
 from daemon.dashboard.recorded_runs import RecordedRuns
-from daemon.dashboard.robot_link import RobotLink
+from daemon.dashboard.robot_link import HEARD_WITHIN_S, RobotLink
 from daemon.dashboard.server import PageServer
 from daemon.host.clock import run_in_real_time
 from daemon.messages import Acquire, Answer, Command, Hold, Load, Refusal, Release
@@ -191,6 +191,59 @@ def test_stop_needs_no_control_and_is_told_by_viewers_too(tmp_path: Path) -> Non
     run_in_real_time(test())
 
 
+def test_stop_has_a_line_of_its_own_that_is_open_before_it_is_wanted(tmp_path: Path) -> None:
+    async def test() -> None:
+        async with served(tmp_path) as page:
+            url = f"{page.base}/stop"
+            for headers, status in (
+                (page.sent() | {"Origin": "http://evil.example"}, "403"),
+                (page.sent(""), "401"),
+            ):
+                with pytest.raises(aiohttp.WSServerHandshakeError, match=status):
+                    await page.http.ws_connect(url, headers=headers)
+            async with page.http.ws_connect(url, headers=page.sent(VIEWER)) as line:
+                await line.send_str("heart")
+                await line.send_str(json.dumps({"robot": "nobody", "n": 1}))
+                told = json.loads((await line.receive()).data)
+                assert (told["n"], told["outcome"]) == (1, "no answer")
+                assert page.robot.stopped_ns == []
+                await line.send_str(json.dumps({"robot": ROBOT, "n": 2}))
+                assert json.loads((await line.receive()).data) == {"n": 2, "sent": True}
+                told = json.loads((await line.receive()).data)
+                assert (told["n"], told["outcome"]) == (2, "confirmed")
+                assert len(page.robot.stopped_ns) == 1
+
+    run_in_real_time(test())
+
+
+def test_a_line_that_asks_without_end_keeps_nobody_busy(tmp_path: Path) -> None:
+    async def test() -> None:
+        async with served(tmp_path) as page:
+            whole, all_told, waiting = page.link.stop, asyncio.Event(), 0
+
+            async def slow() -> Answer:
+                nonlocal waiting
+                waiting += 1
+                await all_told.wait()
+                return await whole()
+
+            page.link.stop = slow  # type: ignore[method-assign]
+            async with page.http.ws_connect(f"{page.base}/stop", headers=page.sent()) as line:
+                for n in range(200):
+                    await line.send_str(json.dumps({"robot": ROBOT, "n": n}))
+                await until(lambda: waiting > 0)
+                await asyncio.sleep(0.3)
+                assert waiting <= 16, f"{waiting} of one browser's wait at once"
+                all_told.set()
+                page.link.stop = whole  # type: ignore[method-assign]
+                async with asyncio.timeout(5.0):
+                    while "outcome" not in json.loads((await line.receive()).data):
+                        pass
+                assert page.robot.stopped_ns
+
+    run_in_real_time(test())
+
+
 def test_a_stop_that_nobody_answers_says_so(tmp_path: Path) -> None:
     async def test() -> None:
         async with served(tmp_path) as page:
@@ -226,11 +279,32 @@ def test_the_lease_lives_by_the_page_s_heart_and_ends_with_it(tmp_path: Path) ->
                     await stream.send_str("heart")
                     await asyncio.sleep(0.1)
                 assert page.robot.lease.holder(now_ns()) == "local", "2 s of a lease of 0.8 s"
-                # The socket stays open and is read, as of a tab that hangs: nothing renews.
+                # The socket stays open and is read, as of a tab that hangs.
                 await until(lambda: page.robot.lease.holder(now_ns()) is None)
-                asked = len(page.robot.carried_out)
-                await asyncio.sleep(0.3)
-                assert not any(isinstance(c, Acquire) for _, c in page.robot.carried_out[asked:])
+
+    run_in_real_time(test())
+
+
+def test_nobody_but_the_page_s_heart_renews_the_lease(tmp_path: Path) -> None:
+    async def test() -> None:
+        async with served(tmp_path, 2.0) as page, page.stream() as stream:
+            whole, asked = page.robot.handle, 0
+
+            async def counted(user: str, command: Command) -> Answer | Refusal:
+                nonlocal asked
+                asked += isinstance(command, Acquire)
+                return await whole(user, command)
+
+            page.robot.handle = counted  # type: ignore[method-assign]
+            assert (await page.do("take"))["ok"]
+            for _ in range(10):
+                await stream.send_str("heart")
+                await asyncio.sleep(0.1)
+            assert asked > 1, "each beat may renew it"
+            await asyncio.sleep(2 * HEARD_WITHIN_S)
+            by_heart = asked
+            await asyncio.sleep(1.3)  # a client that renews by itself does so five times a lease
+            assert asked == by_heart, "the server's client keeps no lease alive by itself"
 
     run_in_real_time(test())
 

@@ -144,8 +144,8 @@ def test_a_page_that_shows_nothing_gets_four_frames_and_the_newest_when_it_is_ba
             first = int(str((await newest(stream))["n"]))
             await stream.send_str(json.dumps({"got": first}))
             await asyncio.sleep(1.0)  # thirty frames' time
-            numbers = []
-            while True:
+            numbers: list[object] = []
+            while len(numbers) < 60:
                 try:
                     async with asyncio.timeout(0.3):
                         numbers.append((await newest(stream))["n"])
