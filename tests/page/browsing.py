@@ -8,13 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, ConsoleMessage, Page
+    from playwright.sync_api import Browser, ConsoleMessage, Page, ViewportSize
 
 CHROMIUM: Final = shutil.which("chromium") or shutil.which("chromium-browser")
 PICTURES: Final = Path(__file__).parents[2] / "docs" / "pictures"
 """What the pictures in the documentation are made by, so that they are never old."""
 PATIENCE_S: Final = 60.0
-DESKTOP: Final = {"width": 1500, "height": 1180}
+_TAKES_HOLD_WITHIN_S: Final = 0.5
+DESKTOP: Final["ViewportSize"] = {"width": 1500, "height": 1180}
+_WHOLE: Final["ViewportSize"] = {"width": 1500, "height": 1420}
 
 
 def until(
@@ -75,7 +77,7 @@ class Browsing:
 
     def told(self) -> str:
         """What an operator reads of the robot's state, for whoever wonders why a test failed."""
-        shown = ("state", "connection", "holder", "headline", "remedy", "answer", "reasons")
+        shown = ("state", "connection", "holder", "headline", "remedy", "answer", "reasons", "hand")
         texts = {name: self.page.locator(f"#{name}").inner_text() for name in shown}
         texts["events"] = self.page.locator("#events").inner_text()[:1500]
         return "\n".join(f"{name}: {text}" for name, text in texts.items())
@@ -139,19 +141,44 @@ class Browsing:
 
     def grab(self) -> tuple[float, float]:
         """Take hold of the tip with the pointer. Returns where that is."""
+        place: tuple[float, float] | None = None
+
+        def held() -> bool:
+            nonlocal place
+            place = self.try_to_grab()
+            return place is not None
+
+        until(held, lambda: f"the tip is held\n{self.told()}")
+        assert place is not None
+        return place
+
+    def try_to_grab(self) -> tuple[float, float] | None:
+        """None: a busy machine has shown too old a picture, or has not seen the tip."""
+        if self.probe()["tipOnScreen"] is None:
+            return None
         x, y = self.tip_in_window()
         self.page.mouse.move(x, y)
         self.page.mouse.down()
-        until(lambda: self.probe()["held"] == "pointer", "the tip is held")
-        return x, y
+        ends_s = time.monotonic() + _TAKES_HOLD_WITHIN_S
+        while time.monotonic() < ends_s:
+            if self.probe()["held"] == "pointer":
+                return x, y
+            time.sleep(0.03)
+        self.page.mouse.up()
+        return None
 
     def picture(self, name: str) -> None:
-        """For the documentation."""
+        """For the documentation: on a desk as high as it takes to see everything."""
         PICTURES.mkdir(parents=True, exist_ok=True)
+        before = self.page.viewport_size
+        assert before is not None
+        if before == DESKTOP:
+            self.page.set_viewport_size(_WHOLE)
         self.page.evaluate("scrollTo(0, 0); window.beFine(true)")
         time.sleep(0.4)
         self.page.screenshot(path=str(PICTURES / f"{name}.png"))
         self.page.evaluate("window.beFine(false)")
+        self.page.set_viewport_size(before)
 
 
 @contextmanager

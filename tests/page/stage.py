@@ -64,6 +64,8 @@ class StagedRobot(FakeRobot):
         """When each set-point came, monotonic."""
         self.events: list[Event] = []
         self.reasons: list[Reason] = []
+        self.settles = False
+        """Whether what is held stands armed as soon as nothing is against it: so does a daemon."""
         self.aside: dict[str, float] = {}
         """What each step's risk says of what it was turned aside for."""
         self._following = ""
@@ -91,7 +93,7 @@ class StagedRobot(FakeRobot):
     def begin_anew(self) -> None:
         """As it was at first, whatever the last test has left."""
         self.state, self.reasons, self._following = "ready", [], ""
-        self.aside = {}
+        self.aside, self.settles = {}, False
         self.lease = Lease(self._lease_s)
         self.tip = np.array([0.0, 0.0, 100.0])
         for kept in (self.carried_out, self.setpoints, self.came_s, self.stopped_ns):
@@ -125,6 +127,8 @@ class StagedRobot(FakeRobot):
             and self.lease.holder(self.clock.now_ns()) is None
         ):
             self._go("hold")
+        elif self.settles and self.state == "hold":
+            self._go("armed")
         if self.state != "running" or not self._following:
             return
         if self._following == "start":

@@ -185,3 +185,21 @@ def test_a_picture_of_another_size_is_never_empty(browser: "Browser", on: Stage)
         before = seen.probe()["drawn"]
         seen.page.set_viewport_size({"width": 1100, "height": 900})
         until(lambda: seen.probe()["drawn"] > before, "drawn with its size, not at some later turn")
+
+
+def test_the_browser_is_asked_for_no_more_pictures_than_are_drawn(
+    browser: "Browser", on: Stage
+) -> None:
+    with browsing(browser, on.address) as seen:
+        seen.until_live()
+        seen.page.evaluate(
+            "window.asked = 0; const whole = window.requestAnimationFrame;"
+            "window.requestAnimationFrame = (f) => { window.asked += 1; return whole(f); }; 0"
+        )
+        before = seen.probe()["drawn"]
+        time.sleep(2.0)
+        asked, drawn = seen.page.evaluate("window.asked"), seen.probe()["drawn"] - before
+        assert drawn > 3
+        assert asked <= 1.3 * drawn + 5, (
+            "whatever is pressed waits for each, and for empty ones too"
+        )

@@ -90,13 +90,13 @@ def test_an_operator_finds_arms_runs_holds_leads_stops_and_replays(browser: "Bro
         until(
             lambda: "48 s" in b.page.locator("#answer").inner_text(), "its own numbers are loaded"
         )
+        b.page.locator("#numbers summary").click()
         _start(b)
         first = b.probe()["tip"]["tip_mm"]
         run_until(b, lambda: _apart(first, b.probe()["tip"]["tip_mm"]) > 3.0, "the tip moves")
         run_until(b, lambda: b.probe()["tip"].get("cycle", -1) >= 0, "it is led round the circle")
         time.sleep(3.0)
-        run_until(b, lambda: True, "it runs")
-        b.picture("running")
+        run_until(b, lambda: _taken_while_it_runs(b), "it runs while its picture is taken")
         _hold(made, b)
         time.sleep(0.3)
         b.picture("hold")
@@ -120,6 +120,11 @@ def test_an_operator_finds_arms_runs_holds_leads_stops_and_replays(browser: "Bro
         b.picture("phone")
         assert b.errors == []
         _replay(made, b)
+
+
+def _taken_while_it_runs(b: Browsing) -> bool:
+    b.picture("running")
+    return b.state() == "running"
 
 
 def _start(b: Browsing) -> None:
@@ -171,21 +176,24 @@ def _arm_again(b: Browsing) -> None:
 
 def _lead(b: Browsing) -> None:
     """Teleoperated from where it is held: the tip follows the pointer, and holds after it."""
-    _begin_by_hand(b)
-    before = b.probe()["tip"]["tip_mm"]
-    x, y = b.grab()
-    b.page.mouse.move(x - 30, y, steps=3)
+    before: list[float] | None = None
 
     def followed() -> bool:
-        if not b.probe()["held"]:  # a busy machine has shown too old a picture: take hold again
+        nonlocal before
+        if not b.probe()["held"]:  # a busy machine has shown too old a picture, or has held
             b.page.mouse.up()
-            x, y = b.grab()
-            b.page.mouse.move(x - 30, y, steps=3)
-        return _apart(before, b.probe()["tip"]["tip_mm"]) > 2.0
+            _begin_by_hand(b)
+            place = b.try_to_grab()
+            if place is None:
+                return False
+            before = b.probe()["tip"]["tip_mm"]
+            b.page.mouse.move(place[0] - 30, place[1], steps=3)
+        tip = b.probe()["tip"]["tip_mm"]
+        return bool(before and tip and _apart(before, tip) > 2.0)
 
     until(followed, lambda: f"the tip follows the hand\n{b.told()}")
     b.page.mouse.up()
-    b.until_state("hold")
+    b.until_state("hold", "armed")
 
 
 def _begin_by_hand(b: Browsing) -> None:

@@ -78,6 +78,24 @@ def test_the_tip_is_dragged_in_a_plane_and_holds_when_it_is_let_go(
         until(lambda: on.robot.state == "running", "taking hold again goes on")
 
 
+def test_between_two_grips_it_may_stand_armed_but_not_be_switched_off(
+    browser: "Browser", on: Stage
+) -> None:
+    with leading(browser, on) as seen:
+        on.robot.settles = True
+        until(lambda: on.robot.state == "armed", "nobody has led it")
+        for _ in range(2):
+            moving(on, seen)
+            until(lambda: on.robot.state == "running", "taking hold goes on")
+            seen.page.mouse.up()
+            until(lambda: on.robot.state == "armed", "it was let go")
+        seen.press("disarm")
+        seen.until_state("ready")
+        seen.arm()
+        time.sleep(0.3)
+        assert not seen.page.locator("body.leadable").count(), "switched on again: begun again"
+
+
 def test_whatever_takes_the_page_away_lets_go(browser: "Browser", on: Stage) -> None:
     hidden = (
         "Object.defineProperty(document, 'hidden', {value: true, configurable: true});"

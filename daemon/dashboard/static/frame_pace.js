@@ -10,7 +10,7 @@ export class Pace {
     this.level = FINENESS.indexOf(1);
     this.costs = [];
     this.began_ms = -Infinity;
-    this.led = false;  // whether a hand follows the picture: then it is drawn coarser rather than seldom
+    this.led = false;  // whether a hand follows the picture, or may: then it is drawn coarser rather than seldom
   }
 
   get fineness() { return FINENESS[this.level]; }

@@ -14,7 +14,7 @@ const STALE_S = 0.5, RUNS_EVERY_MS = 15000;
 const replayed = new URLSearchParams(location.search).get("replay");
 const look = {
   frames: 0, status: null, risk: null, tip: null, body: null, heard: 0, age: Infinity, number: 0, drawnNumber: 0, drawnHeard: -Infinity,
-  inControl: false, role: "", workspace: null, hand: "", opened: performance.now(),
+  inControl: false, role: "", workspace: null, hand: "",
   age_s: () => look.age + (performance.now() - look.heard) / 1000,
   pictureAge: () => look.drawnAge + (performance.now() - look.drawnHeard) / 1000,
 };
@@ -60,7 +60,8 @@ function draw(frame) {
     put($("stopstate"), replayed ? "" : `${$("state").textContent}: ${$("headline").textContent}`);
     put($("holder"), replayed ? "" : status.lease.holder ? `in control: ${look.inControl ? "this page" : status.lease.holder}` : "nobody is in control");
   }
-  if (frame.risk) { look.risk = frame.risk; scene.setClearance(frame.risk); }
+  if (frame.risk) look.risk = frame.risk;
+  if (frame.risk || frame.status) scene.setClearance(look.risk, Boolean(look.status) && look.status.state === "running");
   if (frame.status) {
     showReasons(look.status);
     showFigures(look.status, look.risk, look.pictureFigure ? { "Picture's age": look.pictureFigure } : {});
@@ -161,6 +162,7 @@ function begin() {
   $("load").addEventListener("click", () => { const parameters = changedParameters(); if (parameters) ask("load", { experiment: $("experiment").value, parameters }); });
   $("teleoperate").addEventListener("click", async () => {
     const answer = await ask("teleoperate", { controller: $("leadcontroller").value });
+    hand.begun = answer.ok;
     if (answer.ok) $("scene").focus({ preventScroll: true });
   });
   hand = new Hand(scene, look, (message) => live.send(message));
@@ -215,7 +217,7 @@ function each(now) {
     // What waits to be drawn is not in the picture: its age is that of what is.
     if (drawn || !scene.waiting) { look.drawnNumber = look.number; look.drawnHeard = look.heard; look.drawnAge = look.age; }
     if (hand) hand.tick(performance.now());
-    if (scene.pace) scene.pace.led = Boolean(hand && hand.held);
+    if (scene.pace) scene.pace.led = Boolean(hand && (hand.held || hand.offered));
   }
   if (replay || (hand && hand.held) || (scene.waiting && scene.seen)) wake();
 }

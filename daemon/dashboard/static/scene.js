@@ -222,7 +222,7 @@ export class Scene {
     this.line_mm = null;
     this.setEllipsoids([]);
     this.setTarget(null);
-    this.setClearance(null);
+    this.setClearance(null, false);
   }
 
   // Leading by hand.
@@ -251,10 +251,11 @@ export class Scene {
     return [[e[0], e[1], e[2]], [e[4], e[5], e[6]], [-e[8], -e[9], -e[10]]];
   }
 
-  setClearance(risk) {
+  // moves: whether steps are made, so that something gives way to something.
+  setClearance(risk, moves) {
     const near = risk && risk.place_mm && risk.obstacle_mm;
     this.dirty = true;
-    this.setAside(risk ? risk.aside_arc_mm : null);
+    this.setAside(risk && moves ? risk.aside_arc_mm : null);
     this.clearance.visible = Boolean(near);
     if (near) {
       const from = new THREE.Vector3(...risk.place_mm), way = new THREE.Vector3(...risk.obstacle_mm).sub(from), length = way.length();

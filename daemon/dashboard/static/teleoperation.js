@@ -7,6 +7,8 @@ const PLANES = { xy: [[1, 0, 0], [0, 1, 0], [0, 0, 1]], xz: [[1, 0, 0], [0, 0, 1
 const KEYS = { ArrowRight: [0, 1], ArrowLeft: [0, -1], ArrowUp: [1, 1], ArrowDown: [1, -1], PageUp: [2, 1], PageDown: [2, -1] };
 const SHOULDERS = [4, 5];
 
+const ENERGISED = ["armed", "running", "hold"];
+
 const gripped = (pad) => SHOULDERS.some((n) => pad.buttons[n] && pad.buttons[n].pressed);
 const plus = (a, b, scale = 1) => a.map((value, n) => value + scale * b[n]);
 const apart = (a, b) => Math.hypot(...a.map((value, n) => value - b[n]));
@@ -14,7 +16,7 @@ const apart = (a, b) => Math.hypot(...a.map((value, n) => value - b[n]));
 export class Hand {
   // look: what the page knows. send: to the server, at once or not at all.
   constructor(scene, look, send) {
-    Object.assign(this, { scene, look, send, held: "", target: null, pressed: new Set(), sent: 0, last: 0, why: "" });
+    Object.assign(this, { scene, look, send, held: "", target: null, pressed: new Set(), sent: 0, last: 0, why: "", begun: false });
     const element = this.element = scene.element;
     element.addEventListener("pointerdown", (event) => this.pointerDown(event), { capture: true });
     element.addEventListener("pointermove", (event) => { if (this.held === "pointer" && event.pointerId === this.pointer) this.moved = event; });
@@ -31,9 +33,11 @@ export class Hand {
     addEventListener("gamepaddisconnected", (event) => { if (this.held === "pad" && event.gamepad.index === this.pad) this.letGo("the gamepad was unplugged"); });
   }
 
+  // From Begin on, until the drives are off or somebody else is in control: between two grips it stands, held or armed.
   get offered() {
     const { status, inControl } = this.look;
-    return Boolean(inControl && status && status.reference && status.reference.trajectory === "set-points" && ["running", "hold"].includes(status.state));
+    if (!inControl || (status && !ENERGISED.includes(status.state))) this.begun = false;
+    return Boolean(this.begun && status && status.reference && status.reference.trajectory === "set-points");
   }
 
   whyNot() {
@@ -146,9 +150,9 @@ export class Hand {
   }
 
   show() {
-    const refused = this.look.hand;
+    const refused = this.look.hand, begin = $("teleoperate"), first = begin.disabled ? begin.title : "Begin, then lead the tip.";
     document.body.classList.toggle("leadable", this.offered);
-    put($("hand"), this.held ? "Leading the tip. Let go, and it holds." : !this.offered ? "Take control and arm, then begin."
+    put($("hand"), this.held ? "Leading the tip. Let go, and it holds." : !this.offered ? first || "Take control and arm, then begin."
       : refused ? `Not followed: ${refused}` : this.why && this.why !== "let go" ? `Let go: ${this.why}.`
         : "Drag the tip in the picture; or with the picture focused hold arrow keys, Page Up, Page Down; or a gamepad's shoulder button.");
   }
