@@ -66,7 +66,7 @@ class StagedRobot(FakeRobot):
         self.reasons: list[Reason] = []
         self.settles = False
         """Whether what is held stands armed as soon as nothing is against it: so does a daemon."""
-        self.aside: dict[str, float] = {}
+        self.aside: dict[str, Any] = {}
         """What each step's risk says of what it was turned aside for."""
         self._following = ""
         self._begun_s = 0.0
