@@ -9,6 +9,7 @@ from daemon.commands.terminal.command_line import CommandModule
 
 _WORDS: Final = {
     "openigtlink": "to 3D Slicer, PLUS and others that read OpenIGTLink",
+    "foxglove": "to Foxglove and Lichtblick, live",
 }
 
 

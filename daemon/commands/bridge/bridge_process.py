@@ -7,10 +7,11 @@ from contextlib import suppress
 from importlib.util import find_spec
 
 from daemon.bridges.robot_feed import Listener, RobotFeed
-from daemon.commands.outcome.failures import CommandError
+from daemon.commands.outcome.failures import CommandError, UsageError
 from daemon.commands.terminal.remote_arguments import address
 from daemon.host.stop_signals import StopSignals
 from daemon.messages import Message, Surroundings, WhoAmI
+from daemon.remote.client.address import Address
 from daemon.remote.client.client_errors import ClientError
 
 
@@ -34,7 +35,15 @@ def check_target(arguments: argparse.Namespace) -> None:
 
 async def follow(arguments: argparse.Namespace, listener: Listener) -> None:
     """Hand what the robot tells to a bridge, until Ctrl-C."""
-    feed = RobotFeed(lambda: address(arguments), _Telling(listener))
+
+    def find() -> Address:
+        """A second daemon that comes makes nothing of what was said wrong for good."""
+        try:
+            return address(arguments)
+        except UsageError as error:
+            raise ClientError(str(error)) from None
+
+    feed = RobotFeed(find, _Telling(listener))
     following = asyncio.create_task(feed.run())
     stopping = asyncio.create_task(StopSignals().wait(None))
     try:

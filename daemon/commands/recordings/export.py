@@ -17,6 +17,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "run", type=Path, metavar="RUN", help="a run's folder, or one recording in it (run.mcap)"
     )
     parser.add_argument(
+        "--foxglove",
+        type=Path,
+        metavar="OUT.mcap",
+        help="instead of tables: with a scene, transforms and a log, for Foxglove and Lichtblick",
+    )
+    parser.add_argument(
         "--format", choices=_FORMATS, default=_FORMATS[0], help="default: %(default)s"
     )
     parser.add_argument(
@@ -36,6 +42,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> Result:
     # Nobody who asks for help alone waits for what reads recordings.
     from daemon.commands.outcome.failures import UsageError
+
+    if arguments.foxglove is not None:
+        if arguments.out is not None or arguments.table:
+            raise UsageError("--out and --table are of tables: --foxglove names its own file")
+        return _export_for_foxglove(arguments.run, arguments.foxglove)
     from daemon.recording.export.files import write_csv, write_parquet
     from daemon.recording.export.tables import TABLES, read_tables
 
@@ -58,3 +69,22 @@ def run(arguments: argparse.Namespace) -> Result:
         "notes": tables.notes,
     }
     return Result(told, "\n".join(map(str, written)))
+
+
+def _export_for_foxglove(run: Path, out: Path) -> Result:
+    """Raises CommandError, UnreadableRunError, OSError."""
+    from daemon.commands.bridge.bridge_process import require_library
+    from daemon.commands.outcome.failures import UsageError
+
+    require_library("foxglove")
+    from daemon.bridges.foxglove.export import export_foxglove
+
+    if run.is_dir() and out.resolve().parent == run.resolve() and out.name.startswith("run"):
+        raise UsageError(f"{out}: the run's own recordings have such names", place="--foxglove")
+    if out.exists() and run.exists() and out.samefile(run):
+        raise UsageError(f"{out}: is the recording itself", place="--foxglove")
+    with about(run):
+        exported = export_foxglove(run, out)
+    unreadable = f", {exported.unreadable} unreadable" if exported.unreadable else ""
+    told = {"written": [out], "messages": exported.messages, "unreadable": exported.unreadable}
+    return Result(told, f"{out}: {exported.messages} messages{unreadable}")

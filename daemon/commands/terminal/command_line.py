@@ -48,7 +48,7 @@ COMMANDS: Final = {
     "run": ("host", "start the daemon of a robot"),
     "status": ("client", "show the robot at a glance"),
     "dashboard": ("host", "serve the operator's page: robots live, in a browser"),
-    "bridge": ("bridge", "tell other programs what the robot tells: 3D Slicer (OpenIGTLink)"),
+    "bridge": ("bridge", "tell other programs what the robot tells: 3D Slicer, Foxglove"),
     "lease": ("client", "take control, and keep it until Ctrl-C"),
     "arm": ("client", "energise the drives where they stand"),
     "home": ("client", "let axes look for their zeros"),
@@ -73,7 +73,7 @@ COMMANDS: Final = {
         "carry out experiments with all controllers, and put them side by side",
     ),
     "report": ("recordings", "make a page of figures of a recorded run"),
-    "export": ("recordings", "write a recorded run as tables: CSV, Parquet"),
+    "export": ("recordings", "write a recorded run as tables: CSV, Parquet; or for Foxglove"),
     "recover": ("recordings", "make recordings whole that a crash has left unfinished"),
     "environment": ("workbench", "make surroundings to try the risk of touching them in"),
     "mdn": (

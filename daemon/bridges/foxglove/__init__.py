@@ -1,0 +1,1 @@
+"""Foxglove and Lichtblick: what the robot tells, drawn: live, or in a file. Needs foxglove-sdk."""

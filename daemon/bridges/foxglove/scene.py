@@ -1,0 +1,126 @@
+"""The channels that Foxglove is told the robot on: the same in a file and live."""
+
+from collections import deque
+from typing import Final
+
+import foxglove
+from foxglove import Channel, Context
+from foxglove.channels import FrameTransformChannel, LogChannel, SceneUpdateChannel
+from foxglove.messages import SceneEntity, SceneEntityDeletion, SceneEntityDeletionType, SceneUpdate
+
+from daemon.bridges.foxglove.drawing import (
+    body_entity,
+    clearance_entity,
+    frames,
+    log,
+    surroundings_entity,
+    trail_entity,
+)
+from daemon.bridges.poses import is_place
+from daemon.messages import Body, Event, Message, Risk, Surroundings, Tip, WhoAmI
+from daemon.recording.format.channels import TOPICS, channel_format, telemetry_payload
+
+TRANSFORMS: Final = "/tf"
+SCENE: Final = "/scene"
+SURROUNDINGS: Final = "/surroundings"
+LOG: Final = "/log"
+
+_TRAIL_EACH_NS: Final = 100_000_000
+_TRAIL_PLACES: Final = 400
+"""Of 10 a second: twice round a circle of 20 s."""
+
+
+class FoxgloveScene:
+    """Tells what it hears on channels of its own. Where to they go is the context's matter."""
+
+    def __init__(self) -> None:
+        self.context = Context()
+        self._transforms = FrameTransformChannel(TRANSFORMS, context=self.context)
+        self._scene = SceneUpdateChannel(SCENE, context=self.context)
+        self._surroundings = SceneUpdateChannel(SURROUNDINGS, context=self.context)
+        self._log = LogChannel(LOG, context=self.context)
+        self._telemetry = {topic: self._channel(topic) for topic in TOPICS.values()}
+        self._trails: dict[str, deque[list[float]]] = {
+            name: deque(maxlen=_TRAIL_PLACES) for name in ("tip trail", "reference trail")
+        }
+        self._trail_ns = 0
+        self._around: SceneEntity | None = None
+
+    def connected(self, me: WhoAmI, surroundings: Surroundings, mesh: bytes) -> None:  # noqa: ARG002
+        """A live daemon. What was drawn of another time goes."""
+        self._forget()
+        self._around = surroundings_entity(mesh, surroundings.transform, 0)
+
+    def lost(self, why: str) -> None:  # noqa: ARG002
+        """What was drawn is old from here on: nothing of it stays."""
+        self._forget()
+
+    def heard(self, message: Message, date_ns: int) -> None:
+        topic = TOPICS.get(type(message))
+        if topic is not None:
+            self.copy(topic, telemetry_payload(message), date_ns)
+        self.draw(message, date_ns)
+
+    def copy(self, topic: str, payload: bytes, date_ns: int) -> None:
+        """Telemetry as it is recorded, for plots and tables."""
+        self._telemetry[topic].log(payload, log_time=date_ns)
+
+    def draw(self, message: Message, date_ns: int) -> None:
+        """What a picture is made of."""
+        if isinstance(message, Tip):
+            for frame in frames(message, date_ns):
+                self._transforms.log(frame, log_time=date_ns)
+            self._lengthen_trails(message, date_ns)
+        elif isinstance(message, Body):
+            self._show(body_entity(message, date_ns), "body", date_ns)
+        elif isinstance(message, Risk):
+            self._show(clearance_entity(message, date_ns), "clearance", date_ns)
+        elif isinstance(message, Event):
+            self._log.log(log(message, date_ns), log_time=date_ns)
+
+    def set_surroundings(self, mesh: bytes) -> None:
+        """Of a recording: already in the base's frame."""
+        self._around = surroundings_entity(mesh, None, 0)
+
+    def show_surroundings(self, date_ns: int) -> None:
+        """They never change: once in a file, and to whoever comes, live."""
+        if self._around is not None:
+            self._surroundings.log(SceneUpdate(entities=[self._around]), log_time=date_ns)
+
+    def _lengthen_trails(self, tip: Tip, date_ns: int) -> None:
+        if 0 <= date_ns - self._trail_ns < _TRAIL_EACH_NS:
+            return
+        self._trail_ns = date_ns
+        entities = []
+        places = (("tip trail", tip.tip_mm), ("reference trail", tip.reference_mm))
+        for name, place_mm in places:
+            trail = self._trails[name]
+            if place_mm is not None and is_place(place_mm):
+                trail.append(list(place_mm))
+            if len(trail) > 1:
+                entities.append(trail_entity(name, list(trail), date_ns))
+        if entities:
+            self._scene.log(SceneUpdate(entities=entities), log_time=date_ns)
+
+    def _show(self, entity: SceneEntity | None, name: str, date_ns: int) -> None:
+        """Or take it away, where it is not known any more."""
+        if entity is not None:
+            update = SceneUpdate(entities=[entity])
+        else:
+            gone = SceneEntityDeletion(type=SceneEntityDeletionType.MatchingId, id=name)
+            update = SceneUpdate(deletions=[gone])
+        self._scene.log(update, log_time=date_ns)
+
+    def _forget(self) -> None:
+        for trail in self._trails.values():
+            trail.clear()
+        self._trail_ns = 0
+        everything = SceneEntityDeletion(type=SceneEntityDeletionType.All)
+        self._scene.log(SceneUpdate(deletions=[everything]))
+
+    def _channel(self, topic: str) -> Channel:
+        told = channel_format(topic)
+        schema = foxglove.Schema(name=told.schema_name, encoding="jsonschema", data=told.schema)
+        return Channel(
+            topic, schema=schema, message_encoding=told.message_encoding, context=self.context
+        )

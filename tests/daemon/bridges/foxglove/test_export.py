@@ -1,0 +1,160 @@
+"""`tentacled export --foxglove`: read back by Foxglove's own MCAP and protobuf readers."""
+
+import asyncio
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from daemon.commands.terminal.command_line import main
+from daemon.messages import Body, Component, Message, Risk
+from daemon.recording.run_folder import RUN_FILE, SURROUNDINGS_FILE
+from tests.daemon.bridges.telling import tip
+from tests.daemon.recording.synthetic_run import BOOT_NS, WALL_NS, direct_run, event
+
+foxglove = pytest.importorskip("foxglove", reason="pip install '.[bridges]'")
+protobuf = pytest.importorskip("mcap_protobuf.decoder", reason="pip install '.[test]'")
+
+STL = (
+    bytes(80)
+    + (1).to_bytes(4, "little")
+    + np.array([0, 0, 1, 0, 0, 0, 10, 0, 0, 0, 20, 0], "<f4").tobytes()
+    + bytes(2)
+)
+AWAY = Risk(
+    sequence=0, t_ns=BOOT_NS + 30_000_000, source="model", threshold=0.05, scale=1.0, reasons=[],
+    place_mm=[1.0, 2.0, 3.0], obstacle_mm=[4.0, 5.0, 6.0],
+)  # fmt: skip
+BODY = Body(
+    t_ns=BOOT_NS + 40_000_000,
+    source="model",
+    centreline_mm=[[0.0, 0.0, 0.0], [0.0, 0.0, 100.0], [10.0, 0.0, 190.0]],
+    radius_mm=[6.0, 5.0, 4.0],
+    components=[
+        Component(
+            weight=0.5, mean_mm=[1.0, 2.0, 3.0], covariance_mm2=[4.0, 0.0, 0.0, 1.0, 0.0, 9.0]
+        )
+    ],
+)
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("run")
+    telemetry: list[Message] = [
+        tip(sequence=step, t_ns=BOOT_NS + step * 25_000_000, tip_mm=[float(step), 0.0, 190.0])
+        for step in range(40)
+    ]
+    telemetry += [AWAY, BODY, event(1, BOOT_NS + 1_000_000_000, "running", "hold")]
+    asyncio.run(direct_run(folder, telemetry))
+    (folder / SURROUNDINGS_FILE).write_bytes(STL)
+    out = folder / "out" / "drawn.mcap"
+    assert main(["export", str(folder), "--foxglove", str(out)]) == 0
+    assert [path.name for path in out.parent.iterdir()] == ["drawn.mcap"]
+    return out
+
+
+@pytest.fixture(scope="module")
+def decoded(exported: Path) -> dict[str, list[tuple[int, Any]]]:
+    found: dict[str, list[tuple[int, Any]]] = defaultdict(list)
+    with exported.open("rb") as file:
+        reader = make_reader(
+            file, validate_crcs=True, decoder_factories=[protobuf.DecoderFactory()]
+        )
+        for schema, channel, message in reader.iter_messages():
+            assert schema is not None
+            if channel.message_encoding == "protobuf":
+                decode = protobuf.DecoderFactory().decoder_for("protobuf", schema)
+                assert decode is not None
+                found[channel.topic].append((message.log_time, decode(message.data)))
+            else:
+                found[channel.topic].append((message.log_time, message.data))
+    return found
+
+
+def entities(decoded: dict[str, list[tuple[int, Any]]], name: str) -> Iterator[Any]:
+    for _, update in decoded["/scene"]:
+        yield from (one for one in update.entities if one.id == name)
+
+
+def test_every_channel_has_the_schema_that_viewers_know_it_by(exported: Path) -> None:
+    with exported.open("rb") as file:
+        summary = make_reader(file).get_summary()
+        assert summary is not None
+        known = {c.topic: summary.schemas[c.schema_id] for c in summary.channels.values()}
+    for topic, name in (
+        ("/tf", "foxglove.FrameTransform"),
+        ("/scene", "foxglove.SceneUpdate"),
+        ("/surroundings", "foxglove.SceneUpdate"),
+        ("/log", "foxglove.Log"),
+        ("/tip", "tentacled.tip/1"),
+    ):
+        assert known[topic].name == name
+    assert known["/scene"].data == foxglove.messages.SceneUpdate.get_schema().data
+
+
+def test_the_tip_is_a_frame_at_its_time_in_metres(
+    decoded: dict[str, list[tuple[int, Any]]],
+) -> None:
+    tips = [(at, frame) for at, frame in decoded["/tf"] if frame.child_frame_id == "tip"]
+    assert len(tips) == 40
+    at, last = tips[-1]
+    assert at == WALL_NS + 39 * 25_000_000 == last.timestamp.ToNanoseconds()
+    assert last.parent_frame_id == "base"
+    assert (last.translation.x, last.translation.z) == pytest.approx((0.039, 0.19))
+    assert last.rotation.w == 1.0
+    assert sum(frame.child_frame_id == "reference" for _, frame in decoded["/tf"]) == 40
+
+
+def test_body_ellipsoids_clearance_and_trails_are_drawn(
+    decoded: dict[str, list[tuple[int, Any]]],
+) -> None:
+    (body,) = entities(decoded, "body")
+    (line,) = body.lines
+    assert line.thickness == pytest.approx(0.01) and len(line.points) == 3
+    assert line.points[2].x == pytest.approx(0.01)
+    (sphere,) = body.spheres
+    sizes = sorted((sphere.size.x, sphere.size.y, sphere.size.z))
+    assert sizes == pytest.approx([0.004, 0.008, 0.012])
+    (clearance,) = entities(decoded, "clearance")
+    assert clearance.lines[0].points[1].z == pytest.approx(0.006)
+    trails = list(entities(decoded, "tip trail"))
+    assert len(trails) == 9 and len(trails[-1].lines[0].points) == 10
+
+
+def test_surroundings_are_there_once_from_the_beginning(
+    decoded: dict[str, list[tuple[int, Any]]],
+) -> None:
+    ((at, update),) = decoded["/surroundings"]
+    assert at == WALL_NS
+    (points,) = [one.points for one in update.entities[0].triangles]
+    assert [(p.x, p.y) for p in points] == pytest.approx([(0.0, 0.0), (0.01, 0.0), (0.0, 0.02)])
+
+
+def test_events_are_a_log_and_telemetry_is_as_it_was_recorded(
+    decoded: dict[str, list[tuple[int, Any]]],
+) -> None:
+    ((_, line),) = decoded["/log"]
+    assert line.message == "robot: the tracker has lost the tip" and line.name == "state/hold"
+    assert line.level == foxglove.messages.LogLevel.Error.value
+    assert b'"tip_mm":[39.0,0.0,190.0]' in decoded["/tip"][-1][1]
+
+
+def test_a_run_is_never_written_over(exported: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = exported.parents[1]
+    before = (run / RUN_FILE).read_bytes()
+    for out in (run / RUN_FILE, run / "run-0002.mcap"):
+        assert main(["export", str(run), "--foxglove", str(out)]) == 64
+    assert main(["export", str(run / RUN_FILE), "--foxglove", str(run / RUN_FILE)]) == 64
+    assert (run / RUN_FILE).read_bytes() == before
+    assert "recording" in capsys.readouterr().err
+
+
+def test_what_is_no_run_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out.mcap"
+    assert main(["export", str(tmp_path / "nothing"), "--foxglove", str(out)]) == 65
+    assert "no such file" in capsys.readouterr().err and not list(tmp_path.iterdir())
