@@ -80,9 +80,12 @@ class PageControl:
 class RobotLink:
     """`run` until cancelled. What it has heard is kept when the daemon goes."""
 
-    def __init__(self, name: str, folder: Path) -> None:
-        """folder: the daemon's runtime folder."""
+    def __init__(
+        self, name: str, folder: Path, on_event: Callable[[Event], None] | None = None
+    ) -> None:
+        """folder: the daemon's runtime folder. on_event: gets each event while it is heard."""
         self.name = name
+        self._on_event = on_event
         self.control = PageControl()
         self.newest: dict[str, Message] = {}
         """By kind of message, without its version."""
@@ -158,6 +161,8 @@ class RobotLink:
                 return
             self.events.append(message)
             self.events_heard += 1
+            if self._on_event is not None:
+                self._on_event(message)
             if (message.kind, message.name) == ("command", "start"):
                 self._errors, self._cycle = ErrorTable(), -1
                 self.cycles_counted += 1

@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from typing import Final, TextIO
 
 from daemon.host.clock import MonotonicClock
+from daemon.host.log_styles import formatter
 from drivers.clock import Clock
 
 _KEPT: Final = 1000
@@ -23,8 +24,6 @@ _AGAIN_AFTER_S: Final = 10.0
 _MOST_PLACES: Final = 200
 """More than there are in the code that log anything: what differs beyond it shares one limit."""
 _CLOSES_WITHIN_S: Final = 1.0
-
-_FORMAT: Final = "%(asctime)s %(process_name)s %(levelname)s %(name)s: %(message)s%(repeated)s"
 
 
 class RateLimit(logging.Filter):
@@ -68,16 +67,31 @@ class _Queued(logging.Handler):
             self.lost += 1
 
 
+class Log:
+    """What is told beside errors: a line for each happening, by the same thread."""
+
+    def __init__(self, handler: _Queued) -> None:
+        self._handler = handler
+
+    def tell(self, level: int, source: str, text: str, **fields: object) -> None:
+        """Never waits. level: as in `logging`. fields: for programs."""
+        record = logging.LogRecord(source, level, source, 0, text, None, None)
+        record.fields = fields
+        self._handler.emit(record)  # however often it happens: each is told
+
+
 @contextmanager
-def logging_to_stderr(process: str, stream: TextIO | None = None) -> Iterator[None]:
+def logging_to_stderr(
+    process: str, stream: TextIO | None = None, style: str = "text"
+) -> Iterator[Log]:
     """All loggers of this process write to stderr while the block lasts: errors with tracebacks.
 
-    process: its name, in each line. stream: another one than stderr. At the end what waits is still
-    written, for at most a second.
+    process: its name, in each line. stream: another one than stderr. style: one of
+    `daemon.host.log_styles.STYLES`. At the end what waits is still written, for at most a second.
     """
     waiting: queue.Queue[logging.LogRecord | None] = queue.Queue(_KEPT)
     handler = _Queued(waiting)
-    formatter = logging.Formatter(_FORMAT, defaults={"process_name": process})
+    lines = formatter(style, process)
     out = sys.stderr if stream is None else stream
 
     def write() -> None:
@@ -85,7 +99,7 @@ def logging_to_stderr(process: str, stream: TextIO | None = None) -> Iterator[No
             kept_back = getattr(record, "kept_back", 0)
             record.repeated = f" (and {kept_back} times more before)" if kept_back else ""
             try:
-                out.write(formatter.format(record) + "\n")
+                out.write(lines.format(record) + "\n")
                 out.flush()
             except (OSError, ValueError):
                 pass  # nobody reads it any more
@@ -95,7 +109,7 @@ def logging_to_stderr(process: str, stream: TextIO | None = None) -> Iterator[No
     root.addHandler(handler)
     thread.start()
     try:
-        yield
+        yield Log(handler)
     finally:
         root.removeHandler(handler)
         try:

@@ -2,6 +2,7 @@
 
 import argparse
 import asyncio
+import logging
 import secrets
 import socket
 import ssl
@@ -14,6 +15,8 @@ from urllib.parse import quote
 from config.documents.problems import in_words
 from daemon.commands.outcome.failures import CommandError, UsageError
 from daemon.commands.outcome.result import Result, tell
+from daemon.commands.terminal.event_log import add_log_argument, event_line, style_of
+from daemon.host.logs import Log, logging_to_stderr
 from daemon.host.stop_signals import StopSignals
 from daemon.remote.access import OPERATOR
 from daemon.remote.discovery import read_daemon, running_daemons
@@ -71,6 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--replay", type=Path, metavar="RUN", help="open this recording: a run's folder, or a file"
     )
+    add_log_argument(parser)
 
 
 def run(arguments: argparse.Namespace) -> Result:
@@ -80,13 +84,14 @@ def run(arguments: argparse.Namespace) -> Result:
         text = f"{arguments.replay}: there is no such file or folder"
         raise CommandError("no_input", text, place=str(arguments.replay))
     try:
-        asyncio.run(_serve(arguments))
+        with logging_to_stderr("dashboard", style=style_of(arguments)) as log:
+            asyncio.run(_serve(arguments, log if arguments.log else None))
     except OSError as error:
         raise CommandError("unavailable", f"the page cannot be served: {in_words(error)}") from None
     return Result(None)
 
 
-async def _serve(arguments: argparse.Namespace) -> None:
+async def _serve(arguments: argparse.Namespace, log: Log | None = None) -> None:
     """Raises OSError."""
     from aiohttp import web  # slow to come
 
@@ -107,7 +112,7 @@ async def _serve(arguments: argparse.Namespace) -> None:
     )
     runner = web.AppRunner(server.app, access_log=None, shutdown_timeout=1.0)
     await runner.setup()
-    finding = asyncio.create_task(_find(server, runs, arguments))
+    finding = asyncio.create_task(_find(server, runs, arguments, log))
     try:
         await web.SockSite(runner, listening, ssl_context=context).start()
         _tell(arguments, port, tokens)
@@ -165,7 +170,12 @@ def _listening(address: str, port: int | None) -> tuple[socket.socket, int]:
     return listening, int(listening.getsockname()[1])
 
 
-async def _find(server: "PageServer", runs: "RecordedRuns", arguments: argparse.Namespace) -> None:
+async def _find(
+    server: "PageServer",
+    runs: "RecordedRuns",
+    arguments: argparse.Namespace,
+    log: Log | None = None,
+) -> None:
     """Daemons that come are picked up; those that go are waited for."""
     from daemon.dashboard.robot_link import RobotLink
 
@@ -181,7 +191,10 @@ async def _find(server: "PageServer", runs: "RecordedRuns", arguments: argparse.
                     not arguments.robots or found.robot in arguments.robots
                 )
                 if found is not None and wanted and found.robot not in server.links:
-                    link = server.links[found.robot] = RobotLink(found.robot, folder)
+                    tell = None if log is None else event_line(log, found.robot)
+                    link = server.links[found.robot] = RobotLink(found.robot, folder, tell)
+                    if log is not None:
+                        log.tell(logging.INFO, "dashboard", f"{found.robot} found in {folder}")
                     links.append(asyncio.create_task(link.run()))
             for link in server.links.values():
                 if link.status is not None and link.status.recording is not None:

@@ -11,6 +11,7 @@ from typing import Final
 from config.robot import Robot
 from daemon.commands.outcome.result import Result, tell
 from daemon.commands.terminal.compiled import telling_progress
+from daemon.commands.terminal.event_log import add_log_argument, event_line, style_of
 from daemon.controllers.make_controller import warm_up
 from daemon.files import check_folder_can_be_made, models_directory
 from daemon.host.clock import MonotonicClock, run_in_real_time
@@ -18,7 +19,7 @@ from daemon.host.logs import logging_to_stderr
 from daemon.host.real_time import RealTime
 from daemon.host.service_manager import ServiceManager
 from daemon.host.stop_signals import StopSignals
-from daemon.messages import Status
+from daemon.messages import Event, Status
 from daemon.recording.flight_recorder import FlightRecorder
 from daemon.recording.recovery import recover_unfinished
 from daemon.recording.run_folder import describe_run, new_run
@@ -71,6 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="ask the operating system for no priority and no locked memory",
     )
+    add_log_argument(parser)
 
 
 def run(arguments: argparse.Namespace) -> Result:
@@ -83,8 +85,9 @@ def run(arguments: argparse.Namespace) -> Result:
         risk = make_risk_source(checked.file, MonotonicClock())
         for why_not in warm_up():
             print(why_not, file=sys.stderr)
-    with logging_to_stderr("daemon"):
-        run_in_real_time(_serve(checked, arguments, risk))
+    with logging_to_stderr("daemon", style=style_of(arguments)) as log:
+        tell_event = None if arguments.log is None else event_line(log)
+        run_in_real_time(_serve(checked, arguments, risk, tell_event))
     return Result(None)
 
 
@@ -95,7 +98,12 @@ def _spread_out() -> None:
     sys.setswitchinterval(_SWITCH_INTERVAL_S)
 
 
-async def _serve(checked: CheckedRobot, arguments: argparse.Namespace, risk: RiskSource) -> None:
+async def _serve(
+    checked: CheckedRobot,
+    arguments: argparse.Namespace,
+    risk: RiskSource,
+    tell_event: Callable[[Event], None] | None = None,
+) -> None:
     stop, clock, manager = StopSignals(), MonotonicClock(), ServiceManager()
     robot = checked.file.robot
     directory = arguments.runtime_dir or default_runtime_directory(robot.robot)
@@ -140,6 +148,8 @@ async def _serve(checked: CheckedRobot, arguments: argparse.Namespace, risk: Ris
     truth = LabBody(directory)
     await server.open()
     dependencies.subscribers.add(server.publish)
+    if tell_event is not None:
+        dependencies.subscribers.add_for(Event, tell_event)
     dependencies.subscribers.add_for(Status, lambda status: manager.status(_in_a_line(status)))
     manager.ready()
     try:

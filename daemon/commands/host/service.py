@@ -95,7 +95,8 @@ StartLimitBurst=3
 [Service]
 Type=notify
 NotifyAccess=main
-ExecStart=PROGRAM run /etc/tentacled/%i.yaml --runtime-dir %t/tentacled/%i --runs %S/tentacled/%i
+ExecStart=PROGRAM run /etc/tentacled/%i.yaml --log journal --runtime-dir %t/tentacled/%i \\
+    --runs %S/tentacled/%i
 User=tentacled
 SupplementaryGroups=dialout
 UMask=0027

@@ -1,6 +1,7 @@
 """Carries out a study on the command line: progress while it lasts, tables at the end."""
 
 import argparse
+import logging
 import sys
 from collections.abc import Callable, Iterator
 from importlib.resources import files
@@ -15,7 +16,9 @@ from daemon.commands.outcome.exit_codes import EXIT_FAILED, EXIT_OK
 from daemon.commands.outcome.result import Result
 from daemon.commands.terminal.command_line import share
 from daemon.commands.terminal.compiled import compile_all, telling_progress
+from daemon.commands.terminal.event_log import add_log_argument, style_of
 from daemon.commands.terminal.progress_line import ProgressLine
+from daemon.host.logs import Log, logging_to_stderr
 from daemon.workbench.studies.error_tables import aims_text, trouble_text
 from daemon.workbench.studies.findings import Findings, findings
 from daemon.workbench.studies.grid import Grid
@@ -53,6 +56,7 @@ def add_grid_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--keep-recordings", action="store_true", help="16 MB for each run of 400 s"
     )
+    add_log_argument(parser)
 
 
 def shipped_study(name: str) -> Path:
@@ -109,8 +113,12 @@ def _plans(
 def _carry_out(runs: list[Run], arguments: argparse.Namespace) -> int:
     """Returns how many runs and models could not be done. Raises OSError."""
     arguments.out.mkdir(parents=True, exist_ok=True)
-    with telling_progress() as progress:
-        told, grid = _Told(progress), Grid(runs, arguments.out)
+    with (
+        telling_progress() as progress,
+        logging_to_stderr("study", style=style_of(arguments)) as log,
+    ):
+        told = _Told(progress, log if arguments.log else None)
+        grid = Grid(runs, arguments.out)
         if grid.left:
             compile_all()  # here, once, and not in each process
         grid.carry_out(arguments.jobs, arguments.keep_recordings, told)
@@ -144,7 +152,9 @@ def _show(file: StudyFile, found: Findings, tables: list[Table]) -> None:
 class _Told:
     """How far the grid is, and a line for each run."""
 
-    def __init__(self, progress: ProgressLine) -> None:
+    def __init__(self, progress: ProgressLine, log: Log | None = None) -> None:
+        """log: for the same lines, where somebody wants them on stderr."""
+        self._log = log
         self.errors = 0
         """Runs and models that could not be done."""
         self._progress = progress
@@ -160,7 +170,8 @@ class _Told:
             self._begin_runs()
 
     def model(self, run: Run, error: str) -> None:
-        self._tell(f"model for plant {run.plant}, seed {run.seed}{f': {error}' if error else ''}")
+        told = f": {error}" if error else ""
+        self._tell(f"model for plant {run.plant}, seed {run.seed}{told}", error)
         self.errors += bool(error)
         self._models -= 1
         self._progress.advance()
@@ -168,7 +179,7 @@ class _Told:
             self._begin_runs()
 
     def run(self, run: Run, outcome: Outcome | None, error: str) -> None:
-        self._tell(f"{run}: {error or _in_words(outcome)}")
+        self._tell(f"{run}: {error or _in_words(outcome)}", error)
         self.errors += bool(error)
         self._done += 1
         self._progress.reach(float(self._done), what=self._what)
@@ -180,8 +191,12 @@ class _Told:
     def _what(self) -> str:
         return f"runs: {self._done} of {self._runs} done"
 
-    def _tell(self, line: str) -> None:
-        self._progress.tell(line)
+    def _tell(self, line: str, error: str) -> None:
+        if self._log is None:
+            self._progress.tell(line)
+        else:
+            level = logging.ERROR if error else logging.INFO
+            self._log.tell(level, "study", line, done=self._done, runs=self._runs)
 
 
 def _in_words(outcome: Outcome | None) -> str:

@@ -1,8 +1,10 @@
 """A process logs to stderr without its loop's ever waiting, reading or writing for it."""
 
 import io
+import json
 import logging
 import os
+import re
 import sys
 import threading
 import time
@@ -129,3 +131,59 @@ def test_who_logs_opens_no_file(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "in fails" in out.getvalue()
     assert opened == []
     assert stats == []
+
+
+def told(style: str) -> list[str]:
+    out = io.StringIO()
+    with logging_to_stderr("daemon", out, style) as log:
+        log.tell(
+            logging.WARNING, "cause", "tracker tip_missing: no 100 % of it", name="tip_missing"
+        )
+        log.tell(logging.INFO, "state", "robot hold: held")
+        log_an_error()
+    return out.getvalue().splitlines()
+
+
+def test_what_happens_is_told_in_text_with_date_process_and_level() -> None:
+    first, second, error, *_ = told("text")
+    assert first.endswith(" daemon WARNING cause: tracker tip_missing: no 100 % of it")
+    assert second.endswith(" daemon INFO state: robot hold: held")
+    assert error.endswith(" daemon ERROR tests.logs: a part has failed")
+
+
+def test_what_happens_is_told_as_an_object_a_line() -> None:
+    first, second, error = (json.loads(line) for line in told("json"))
+    assert first["schema"] == "tentacled.log/1"
+    assert (first["process"], first["level"], first["source"]) == ("daemon", "warning", "cause")
+    assert (first["text"], first["name"]) == ("tracker tip_missing: no 100 % of it", "tip_missing")
+    assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}[+-]\d{4}", first["date"])
+    assert second["level"] == "info"
+    assert "RuntimeError: the reason" in error["traceback"]
+
+
+def test_every_line_of_the_journal_has_its_priority() -> None:
+    lines = told("journal")
+    assert lines[0] == "<4>cause: tracker tip_missing: no 100 % of it"
+    assert lines[1] == "<6>state: robot hold: held"
+    assert lines[2] == "<3>tests.logs: a part has failed"
+    assert all(line.startswith("<3>") for line in lines[2:])
+    assert len(lines) > 4
+
+
+def test_whoever_tells_never_waits_for_a_stream_that_stands_still() -> None:
+    out = _Stuck()
+    with logging_to_stderr("daemon", out, "journal") as log:
+        before = time.monotonic()
+        for number in range(5000):  # more than the queue holds
+            log.tell(logging.INFO, "state", f"{number}")
+        assert time.monotonic() - before < 2.0
+        out.go_on.set()
+    assert out.getvalue().startswith("<6>state: 0\n")
+
+
+def test_the_same_happening_is_told_each_time() -> None:
+    out = io.StringIO()
+    with logging_to_stderr("daemon", out, "journal") as log:
+        for _ in range(30):
+            log.tell(logging.INFO, "state", "robot running")
+    assert out.getvalue().count("robot running") == 30
