@@ -178,6 +178,8 @@ def test_whoever_tells_never_waits_for_a_stream_that_stands_still() -> None:
             log.tell(logging.INFO, "state", f"{number}")
         assert time.monotonic() - before < 2.0
         out.go_on.set()
+    while not out.getvalue() and time.monotonic() - before < 10.0:
+        time.sleep(0.01)
     assert out.getvalue().startswith("<6>state: 0\n")
 
 
