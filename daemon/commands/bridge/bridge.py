@@ -9,6 +9,7 @@ from daemon.commands.terminal.command_line import CommandModule
 
 _WORDS: Final = {
     "openigtlink": "to 3D Slicer, PLUS and others that read OpenIGTLink",
+    "ros2": "to ROS 2 with rmw_zenoh, without any ROS here",
     "foxglove": "to Foxglove and Lichtblick, live",
 }
 

@@ -48,7 +48,7 @@ COMMANDS: Final = {
     "run": ("host", "start the daemon of a robot"),
     "status": ("client", "show the robot at a glance"),
     "dashboard": ("host", "serve the operator's page: robots live, in a browser"),
-    "bridge": ("bridge", "tell other programs what the robot tells: 3D Slicer, Foxglove"),
+    "bridge": ("bridge", "tell other programs what the robot tells: 3D Slicer, ROS 2, Foxglove"),
     "lease": ("client", "take control, and keep it until Ctrl-C"),
     "arm": ("client", "energise the drives where they stand"),
     "home": ("client", "let axes look for their zeros"),
