@@ -1,9 +1,17 @@
 """What stands in for the hardware when there is none. A real rig ignores this part."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from itertools import cycle, islice
 from typing import TYPE_CHECKING, Annotated, Final, Literal, NamedTuple
 
-from pydantic import AfterValidator, Field, StringConstraints, model_validator
+from pydantic import (
+    AfterValidator,
+    Field,
+    StringConstraints,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from config.bodies import BodyName, with_body
 from config.documents.kinds import PLANTS, Kind, KindOptions, Named
@@ -89,11 +97,6 @@ class PlantOptions(KindOptions):
         return BodyExtent(0.0, self.length_mm, _SILICONE_STRETCH)
 
 
-PerChamber = Annotated[
-    tuple[Positive, Positive, Positive, Positive, Positive, Positive], Field(strict=False)
-]
-
-
 def _not_zero(vector: Vector3) -> Vector3:
     if not any(vector):
         raise ValueError("zero has no direction")
@@ -103,10 +106,34 @@ def _not_zero(vector: Vector3) -> Vector3:
 Direction = Annotated[Vector3, AfterValidator(_not_zero)]
 
 
-class SoftArmPlant(PlantOptions):
-    """Two pneumatic segments, three chambers each, moved by cylinders (Ho 2018, section 2.1).
+_RATIOS: Final = "chamber_area_ratios"
+_MOST_CHAMBERS: Final = 48
 
-    The paper gives the sizes: 155 mm long, 27 mm across, 41.71 g, Dragon Skin 10, 0.040 MPa before
+
+def _chambers_said(segments: object) -> int:
+    """How many chambers segments have that nobody has checked."""
+    if not isinstance(segments, Sequence):
+        return 0
+    said = [one.get("chambers", 3) for one in segments if isinstance(one, Mapping)]
+    said += [one.chambers for one in segments if isinstance(one, SoftSegment)]
+    return min(_MOST_CHAMBERS, sum(one for one in said if isinstance(one, int) and one > 0))
+
+
+class SoftSegment(ConfigModel):
+    """A length of a soft arm with chambers of its own, even round its axis."""
+
+    length_mm: Annotated[float, Field(gt=0, le=1000)]
+    """As cast. The pre-pressure stretches it."""
+    chambers: Annotated[int, Field(ge=3, le=8)] = 3
+    rotation_rad: float = 0.0
+    """Of the first of its chambers, from the x axis."""
+
+
+class SoftArmPlant(PlantOptions):
+    """Pneumatic segments in series, each with its chambers, moved by cylinders.
+
+    As it stands it is the arm of Ho 2018, section 2.1: two segments, three chambers each. The paper
+    gives the sizes: 155 mm long, 27 mm across, 41.71 g, Dragon Skin 10, 0.040 MPa before
     it moves, about 100° of bending per segment. The rest follows from these. At 1.07 g/cm³ the mass
     leaves 252 mm² of silicone in a cross-section of 573 mm²; voids take the other 320: three
     chambers of 95 mm² (11 mm across) at 7.5 mm from the axis, and a lumen for tubes. That leaves
@@ -120,8 +147,11 @@ class SoftArmPlant(PlantOptions):
     kind: Literal["soft_arm"]
     body: BodyName = "as_made"
     """A named set of figures (`config/bodies.py`), on top of which come those given here."""
-    length_mm: Positive = 155.0
-    """As cast. The pre-pressure stretches it."""
+    segments: Annotated[
+        tuple[SoftSegment, ...], Field(strict=False, min_length=1, max_length=6)
+    ] = (SoftSegment(length_mm=77.5), SoftSegment(length_mm=77.5, rotation_rad=1.0471975511965976))
+    """From the base on. Their chambers, in this order, are those of the axes. As it stands the
+    second one is turned by 60°, which puts its chambers over the first one's gaps."""
     mass_g: Positive = 41.7
     body_radius_mm: Positive = 13.5
     """Of what it may touch with."""
@@ -130,12 +160,11 @@ class SoftArmPlant(PlantOptions):
     axial_stiffness_n: Positive = 130.0
     """EA for good, without creep."""
     chamber_area_mm2: Positive = 95.0
-    chamber_area_ratios: PerChamber = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
-    """Area of each chamber against `chamber_area_mm2`: no two castings are alike."""
+    chamber_area_ratios: Annotated[tuple[Positive, ...], Field(strict=False)] = (1.0,) * 6
+    """Area of each chamber against `chamber_area_mm2`: no two castings are alike. Not given: as
+    the named body has it, begun anew where there are more chambers."""
     chamber_radius_mm: Positive = 7.5
     """Distance of the chambers from the axis."""
-    distal_rotation_rad: float = 1.0471975511965976
-    """Turn of the distal chambers against the proximal ones: 60° puts each over a gap."""
     pre_pressure_mpa: NotNegative = 0.04
     """Gauge pressure of every chamber with its cylinder at zero."""
     tube_volume_ml: NotNegative = 2.0
@@ -166,10 +195,37 @@ class SoftArmPlant(PlantOptions):
     ageing_time_h: Positive = 2.0
     """Time constant of that loss."""
 
+    @property
+    def length_mm(self) -> float:
+        """All segments, as cast."""
+        return sum(segment.length_mm for segment in self.segments)
+
+    @property
+    def chambers(self) -> int:
+        """Of all segments."""
+        return sum(segment.chambers for segment in self.segments)
+
     @model_validator(mode="before")
     @classmethod
     def _figures_of_the_body(cls, given: object) -> object:
-        return with_body(given)
+        figures = with_body(given)
+        if not isinstance(figures, Mapping) or not isinstance(given, Mapping):
+            return given
+        if _RATIOS in given or "segments" not in given:
+            return figures
+        ratios = cycle(figures.get(_RATIOS, (1.0,)))
+        return {**figures, _RATIOS: tuple(islice(ratios, _chambers_said(given["segments"])))}
+
+    @field_validator(_RATIOS)
+    @classmethod
+    def _one_for_each_chamber(
+        cls, ratios: tuple[float, ...], info: ValidationInfo
+    ) -> tuple[float, ...]:
+        segments = info.data.get("segments")
+        chambers = len(ratios) if segments is None else sum(one.chambers for one in segments)
+        if len(ratios) != chambers:
+            raise ValueError(f"{len(ratios)} ratios are not one for each of {chambers} chambers")
+        return ratios
 
 
 class TendonRoute(ConfigModel):

@@ -9,6 +9,10 @@ from hypothesis import settings
 
 from tests.compile_once import compile_once
 
+pytest_plugins = ["daemon.testing.pytest_plugin"]
+"""As whoever installs us has it: `-p no:tentacled` keeps the installed one away, which comes before
+coverage does."""
+
 RERUNS = 2
 _REMOTE = Path(__file__).parent / "daemon" / "remote"
 """Real sessions over real sockets, with the threads of a library that is not ours."""

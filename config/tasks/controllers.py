@@ -1,8 +1,8 @@
 """The controllers that an experiment or a client can choose, and what can be set on them."""
 
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from config.documents.kinds import CONTROLLERS, Kind, KindError, KindOptions, Named, kind_of
 from config.documents.model import ConfigModel, NotNegative, Positive, Vector3, checked_options
@@ -138,22 +138,21 @@ class GasChambers(ConfigModel):
 
 
 class ConstantCurvature(TipFollowing):
-    """Two segments of three chambers each, both bent to circular arcs. Axes: proximal chambers 1 to
-    3, then distal ones. The base frame's z axis points along the straight arm."""
+    """Segments in series of three chambers each, all bent to circular arcs. Axes: chambers 1 to 3 of
+    each, from the base on. The base frame's z axis points along the straight arm."""
 
     kind: Literal["constant_curvature"]
 
-    segment_length_mm: Annotated[tuple[Positive, Positive], Field(strict=False)] = (77.5, 77.5)
-    """Proximal and distal, without pressure."""
+    segment_length_mm: Annotated[
+        tuple[Positive, ...], Field(strict=False, min_length=1, max_length=6)
+    ] = (77.5, 77.5)
+    """Of each segment, from the base on, without pressure."""
     chamber_radius_mm: Positive = 7.5
     """Distance of the chambers from the axis."""
-    first_chamber_rad: Annotated[tuple[float, float], Field(strict=False)] = (
-        0.0,
-        1.0471975511965976,
-    )
+    first_chamber_rad: PerAxis = (0.0, 1.0471975511965976)
     """Direction of chamber 1 of each segment from the x axis; the others follow at 120°."""
     base_offset_mm: Vector3 = (0.0, 0.0, 0.0)
-    """Where the proximal segment begins, in the base sensor's frame."""
+    """Where the first segment begins, in the base sensor's frame."""
     chambers: Annotated[VolumetricChambers | GasChambers, Field(discriminator="kind")] = (
         GasChambers(kind="gas")
     )
@@ -164,6 +163,13 @@ class ConstantCurvature(TipFollowing):
     """Correction of the model's elongation, from calibration."""
     tolerance_mm: Positive = 10.0
     """A trajectory is refused where the model, within the axes' travel, misses it by more."""
+
+    @model_validator(mode="after")
+    def _both_of_each_segment(self) -> Self:
+        lengths, turns = len(self.segment_length_mm), len(self.first_chamber_rad)
+        if lengths != turns:
+            raise ValueError(f"{lengths} segment_length_mm and {turns} first_chamber_rad: one each")
+        return self
 
 
 class Learner(TipFollowing):

@@ -21,6 +21,10 @@ class RandomMotion(ConfigModel):
     """Amplitude of each axis' dither, as a share of its travel. Without it all steps of a line go
     the same way, and a receptive field sees few directions."""
 
+    together_share: Annotated[float, Field(ge=0.0, le=1.0)] = 0.05
+    """How much is left of what all tendons would do together: they pull against each other, and
+    would tear or go slack. Of other axes all is left."""
+
     dither_period_s: Positive = 2.0
     """Of the first axis; the others' are up to twice as long, and no two are the same."""
 

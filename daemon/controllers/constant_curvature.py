@@ -1,4 +1,4 @@
-"""A controller with a fixed model: two segments, each an arc of a circle.
+"""A controller with a fixed model: segments in series, each an arc of a circle.
 
 The robot is not one. Gravity and loads bend it otherwise, and feedback has to make up for that.
 """
@@ -175,10 +175,11 @@ def _terms(squared: float) -> tuple[float, float, float, float, float]:
     return c, f, g, (g - 2.0 * f) / squared, (c - g) / squared
 
 
-# Two arcs in series: from piston positions to the tip, its Jacobian, and the way back.
+# Arcs in series: from piston positions to the tip, its Jacobian, and the way back.
 
 
 CHAMBERS = 3
+"""Of a segment."""
 _SEARCH_STEPS = 60
 _SEARCH_DAMPING_MM = 5.0
 _FOUND_MM = 0.01
@@ -191,13 +192,13 @@ class ArcKinematics:
     """The model, and a `KinematicModel` for reachability."""
 
     def __init__(self, options: ConstantCurvature, axes: AxisRanges, bore_mm2: Vector) -> None:
-        """bore_mm2: (6,) areas of the pistons."""
+        """bore_mm2: (m,) areas of the pistons, m three times the number of segments."""
         self._base = np.array(options.base_offset_mm)
         self._axes = axes
         self._length_mm = options.segment_length_mm
         self._chambers = [
             chamber_model(options, segment, bore_mm2[CHAMBERS * segment : CHAMBERS * (segment + 1)])
-            for segment in range(2)
+            for segment in range(len(options.segment_length_mm))
         ]
         self._shape_by_length = [
             _shape_by_length(options, first) for first in options.first_chamber_rad
@@ -206,19 +207,23 @@ class ArcKinematics:
         self.tolerance_mm = options.tolerance_mm
 
     def tip(self, u: Vector) -> tuple[Vector, Vector]:
-        """(3,) tip in mm and (3, 6) its derivative at (6,) piston positions."""
-        near, near_by_u = self._shape(0, u[:CHAMBERS])
-        far, far_by_u = self._shape(1, u[CHAMBERS:])
-        end, turn = arc(near)
-        beyond, _ = arc(far)
-        by_near = arc_end_by_shape(near)
-        by_near[:, :2] += arc_carries_by_bending(near, beyond)
-        by_far = turn @ arc_end_by_shape(far)
-        jacobian = np.hstack([by_near @ near_by_u, by_far @ far_by_u])
-        return self._base + end + turn @ beyond, jacobian
+        """(3,) tip in mm and (3, m) its derivative at (m,) piston positions."""
+        pistons = u.reshape(-1, CHAMBERS)
+        shapes = [self._shape(segment, pistons[segment]) for segment in range(len(pistons))]
+        tip = np.zeros(3)  # of all segments behind, in this one's end frame
+        by_shape: list[Vector] = []
+        for shape, _ in reversed(shapes):
+            end, turn = arc(shape)
+            here = arc_end_by_shape(shape)
+            here[:, :2] += arc_carries_by_bending(shape, tip)
+            by_shape = [here, *(turn @ behind for behind in by_shape)]
+            tip = end + turn @ tip
+        pairs = zip(by_shape, shapes, strict=True)
+        jacobian = np.hstack([by_this @ this_by_u for by_this, (_, this_by_u) in pairs])
+        return self._base + tip, jacobian
 
     def reach(self, position_mm: Vector, near_u: Vector | None) -> tuple[Vector, float]:
-        """(6,) pistons within their travel that bring the tip nearest, and the miss in mm."""
+        """(m,) pistons within their travel that bring the tip nearest, and the miss in mm."""
         axes = self._axes
         middle = 0.5 * (axes.lowest + axes.highest)
         u = middle.copy() if near_u is None else np.clip(near_u, axes.lowest, axes.highest)
@@ -268,9 +273,6 @@ def _shape_by_length(options: ConstantCurvature, first_rad: float) -> Vector:
     )
 
 
-AXES = 6
-
-
 class ConstantCurvatureController:
     """A `Controller`."""
 
@@ -278,10 +280,11 @@ class ConstantCurvatureController:
     ready = True
 
     def __init__(self, options: ConstantCurvature, robot: Robot) -> None:
-        _check_cylinders(options, robot)
+        bore_mm2 = _bore_mm2(options, robot)
+        _check_cylinders(options, robot, bore_mm2)
         self._metadata = model_metadata(self.name, robot)
         self._follower = TipFollower(options, robot)
-        self.kinematics = ArcKinematics(options, AxisRanges.of(robot), _bore_mm2(robot))
+        self.kinematics = ArcKinematics(options, AxisRanges.of(robot), bore_mm2)
 
     def draw_to(self, posture: Vector) -> None:
         """Draw the axes to (m,) a posture from now on. Raises ValueError for no numbers."""
@@ -309,12 +312,12 @@ class ConstantCurvatureController:
         load_model(path, self._metadata, {})
 
 
-def _check_cylinders(options: ConstantCurvature, robot: Robot) -> None:
+def _check_cylinders(options: ConstantCurvature, robot: Robot, bore_mm2: Vector) -> None:
     """Raises ControllerError where a piston would push out more gas than there is."""
     if not isinstance(options.chambers, GasChambers):
         return
     highest = AxisRanges.of(robot).highest
-    pushed_ml = float((1e-3 * _bore_mm2(robot) * highest).max())
+    pushed_ml = float((1e-3 * bore_mm2 * highest).max())
     if pushed_ml >= options.chambers.supply_volume_ml:
         raise ControllerError(
             f"chambers.supply_volume_ml is {options.chambers.supply_volume_ml:g}, and the pistons "
@@ -323,12 +326,13 @@ def _check_cylinders(options: ConstantCurvature, robot: Robot) -> None:
         )
 
 
-def _bore_mm2(robot: Robot) -> Vector:
-    """(6,) piston areas. Raises ControllerError for a robot that is not such an arm."""
-    if len(robot.axes) != AXES:
+def _bore_mm2(options: ConstantCurvature, robot: Robot) -> Vector:
+    """(m,) piston areas. Raises ControllerError for a robot that is not such an arm."""
+    segments = len(options.segment_length_mm)
+    if len(robot.axes) != CHAMBERS * segments:
         raise ControllerError(
-            f"constant_curvature is for {AXES} chambers, and {robot.robot} has "
-            f"{len(robot.axes)} axes"
+            f"constant_curvature is for {CHAMBERS * segments} chambers ({segments} in "
+            f"segment_length_mm), and {robot.robot} has {len(robot.axes)} axes"
         )
     areas = []
     for axis in robot.axes:

@@ -88,6 +88,7 @@ class WaypointWalk:
         self, options: RandomMotion, axes: AxisRanges, random: np.random.Generator
     ) -> None:
         self._axes = axes
+        self._together = options.together_share
         shares = (_GOLDEN * np.arange(axes.count)) % 1.0
         self._rates = 2.0 * np.pi / (options.dither_period_s * (1.0 + shares))
         self._phases = random.uniform(0.0, 2.0 * np.pi, axes.count)
@@ -117,7 +118,8 @@ class WaypointWalk:
         time_s = max(self.line_time_s(observation.targets, goal), _ARRIVED_S)
         wanted = (goal - observation.targets) / time_s
         if dither:
-            wanted += self._swing * np.cos(self._rates * self._elapsed_s + self._phases)
+            swing = self._swing * np.cos(self._rates * self._elapsed_s + self._phases)
+            wanted += self._axes.less_together(swing, self._together)
         self._velocity += min(dt_s / _SMOOTH_S, 1.0) * (wanted - self._velocity)
         step = np.clip(self._velocity * dt_s, *axes.step_range(observation.targets))
         return axes.slowed(step, dt_s)
@@ -221,7 +223,8 @@ class WaypointExplorationController:
         if not axes.coupled.way_inside(self._start, middle):
             best = self._start
         for _ in range(_DRAWN_AT_MOST):
-            goal = middle + half * self._random.uniform(-1.0, 1.0, axes.count)
+            away = half * self._random.uniform(-1.0, 1.0, axes.count)
+            goal = middle + axes.less_together(away, self._options.together_share)
             if not axes.coupled.way_inside(self._start, goal):
                 continue
             line = self._start + _ALONG * (goal - self._start)

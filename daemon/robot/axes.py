@@ -26,6 +26,8 @@ class AxisRanges:
     """Where they may be together."""
     units: tuple[str, ...] = ()
     """mm or rad."""
+    tendons: tuple[int, ...] = ()
+    """Which axes pull at the body, and against each other."""
 
     @classmethod
     def of(cls, robot: Robot) -> "AxisRanges":
@@ -38,7 +40,8 @@ class AxisRanges:
         lowest, highest, max_velocity, scale, period = columns
         units = tuple(axis.unit for axis in robot.axes)
         coupled = CoupledAxes.of(robot)
-        return cls(names, lowest, highest, max_velocity, scale, period, coupled, units)
+        tendons = tuple(i for i, axis in enumerate(robot.axes) if axis.tension_range_n is not None)
+        return cls(names, lowest, highest, max_velocity, scale, period, coupled, units, tendons)
 
     @property
     def count(self) -> int:
@@ -63,6 +66,16 @@ class AxisRanges:
     def step_range(self, targets: Vector) -> tuple[Vector, Vector]:
         """(m,) lowest and highest step within the travel; an axis outside may only come back."""
         return np.minimum(self.lowest - targets, 0.0), np.maximum(self.highest - targets, 0.0)
+
+    def less_together(self, motion: Vector, share: float) -> Vector:
+        """(m,) the motion with no more than `share` of what all tendons do together in it: that
+        bends no body, but slackens or tears it."""
+        if len(self.tendons) < 2:
+            return motion
+        pulling = list(self.tendons)
+        parted = motion.copy()
+        parted[pulling] -= (1.0 - share) * motion[pulling].mean()
+        return parted
 
     def slowed(self, step: Vector, dt_s: float) -> Vector:
         """The step, as a whole shortened until no axis is faster than it may be."""

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from daemon.testing.labs import TestLab
     from daemon.testing.rig import RigClient
 
+_LAB_FIXTURES = {"lab", "live_lab"}
 _LABS: pytest.StashKey[list[TestLab]] = pytest.StashKey()
 _MARKERS = (
     "tentacled_seeds(seeds, plants=1): run the test with seeds 1 to `seeds` (fixture `seed`) on "
@@ -62,19 +63,38 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     marker = metafunc.definition.get_closest_marker("tentacled_seeds")
+    if marker is None and not _LAB_FIXTURES & set(metafunc.fixturenames):
+        return  # these names are common: they may be fixtures of somebody else's
     seeds = marker.args[0] if marker is not None and marker.args else 1
     plants = marker.kwargs.get("plants", 1) if marker is not None else 1
     asked = metafunc.config.getoption("--tentacled-seeds")
     others = metafunc.config.getoption("--tentacled-plants")
-    if "seed" in metafunc.fixturenames and not _parametrized(metafunc, "seed"):
+    if _free(metafunc, "seed"):
         metafunc.parametrize("seed", range(1, 1 + (asked or seeds)))
-    if "plant" in metafunc.fixturenames and not _parametrized(metafunc, "plant"):
+    if _free(metafunc, "plant"):
         metafunc.parametrize("plant", range(others or plants))
 
 
-def _parametrized(metafunc: pytest.Metafunc, name: str) -> bool:
-    marks = metafunc.definition.iter_markers("parametrize")
-    return any(name in re.split(r"\s*,\s*", str(mark.args[0])) for mark in marks if mark.args)
+def _free(metafunc: pytest.Metafunc, name: str) -> bool:
+    """Whether the test asks for it, and nothing of its own says what it is."""
+    for mark in metafunc.definition.iter_markers("parametrize"):
+        names = mark.args[0] if mark.args else mark.kwargs.get("argnames", "")
+        if name in (re.split(r"\s*,\s*", names) if isinstance(names, str) else names):
+            return False
+    return name in metafunc.fixturenames
+
+
+@pytest.fixture
+def seed() -> int:
+    """Of the experiment: 1, or those of the marker `tentacled_seeds` and of `--tentacled-seeds`."""
+    return 1
+
+
+@pytest.fixture
+def plant() -> int:
+    """Which body: 0 is that of the file, others are of its design (the same marker; or
+    `--tentacled-plants`)."""
+    return 0
 
 
 @pytest.fixture

@@ -126,7 +126,7 @@ def variation(plant: SoftArmPlant, seed: int) -> SoftArmPlant:
 
     Every figure is even-handedly better or worse, uniform within its bounds: stiffness ±10 % (one
     batch of silicone, so bending and axial alike), each chamber's area ±4 % by itself, mass ±3 %,
-    pre-pressure ±5 %, hysteresis, creep, play and times ±15 %, the joint's angle ±0.05 rad.
+    pre-pressure ±5 %, hysteresis, creep, play and times ±15 %, each joint's angle ±0.05 rad.
     """
     generator = np.random.default_rng(seed)
 
@@ -146,8 +146,14 @@ def variation(plant: SoftArmPlant, seed: int) -> SoftArmPlant:
             "creep": min(0.3, about(plant.creep, _HYSTERESIS)),
             "creep_time_s": about(plant.creep_time_s, _TIME),
             "pneumatic_lag_s": min(1.0, about(plant.pneumatic_lag_s, _TIME)),
-            "distal_rotation_rad": plant.distal_rotation_rad
-            + float(generator.uniform(-_ROTATION_RAD, _ROTATION_RAD)),
+            "segments": tuple(
+                segment.model_copy(update={"rotation_rad": segment.rotation_rad + off})
+                for segment, off in zip(
+                    plant.segments,
+                    [0.0, *generator.uniform(-_ROTATION_RAD, _ROTATION_RAD, len(plant.segments) - 1)],
+                    strict=True,
+                )
+            ),
             "dead_time_s": min(0.5, about(plant.dead_time_s, _TIME)),
             "backlash_mm": about(plant.backlash_mm, _TIME),
         }

@@ -34,9 +34,9 @@ def sync_lost_after_s(robot: Robot) -> float:
 @pytest.mark.parametrize("path", sorted(SHIPPED_ROBOTS.glob("*.yaml")), ids=lambda p: str(p.stem))
 def test_in_emulation_nobody_loses_patience_while_a_computer_is_busy(path: Path) -> None:
     robot = patient(load_robot(path).robot)
-    (bus,) = robot.buses.values()
     fault_s = robot.supervision.loop_fault_after_s
-    assert STALL_S < fault_s < bus.master_heartbeat_timeout_s
+    for bus in robot.buses.values():
+        assert STALL_S < fault_s < bus.master_heartbeat_timeout_s
     assert fault_s < sync_lost_after_s(robot)
     for axis in robot.axes:
         assert axis.drive.heartbeat_timeout_s > STALL_S

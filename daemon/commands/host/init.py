@@ -20,6 +20,8 @@ _EXPERIMENTS: Final = {
     "soft_arm": "rectangle",
     "tendon_arm": "tendon_circle",
     "concentric_tubes": "ctr_circle",
+    "one_segment_arm": "one_segment_circle",
+    "three_tendon_arm": "three_tendon_circle",
 }
 
 

@@ -1,6 +1,6 @@
-"""The two-segment pneumatic arm of Ho et al. 2018, standing on its base: pistons in, shape out.
+"""A pneumatic arm as that of Ho et al. 2018, standing on its base: pistons in, shape out.
 
-A Cosserat rod, three chambers per segment with enclosed gas, and a body that slips and creeps a
+A Cosserat rod, segments in series whose chambers enclose gas, and a body that slips and creeps a
 little. The tip is up, so weight compresses the arm and makes it softer: it answers to a load like
 a column below its buckling load, which no constant-curvature model shows.
 """
@@ -22,7 +22,7 @@ from sim_backends.plants.plant import (
     listed,
     tip_force,
 )
-from sim_backends.plants.rod import Rod, Section, helix
+from sim_backends.plants.rod import Rod, Route, Section, helix
 from sim_backends.plants.shooting import ConstantPull, Equilibrium, Path, Problem, Solver
 from sim_backends.plants.soft_arm.chambers import Chambers, ChamberSolver
 from sim_backends.plants.soft_arm.creep import Creep
@@ -30,7 +30,6 @@ from sim_backends.plants.soft_arm.gas import ATMOSPHERE_MPA, GasLines
 from sim_backends.plants.soft_arm.hysteresis import StopOperators
 from sim_backends.plants.transmission import Transmission
 
-CHAMBERS = 6
 INTERVALS = 20
 SLIDERS = 6
 TOLERANCE = 4e-8
@@ -44,7 +43,7 @@ _DOWN = np.array([0.0, 0.0, -1.0])
 class _Memory(NamedTuple):
     """All that the arm remembers, replaced as a whole by a step that succeeded.
 
-    ahead: how far the last step moved the equilibrium's unknowns. amount and in_chamber: (6,) gas
+    ahead: how far the last step moved the equilibrium's unknowns. amount and in_chamber: (m,) gas
     of each line and of its chamber, MPa·mm³. age_s: since it was new.
     """
 
@@ -61,11 +60,11 @@ class _Memory(NamedTuple):
 
 
 class SoftArm:
-    """A `Plant` of six actuators: proximal chambers 1 to 3, then distal chambers 1 to 3."""
+    """A `Plant` of one actuator per chamber, segment by segment from the base on."""
 
     def __init__(self, config: SoftArmPlant, piston_area_mm2: Sequence[float]) -> None:
-        if len(piston_area_mm2) != CHAMBERS:
-            raise ValueError(f"the arm needs {CHAMBERS} pistons, not {piston_area_mm2}")
+        if len(piston_area_mm2) != config.chambers:
+            raise ValueError(f"the arm needs {config.chambers} pistons, not {piston_area_mm2}")
         self._config = config
         self._piston_mm2 = np.asarray(piston_area_mm2, dtype=np.float64)
         self._cylinder_mm3 = 1e3 * config.cylinder_volume_ml
@@ -85,16 +84,16 @@ class SoftArm:
 
     @property
     def actuator_count(self) -> int:
-        return CHAMBERS
+        return len(self._piston_mm2)
 
     @property
     def chamber_pressure_mpa(self) -> FloatArray:
-        """(6,) absolute pressure in the chambers."""
+        """(m,) absolute pressure in the chambers."""
         return self._memory.in_chamber / (self._area_mm2 * self.chamber_length_mm)
 
     @property
     def chamber_length_mm(self) -> FloatArray:
-        """(6,) length of the chambers along their middle."""
+        """(m,) length of the chambers along their middle."""
         return self._memory.equilibrium.march.length_mm.copy()
 
     def reset(self) -> None:
@@ -104,7 +103,7 @@ class SoftArm:
     def step(self, actuators: FloatArray, load: TipLoad, dt_s: float) -> BodyState:
         """Move the pistons to `actuators` within `dt_s` and let the arm follow.
 
-        actuators: (6,) mm, positive pushes gas into the chamber. Raises PlantError for inputs that
+        actuators: (m,) mm, positive pushes gas into the chamber. Raises PlantError for inputs that
         make no sense and where there is no equilibrium; the arm then keeps its last state.
         """
         shafts = self._shafts(actuators)
@@ -192,7 +191,7 @@ class SoftArm:
         return self._hanging[1]
 
     def _leaked(self, memory: _Memory, dt_s: float) -> FloatArray:
-        """(6,) gas in each line after `dt_s` of leaking. Its excess over what the atmosphere would
+        """(m,) gas in each line after `dt_s` of leaking. Its excess over what the atmosphere would
         fill the line with goes down in proportion to itself."""
         rate_per_s = self._config.leak_per_hour / _HOUR_S
         if not rate_per_s > 0.0:
@@ -207,10 +206,12 @@ class SoftArm:
         return 1.0 + config.ageing * expm1(-age_s / (_HOUR_S * config.ageing_time_h))
 
     def _shafts(self, actuators: FloatArray) -> FloatArray:
-        """(6,) mm. Raises PlantError for places where no piston can be."""
+        """(m,) mm. Raises PlantError for places where no piston can be."""
         positions = np.asarray(actuators, dtype=np.float64)
-        if positions.shape != (CHAMBERS,):
-            raise PlantError(f"the arm has {CHAMBERS} actuators, not {np.size(actuators)}")
+        if positions.shape != self._piston_mm2.shape:
+            raise PlantError(
+                f"the arm has {self.actuator_count} actuators, not {np.size(actuators)}"
+            )
         for index, (place, end) in enumerate(zip(positions.tolist(), self._end_mm, strict=True)):
             if not -end < place < end:
                 raise PlantError(
@@ -222,15 +223,16 @@ class SoftArm:
     def _rest(self) -> _Memory:
         """The arm as it stands when left alone for long, newly filled with its gas."""
         config, rod = self._config, self._rod
+        still = np.zeros(self.actuator_count)
         force = rod.internal_force(np.zeros(3), self._weight_n)
         drive = ConstantPull(rod, -config.pre_pressure_mpa * self._area_mm2)
         problem = Problem(force, drive, rod.stiffness, rod.rest)
-        found = self._solver.raise_load(problem, np.zeros(CHAMBERS), np.zeros(3))
+        found = self._solver.raise_load(problem, still, np.zeros(3))
         if found is None:
             raise PlantError("the arm cannot carry its own weight")
         lengths = found.march.length_mm
         pressure = config.pre_pressure_mpa + ATMOSPHERE_MPA
-        cylinder_mm3 = np.full(CHAMBERS, self._cylinder_mm3)
+        cylinder_mm3 = np.full(self.actuator_count, self._cylinder_mm3)
         supply_mm3 = cylinder_mm3 + self._tube_mm3
         creep = Creep.rested(
             rod.stiffness, rod.rest, found.march.strain, config.creep, config.creep_time_s
@@ -244,9 +246,7 @@ class SoftArm:
             creep=creep,
             cylinder_mm3=cylinder_mm3,
             load_n=np.zeros(3),
-            transmission=Transmission.rested(
-                config.dead_time_s, config.backlash_mm, np.zeros(CHAMBERS)
-            ),
+            transmission=Transmission.rested(config.dead_time_s, config.backlash_mm, still),
             age_s=0.0,
         )
 
@@ -259,21 +259,25 @@ def _rod(config: SoftArmPlant) -> Rod:
         shear_n=config.axial_stiffness_n / 3.0,
         axial_n=config.axial_stiffness_n,
     )
-    half, third = 0.5 * config.length_mm, 2.0 * np.pi / 3.0
-    chambers = [
-        helix(config.chamber_radius_mm, turn + third * index, start, start + half, chamber=True)
-        for turn, start in ((0.0, 0.0), (config.distal_rotation_rad, half))
-        for index in range(CHAMBERS // 2)
-    ]
+    chambers, start = list[Route](), 0.0
+    for segment in config.segments:
+        end, apart = start + segment.length_mm, 2.0 * np.pi / segment.chambers
+        turns = [segment.rotation_rad + apart * index for index in range(segment.chambers)]
+        radius = config.chamber_radius_mm
+        chambers += [helix(radius, turn, start, end, chamber=True) for turn in turns]
+        start = end
     return Rod(config.length_mm, section, chambers, INTERVALS)
 
 
 def _sliders(config: SoftArmPlant, length_mm: FloatArray) -> StopOperators:
-    """Sliders at rest. Three springs k at 120° resist a segment's bending like 3/2 k r²."""
-    bending = config.bending_stiffness_n_mm2 / (0.5 * config.length_mm)
-    stiffness = config.hysteresis * bending / (1.5 * config.chamber_radius_mm**2)
+    """Sliders at rest. n springs k, evenly round, resist a segment's bending like n/2 k r²."""
+    stiffness = list[float]()
+    for segment in config.segments:
+        bending = config.bending_stiffness_n_mm2 / segment.length_mm
+        springs = 0.5 * segment.chambers * config.chamber_radius_mm**2
+        stiffness += [config.hysteresis * bending / springs] * segment.chambers
     return StopOperators(
-        np.full((CHAMBERS, SLIDERS), stiffness / SLIDERS),
+        np.repeat(np.array(stiffness)[:, None] / SLIDERS, SLIDERS, axis=1),
         config.hysteresis_reach_mm * np.arange(1, SLIDERS + 1) / SLIDERS,
         np.repeat(length_mm[:, None], SLIDERS, axis=1),
     )

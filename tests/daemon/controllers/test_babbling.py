@@ -96,3 +96,24 @@ def test_where_nothing_near_is_inside_it_stays() -> None:
     axes = AxisRanges.of(robot)
     options = MotorBabbling(reach_share=0.001, duration_s=10.0)
     np.testing.assert_array_equal(Babbling(options, axes, seed=1)._draw(outside), outside)
+
+
+def test_tendons_do_not_pull_all_together() -> None:
+    """That would tear them, or let them hang loose: 8 N for a millimetre, and 4 N to begin with."""
+    robot = load_robot(SHIPPED_ROBOTS / "three_tendon_arm.yaml").robot
+    axes = AxisRanges.of(robot)
+    babbling, u = Babbling(OPTIONS, axes, seed=1), np.zeros(3)
+    babbling.reset()
+    places = []
+    for _ in range(300):
+        u = u + babbling.propose(at(u))
+        places.append(u)
+    assert np.abs(np.mean(places, axis=1)).max() < 0.05
+    assert (np.ptp(places, axis=0) > 0.8).all()
+    apart = axes.less_together(np.array([3.0, 0.0, 0.0]), 0.5)
+    np.testing.assert_allclose(apart, [2.5, -0.5, -0.5])
+
+
+def test_pistons_do_as_they_like() -> None:
+    motion = np.arange(6.0)
+    np.testing.assert_array_equal(AXES.less_together(motion, 0.0), motion)

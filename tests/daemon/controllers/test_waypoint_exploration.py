@@ -215,3 +215,15 @@ def test_waypoints_and_the_ways_between_keep_to_coupled_limits() -> None:
         exploration._start = goal
     exploration._start = np.array([0.0, 0.0, np.pi, 9.9, -43.4])
     np.testing.assert_array_equal(exploration._draw(), exploration._start)  # no way out of there
+
+
+def test_waypoints_of_tendons_bend_the_arm_and_do_not_tear_it() -> None:
+    robot = load_robot(SHIPPED_ROBOTS / "three_tendon_arm.yaml").robot
+    exploration = controller(robot=robot)
+    exploration._start = np.zeros(3)
+    goals = np.array([exploration._draw() for _ in range(100)])
+    assert np.abs(goals.mean(axis=1)).max() < 0.5
+    assert (np.ptp(goals, axis=0) > 12.0).all()
+    free = controller(robot=robot, together_share=1.0)
+    free._start = np.zeros(3)
+    assert np.abs([free._draw().mean() for _ in range(100)]).max() > 3.0

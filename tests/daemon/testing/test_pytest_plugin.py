@@ -102,6 +102,34 @@ def test_seeds_and_bodies_come_from_the_marker_and_the_options(suite: pytest.Pyt
     assert names.count("test_many[") == 3
 
 
+def test_names_that_are_somebody_elses_stay_theirs(suite: pytest.Pytester) -> None:
+    """`seed` and `plant` are common names: only a marker or a lab makes them ours."""
+    suite.makepyfile(
+        test_theirs="""
+        import pytest
+
+        @pytest.fixture
+        def seed():
+            return "of a flower"
+
+        def test_a_fixture(seed):
+            assert seed == "of a flower"
+
+        @pytest.mark.parametrize(["plant", "pot"], [("rose", 1), ("lily", 2)])
+        def test_a_list_of_names(lab, plant, pot):
+            assert plant in ("rose", "lily")
+
+        @pytest.mark.parametrize(("seed"), [7])
+        @pytest.mark.tentacled_seeds(3)
+        def test_its_own_values(seed):
+            assert seed == 7
+        """
+    )
+    suite.makepyfile(test_ours="def test_without_a_marker(seed, plant):\n    assert (seed, plant) == (1, 0)")
+    run(suite, "test_theirs.py", "test_ours.py").assert_outcomes(passed=5)
+    run(suite, "test_theirs.py", "--tentacled-seeds", "4").assert_outcomes(passed=4)
+
+
 def test_a_real_robot_is_never_moved_by_accident(suite: pytest.Pytester) -> None:
     robot = Path(__file__).parents[3] / "config" / "robots" / "soft_arm.yaml"
     for words, why in (
