@@ -150,7 +150,10 @@ def variation(plant: SoftArmPlant, seed: int) -> SoftArmPlant:
                 segment.model_copy(update={"rotation_rad": segment.rotation_rad + off})
                 for segment, off in zip(
                     plant.segments,
-                    [0.0, *generator.uniform(-_ROTATION_RAD, _ROTATION_RAD, len(plant.segments) - 1)],
+                    [
+                        0.0,
+                        *generator.uniform(-_ROTATION_RAD, _ROTATION_RAD, len(plant.segments) - 1),
+                    ],
                     strict=True,
                 )
             ),

@@ -50,8 +50,6 @@ def test_ratios_that_are_given_must_be_one_for_each_chamber() -> None:
         ("length_mm: 100.0, ", "", "emulation.plant.segments[0].length_mm: this key is required"),
     ],
 )
-def test_a_mistake_is_told_at_its_place(
-    old: str, new: str, told: str, tmp_path: Path
-) -> None:
+def test_a_mistake_is_told_at_its_place(old: str, new: str, told: str, tmp_path: Path) -> None:
     problems = problems_of(tmp_path, ONE_SEGMENT, (old, new))
     assert any(told in problem for problem in problems), problems

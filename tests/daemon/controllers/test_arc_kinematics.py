@@ -184,7 +184,9 @@ def changed_axes(axes: list[Any]) -> Robot:
 
 def test_a_robot_that_is_no_such_arm_is_refused() -> None:
     options = ConstantCurvature(kind="constant_curvature")
-    with pytest.raises(ControllerError, match=r"for 6 chambers \(2 in segment_length_mm\), and soft_arm has 5 axes"):
+    with pytest.raises(
+        ControllerError, match=r"for 6 chambers \(2 in segment_length_mm\), and soft_arm has 5 axes"
+    ):
         ConstantCurvatureController(options, changed_axes(ROBOT.axes[:5]))
     bare = [axis.model_copy(update={"bore_mm": None}) for axis in ROBOT.axes]
     with pytest.raises(ControllerError, match="proximal_1 is none"):

@@ -125,7 +125,9 @@ def test_names_that_are_somebody_elses_stay_theirs(suite: pytest.Pytester) -> No
             assert seed == 7
         """
     )
-    suite.makepyfile(test_ours="def test_without_a_marker(seed, plant):\n    assert (seed, plant) == (1, 0)")
+    suite.makepyfile(
+        test_ours="def test_without_a_marker(seed, plant):\n    assert (seed, plant) == (1, 0)"
+    )
     run(suite, "test_theirs.py", "test_ours.py").assert_outcomes(passed=5)
     run(suite, "test_theirs.py", "--tentacled-seeds", "4").assert_outcomes(passed=4)
 
