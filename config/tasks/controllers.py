@@ -138,8 +138,8 @@ class GasChambers(ConfigModel):
 
 
 class ConstantCurvature(TipFollowing):
-    """Segments in series of three chambers each, all bent to circular arcs. Axes: chambers 1 to 3 of
-    each, from the base on. The base frame's z axis points along the straight arm."""
+    """Segments in series of three chambers each, all bent to circular arcs. Axes: chambers 1 to 3
+    of each, from the base on. The base frame's z axis points along the straight arm."""
 
     kind: Literal["constant_curvature"]
 

@@ -1,5 +1,5 @@
-"""Bodies that are described by their robot files alone: they follow their circles, and go round what
-is in their way, in virtual time."""
+"""Bodies that are described by their files alone: they follow their circles, and go round what is
+in their way, in virtual time."""
 
 from collections.abc import Callable
 from typing import Final
