@@ -202,6 +202,11 @@ class Cause(CauseRow):
         "look for what the body touches; take off what hangs at the tip, or train a model with it"
         " and declare it as risk.tip_load_g; then resume",
     )
+    BODY_FAILED = (
+        "body_failed", _H, 0.0, _RESUME,
+        "the package that the emulated body comes from gave no body: it stays as it was",
+        "see the detail, which names it; repair it or take another plant, then resume",
+    )
     GATE_REFUSED = (
         "gate_refused", _H, 1.0, _RESUME,
         "the limits leave nothing of what the controller asks for",

@@ -201,7 +201,7 @@ def _load(entry: Entry) -> Kind:
         raise KindError(f"{entry}: several packages have one of this name; uninstall the others")
     try:
         kind = entry.points[0].load()
-    except Exception as error:  # whatever a package does as it is imported
+    except (Exception, SystemExit) as error:  # whatever a package does as it is imported
         raise KindError(f"{entry} cannot be imported: {described(error)}") from error
     if not isinstance(kind, Kind):
         raise KindError(f"{entry}: {entry.points[0].value} is no Kind, but {kind!r:.60}")
@@ -221,7 +221,7 @@ def _function(entry: Entry, reference: str) -> Callable[..., Any]:
     module, _, name = str(reference).partition(":")
     try:
         function = getattr(import_module(module), name)
-    except Exception as error:  # as above
+    except (Exception, SystemExit) as error:  # as above
         raise KindError(f"{entry} cannot be imported: {described(error)}") from error
     if not callable(function):
         raise KindError(f"{entry}: {reference} cannot be called")

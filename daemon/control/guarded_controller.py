@@ -160,7 +160,7 @@ class GuardedController:
             controller = make()
         except ControllerError as error:
             raise ControllerError(f"{whose}: {error}") from None
-        except Exception as error:  # whatever a package does
+        except (Exception, SystemExit) as error:  # whatever a package does
             raise ControllerError(f"{whose} cannot be made: {described(error)}") from error
         missing = [one for one in _METHODS if not callable(getattr(controller, one, None))]
         if missing:

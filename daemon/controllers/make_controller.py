@@ -35,7 +35,7 @@ def import_all() -> list[str]:
     for name, entry in entries(CONTROLLERS).items():
         try:
             import_module(kind_of(CONTROLLERS, name).make.partition(":")[0])
-        except Exception as error:
+        except (Exception, SystemExit) as error:  # whatever a package does
             if entry.shipped:
                 raise
             told = isinstance(error, KindError)

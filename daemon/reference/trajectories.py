@@ -334,7 +334,7 @@ def sampled(entry: Entry, make: Callable[[], object], options: Pointed) -> tuple
         times = np.union1d(np.linspace(0.0, lasts_s, count + 1), inner)
         path = _cubics(times, cycle.at)
         pointing = None if cycle.pointing is None else _cubics(times, cycle.pointing, unit=True)
-    except Exception as error:  # whatever a package does
+    except (Exception, SystemExit) as error:  # whatever a package does
         raise KindError(f"{entry} failed: {described(error)}") from error
     return Cycle(path, corners, pointing), lasts_s
 

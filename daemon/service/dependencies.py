@@ -66,6 +66,8 @@ class Dependencies:
     runs: Path | None = None
     """Where recordings will go; None: nobody minds how much room there is."""
     subscribers: Subscribers = field(default_factory=Subscribers)
+    body_failing: Callable[[], str] = lambda: ""
+    """What the package that an emulated body comes from does wrong; empty: nothing. Never waits."""
     good_cycle: Callable[[int], None] = lambda _: None
     """Called with the time after every bus cycle that was supervised and found sound. Never waits.
     """

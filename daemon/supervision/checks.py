@@ -69,6 +69,8 @@ class Watched:
     tip_age_s: float | None = None
     """Since the last believed measurement; None: there was none yet."""
     tip_quality: float = 0.0
+    body_failing: str = ""
+    """What the package that an emulated body comes from does wrong; empty: nothing."""
     outside_workspace: bool = False
     """Whether the tip is where no reference may lead it."""
     targets: Sequence[int] = ()
@@ -181,6 +183,8 @@ class Checks:
         self._set(Cause.TRACKER_LATE, expected and late, t_ns, "tip")
         self._set(Cause.TRACKER_GONE, energised and gone, t_ns, "tip")
         self._set(Cause.TRACKER_QUALITY, expected and poor, t_ns, "tip")
+        failing = watched.body_failing
+        self._set(Cause.BODY_FAILED, bool(failing), t_ns, "body", failing)
 
     def _check_drives(self, t_ns: int) -> None:
         enabled = self._power.phase is PowerPhase.ENABLED

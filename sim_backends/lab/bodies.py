@@ -6,7 +6,14 @@ from config.documents.kinds import PLANTS, KindError, described, entry_of, maker
 from config.emulation import ConcentricTubesPlant, Emulation, SoftArmPlant, TendonArmPlant
 from config.robot import Robot
 from sim_backends.plants.concentric.concentric_tubes import ConcentricTubes
-from sim_backends.plants.plant import BodyState, FloatArray, Plant, PlantError, TipLoad
+from sim_backends.plants.plant import (
+    BodyState,
+    FloatArray,
+    ForeignPlantError,
+    Plant,
+    PlantError,
+    TipLoad,
+)
 from sim_backends.plants.soft_arm.soft_arm import SoftArm
 from sim_backends.plants.tendon_arm.tendon_arm import TendonArm
 
@@ -27,7 +34,7 @@ def plant_of(emulation: Emulation, robot: Robot) -> Plant:
         return ours
     try:
         return GuardedPlant(str(entry), make(options, robot), len(robot.axes))
-    except Exception as error:  # whatever a package does
+    except (Exception, SystemExit) as error:  # whatever a package does
         raise LabError(f"{entry} cannot be made: {described(error)}") from error
 
 
@@ -89,7 +96,7 @@ def concentric_tubes(options: ConcentricTubesPlant, robot: Robot) -> Plant:
 
 
 class GuardedPlant:
-    """A `Plant` round one of a package: whatever that does wrong is a PlantError with its name."""
+    """A `Plant` round one of a package: what that does wrong is told with its name."""
 
     def __init__(self, whose: str, plant: Plant, axes: int) -> None:
         """whose: as errors call it. axes: m. Raises ValueError for another number of actuators."""
@@ -102,16 +109,16 @@ class GuardedPlant:
         """As `Plant` says."""
         try:
             self._plant.reset()
-        except Exception as error:  # whatever a package does
-            raise PlantError(f"{self._whose} failed: {described(error)}") from error
+        except (Exception, SystemExit) as error:  # whatever a package does
+            raise ForeignPlantError(f"{self._whose} failed: {described(error)}") from error
 
     def step(self, actuators: FloatArray, load: TipLoad, dt_s: float) -> BodyState:
         """As `Plant` says."""
         try:
             state = self._plant.step(actuators.copy(), load, dt_s)
             self._check(state)
-        except Exception as error:  # as above
-            raise PlantError(f"{self._whose} failed: {described(error)}") from error
+        except (Exception, SystemExit) as error:  # as above
+            raise ForeignPlantError(f"{self._whose} failed: {described(error)}") from error
         return state
 
     def _check(self, state: BodyState) -> None:

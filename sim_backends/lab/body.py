@@ -8,9 +8,18 @@ import numpy as np
 from config.axis import Axis
 from drivers.axis_scale import axis_scale
 from drivers.pose import Pose
-from sim_backends.plants.plant import BodyState, FloatArray, Plant, PlantError, TipLoad
+from sim_backends.plants.plant import (
+    BodyState,
+    FloatArray,
+    ForeignPlantError,
+    Plant,
+    PlantError,
+    TipLoad,
+)
 
 _SHORTEST_STEP_NS = 1_000_000
+_TOLD_FOR_NS = 500_000_000
+"""Whoever looks ten times a second sees a failure of a single step."""
 _AT_THE_BASE = Pose(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
 
 
@@ -69,6 +78,7 @@ class Body:
         ]
         self._play_began_ns = 0
         self._failures, self._last_failure = 0, ""
+        self._foreign, self._foreign_ns = "", 0
         self._t_ns = 0
         self._actuators = self._read_shafts()
         self._state = plant.step(self._actuators, load, 0.0)
@@ -91,6 +101,8 @@ class Body:
         except PlantError as error:
             self._failures += 1
             self._last_failure = str(error)
+            if isinstance(error, ForeignPlantError):
+                self._foreign, self._foreign_ns = str(error), t_ns
             if not self._failing:
                 self._tell(f"the body stays as it is: {error}")
             self._failing = True
@@ -100,6 +112,13 @@ class Body:
             self._shafts, self._state.actuator_forces, self._torque_per_force, strict=True
         ):
             shaft.set_load(float(force) * ratio)
+
+    @property
+    def failing(self) -> str:
+        """What a package's plant has just done that none may do; empty: nothing. That ours finds no
+        equilibrium belongs to bodies."""
+        recent = self._foreign and self._t_ns - self._foreign_ns < _TOLD_FOR_NS
+        return self._foreign if recent else ""
 
     @property
     def advanced_ns(self) -> int:

@@ -220,6 +220,7 @@ class LabPorts:
             "tip_load_g": self._lab.body.load.mass_g,
             "plant_failures": body.plant_failures,
             "last_plant_failure": body.last_failure,
+            "failing": self._lab.body.failing,
         }
 
     def _faults(self, request: Request) -> Mapping[str, Any]:

@@ -47,6 +47,10 @@ class PlantError(RuntimeError):
     """The body has no equilibrium that the plant can find. Says at which actuation and load."""
 
 
+class ForeignPlantError(PlantError):
+    """A plant of a package has done what none may do. Says whose it is."""
+
+
 class Plant(Protocol):
     """A body that actuators shape. It has memory: hysteresis, creep and lag need `dt_s`."""
 

@@ -64,6 +64,7 @@ NOT_FROM_OUTSIDE: Final = {
     "not_recorded": "tests/daemon/service/operation/test_run_recording.py kills each recorder",
     "disk_full": "nine tenths of what a robot asks for would have to be filled",
     "gate_refused": "trajectories out of reach are refused; a model asks for little beyond them",
+    "body_failed": "no shipped plant does that: tests/hil/test_foreign_plant.py has one that does",
     "controller_failed": "no shipped controller fails on what can be asked of it from outside",
     "tip_jumped": "the soft arm does not snap: tests/hil/test_concentric_tubes.py has it",
     "tracking_diverges": "a controller that is wired wrongly: tests/daemon/service",

@@ -107,7 +107,7 @@ async def _serve(
     stop, clock, manager = StopSignals(), MonotonicClock(), ServiceManager()
     robot = checked.file.robot
     directory = arguments.runtime_dir or default_runtime_directory(robot.robot)
-    simulated = uses_lab(robot)
+    simulated, truth = uses_lab(robot), LabBody(directory)
     dependencies = Dependencies(
         RealConnections(clock),
         clock,
@@ -116,6 +116,7 @@ async def _serve(
         simulated,
         None if arguments.no_real_time else RealTime(),
         runs=arguments.runs,
+        body_failing=truth.failing,
         good_cycle=manager.good_cycle,
     )
     if dependencies.real_time is not None:
@@ -145,7 +146,6 @@ async def _serve(
     lab = LabListener(
         directory, lambda what: service.events.tell("note", "happening", what, subject="lab")
     )
-    truth = LabBody(directory)
     await server.open()
     dependencies.subscribers.add(server.publish)
     if tell_event is not None:

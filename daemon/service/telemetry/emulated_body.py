@@ -21,6 +21,7 @@ class LabBody:
         self._directory = directory
         self._ended = Event()
         self._newest: Body | None = None
+        self._failing = ""
 
     def start(self) -> None:
         Thread(target=self._listen, name="emulated body", daemon=True).start()
@@ -32,12 +33,17 @@ class LabBody:
         """What the lab has told last; None: it tells nothing at the moment."""
         return self._newest
 
+    def failing(self) -> str:
+        """What the package that the body comes from does wrong; empty: nothing, or nobody tells."""
+        return self._failing
+
     def _listen(self) -> None:
         while not self._ended.wait(_ASKS_EACH_S):
             try:
-                self._newest = told_body(ask(self._directory, {"do": "state"}))
+                told = ask(self._directory, {"do": "state"})
+                self._newest, self._failing = told_body(told), str(told.get("failing", ""))
             except (LabUnreachableError, LabRefusedError, ValueError):
-                self._newest = None
+                self._newest, self._failing = None, ""
 
 
 def told_body(told: Mapping[str, Any]) -> Body | None:

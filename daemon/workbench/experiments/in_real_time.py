@@ -17,6 +17,7 @@ from daemon.robot.connections import RealConnections
 from daemon.robot.lab_connections import LabRefusedError, LabUnreachableError, ask
 from daemon.robot.runtime_directory import with_lab_ports
 from daemon.service.dependencies import Dependencies
+from daemon.service.telemetry.emulated_body import LabBody
 from daemon.workbench.experiments.carry_out import carry_out
 from daemon.workbench.experiments.experiment_file import ExperimentFile
 from daemon.workbench.experiments.risk import risk_source_of
@@ -104,8 +105,15 @@ async def _carry_out(
     warm_up()
     real_time.prepare()
     risk = risk_source_of(file, clock)
+    truth = LabBody(directory)
     dependencies = Dependencies(
-        RealConnections(clock), clock, FlightRecorder(), risk, True, real_time
+        RealConnections(clock),
+        clock,
+        FlightRecorder(),
+        risk,
+        True,
+        real_time,
+        body_failing=truth.failing,
     )
 
     def describe() -> Path:
@@ -117,4 +125,8 @@ async def _carry_out(
 
     robot, lab = with_lab_ports(file.robot, directory), _RunningLab(directory, tell)
     check_buses_are_free(robot.buses.values())
-    await carry_out(file, robot, dependencies, make_folder, lab, None, seed, tell, progress)
+    truth.start()
+    try:
+        await carry_out(file, robot, dependencies, make_folder, lab, None, seed, tell, progress)
+    finally:
+        truth.end()

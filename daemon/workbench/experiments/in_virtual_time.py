@@ -93,4 +93,5 @@ def _dependencies(file: ExperimentFile, lab: Lab, clock: WallClock, seed: int) -
         risk_source_of(file, clock),
         simulated=True,
         new_token=lambda: f"{random.getrandbits(128):032x}",
+        body_failing=lambda: lab.body.failing,
     )

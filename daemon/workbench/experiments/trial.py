@@ -81,9 +81,9 @@ class Trial:
         except CommandRefusedError as refused:
             raise TrialError(refused.text) from None
         except TimeoutError:
-            raise TrialError(
-                f"the trajectory was not finished within {self._experiment.longest_s:g} s"
-            ) from None
+            late = f"the trajectory was not finished within {self._experiment.longest_s:g} s"
+            held = "" if self._service.supervisor.running else f": {self._why()}"
+            raise TrialError(late + held) from None
         finally:
             renewing.cancel()
             await asyncio.gather(renewing, return_exceptions=True)
