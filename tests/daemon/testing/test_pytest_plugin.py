@@ -195,3 +195,46 @@ def test_a_run_that_does_not_come_to_its_end_fails_with_the_reason(
     result = run(suite, "test_lost.py")
     result.assert_outcomes(passed=2, failed=1)
     assert "did not come to its end: the robot is fault" in result.stdout.str()
+
+
+@pytest.mark.long
+@pytest.mark.hil
+@pytest.mark.parametrize("workers", [(), ("-n", "2")], ids=["alone", "two workers"])
+def test_a_live_lab_has_processes_of_its_own_and_real_time(
+    suite: pytest.Pytester, workers: tuple[str, ...]
+) -> None:
+    """Each of two tests has its own; the one that fails is explained, and its run is kept."""
+    suite.makepyfile(
+        test_live="""
+        import time
+
+        import pytest
+
+        PATIENT = {"longest_s": 60.0}
+
+        def test_in_real_time(live_lab):
+            began_s = time.monotonic()
+            result = live_lab.run("short.yaml", **PATIENT)
+            assert time.monotonic() - began_s > 4.0
+            assert result.final_state in ("standby", "ready")
+            assert result.cycle(1).mean_mm < 5.0
+            with pytest.raises(LookupError):
+                result.true_cycle(1)
+
+        def test_too_good_again(live_lab):
+            assert live_lab.run("short.yaml", **PATIENT).cycle(1).mean_mm < 0.001
+        """
+    )
+    artifacts, junit = suite.path / "kept", suite.path / "junit.xml"
+    words = ("--tentacled-artifacts", str(artifacts), f"--junitxml={junit}", "test_live.py")
+    result = run(suite, *workers, *words)
+    result.assert_outcomes(passed=1, failed=1)
+    told = result.stdout.str()
+    assert "= cycle 1 of run-0: mean " in told
+    assert f"kept in {artifacts}" in told
+    (kept,) = artifacts.iterdir()
+    assert "test_too_good_again" in kept.name
+    left = {path.name for path in (kept / "run-0").iterdir()}
+    assert {"result.json", "report.html"} <= left
+    names = {one.attrib["name"] for one in ET.parse(junit).getroot().iter("property")}
+    assert "tentacled.run-0.cycle_1.mean_mm" in names

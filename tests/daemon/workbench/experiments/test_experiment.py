@@ -1,6 +1,7 @@
 """Experiments in virtual time: figures, recording, and the same bytes for the same seed."""
 
 import json
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -10,13 +11,13 @@ import pytest
 from config.documents.problems import ConfigError
 from daemon.messages import InternalError
 from daemon.recording.format.channels import TIP_POSE, TOPICS
-from daemon.recording.result import Result, read_result
+from daemon.recording.result import Result
 from daemon.recording.run_reader import RunReader
+from daemon.testing.labs import TestLab, TrackingFailed
 from daemon.workbench.experiments import in_virtual_time
 from daemon.workbench.experiments.experiment_file import load_experiment
 from daemon.workbench.experiments.in_virtual_time import carry_out_in_virtual_time
 from daemon.workbench.experiments.step_statistics import StepSeries
-from daemon.workbench.experiments.trial import TrialError
 from safety.risk_source import RiskReading
 from tests.daemon.recording.schemas import recording_contradictions
 
@@ -37,6 +38,14 @@ def carry_out(folder: Path, text: str = CIRCLE, seed: int = 1) -> Result:
     run = folder / "run"
     run.mkdir()
     return carry_out_in_virtual_time(load_experiment(path), seed, run, lambda _: None)
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    """The circle's."""
+    path = tmp_path / "circle.yaml"
+    path.write_text(CIRCLE)
+    return path
 
 
 @pytest.fixture(scope="module")
@@ -104,28 +113,26 @@ def test_the_same_seed_gives_the_same_bytes_and_another_one_does_not(
     assert other != result.control_sha256
 
 
-def test_loads_and_faults_happen_and_the_motion_goes_on(tmp_path: Path) -> None:
-    text = CIRCLE + (
-        "happenings:\n"
-        "  - {at_s: 1.0, tip_load_g: 20.0, fill_g_s: 10.0}\n"
-        "  - {at_cycle: 1, inject: tracker.missing=0.5s}\n"
-    )
-    result = carry_out(tmp_path / "faults", text)
-    assert result.holds == 1
-    assert result.faults[0] == "tracker_late"
-    assert len(result.cycles) == 2
-    events = RunReader(tmp_path / "faults" / "run" / "run.mcap").messages(["/event"])
+def test_loads_and_faults_happen_and_the_motion_goes_on(lab: TestLab, file: Path) -> None:
+    happenings = [
+        {"at_s": 1.0, "tip_load_g": 20.0, "fill_g_s": 10.0},
+        {"at_cycle": 1, "inject": "tracker.missing=0.5s"},
+    ]
+    run = lab.run(file, happenings=happenings)
+    assert run.holds == 1
+    assert run.faults[0] == "tracker_late"
+    assert run.cycle(2).samples > 0
+    events = RunReader(run.folder / "run.mcap").messages(["/event"])
     told = [json.loads(event.data)["text"] for event in events]
     assert "tip load filled up to 20 g at 10 g/s" in told
     assert "tracker.missing=0.5s" in told
 
 
-def test_a_run_that_is_given_up_leaves_what_it_has_seen(tmp_path: Path) -> None:
-    text = CIRCLE + "happenings: [{at_s: 5.0, inject: drive.can0/2.power_cycle=1s}]\n"
-    with pytest.raises(TrialError, match="the robot is fault"):
-        carry_out(tmp_path / "broken", text)
-    result = read_result(tmp_path / "broken" / "run")
-    assert result is not None
+def test_a_run_that_is_given_up_leaves_what_it_has_seen(lab: TestLab, file: Path) -> None:
+    happenings = [{"at_s": 5.0, "inject": "drive.can0/2.power_cycle=1s"}]
+    with pytest.raises(TrackingFailed, match="the robot is fault"):
+        lab.run(file, happenings=happenings)
+    (result,) = [run.result for run in lab.runs]
     assert [row.cycle for row in result.cycles] == [row.cycle for row in result.true_cycles]
     assert result.cycles[0].samples == pytest.approx(160, abs=3)
     assert result.faults[0] == "node_lost", result.faults
@@ -145,14 +152,12 @@ class Wall:
 
 
 def test_who_is_held_again_and_again_gives_up_and_says_why(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    lab: TestLab, file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(in_virtual_time, "risk_source_of", lambda file, clock: Wall())
-    with pytest.raises(TrialError, match=r"held again and again, .*risk_too_high .*a wall"):
-        carry_out(tmp_path / "stuck")
-    result = read_result(tmp_path / "stuck" / "run")
-    assert result is not None
-    assert result.holds > 10
+    run = lab.run(file, may_end_early=True)
+    assert re.search(r"held again and again, .*risk_too_high .*a wall", run.problem)
+    assert run.holds > 10
 
 
 def test_another_plant_is_another_body(circle: tuple[Result, Path], tmp_path: Path) -> None:
@@ -160,9 +165,11 @@ def test_another_plant_is_another_body(circle: tuple[Result, Path], tmp_path: Pa
     assert carry_out(tmp_path / "stiff", text).control_sha256 != circle[0].control_sha256
 
 
-def test_what_cannot_be_reached_ends_the_experiment_with_the_reason(tmp_path: Path) -> None:
+def test_what_cannot_be_reached_ends_the_experiment_with_the_reason(
+    lab: TestLab, file: Path
+) -> None:
     with pytest.raises(ConfigError, match="beyond the workspace's x_mm"):
-        carry_out(tmp_path / "far", CIRCLE.replace("radius_mm: 8", "radius_mm: 95"))
+        lab.run(file, trajectory={"radius_mm": 95.0})
 
 
 @pytest.mark.parametrize(
