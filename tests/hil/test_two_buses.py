@@ -49,7 +49,6 @@ def test_it_is_homed_follows_a_circle_and_stops_on_both_buses() -> None:
             one.user.do(one.client.start())
             one.until(lambda: moves(one), MOVES_WITHIN_S)
             assert one.energised
-            assert {bus.name for bus in one.status().buses} == set(NODES)
             one.user.do(one.client.stop())
             one.until_without_torque()
             there = one.actuators()

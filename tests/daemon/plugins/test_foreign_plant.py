@@ -96,7 +96,7 @@ def test_the_robot_holds_and_goes_on_when_it_is_repaired(
         broken.unlink()
         await asyncio.sleep(1.0)
         await rig.do(Resume)
-        assert rig.state is OperatingState.RUNNING
+        assert rig.in_state(OperatingState.RUNNING)
 
     with installed(site):
         on_a_rig(story, path=path)

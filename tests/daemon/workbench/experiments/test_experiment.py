@@ -4,6 +4,7 @@ import json
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -114,7 +115,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_one_does_not(
 
 
 def test_loads_and_faults_happen_and_the_motion_goes_on(lab: TestLab, file: Path) -> None:
-    happenings = [
+    happenings: list[dict[str, Any]] = [
         {"at_s": 1.0, "tip_load_g": 20.0, "fill_g_s": 10.0},
         {"at_cycle": 1, "inject": "tracker.missing=0.5s"},
     ]
