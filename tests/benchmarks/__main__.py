@@ -33,6 +33,7 @@ PARTS: Final = (
     "recording",
     "remote",
     "risk",
+    "start_up",
     "tendon_arm",
 )
 PLOTTED: Final = ("local_controllers", "risk")

@@ -217,7 +217,7 @@ def _failed(name: str, error: BaseException) -> int:
 
 def parsed(words: Sequence[str]) -> argparse.Namespace:
     """What the words after `tentacled` ask for. Explains wrong usage, and ends the process."""
-    wanted = next((word for word in words if not word.startswith("-")), None)
+    wanted = next((word for word in words if not word.startswith("-")), "")
     parser = command_parser(only=wanted)
     if not words:
         parser.print_help(sys.stderr)
