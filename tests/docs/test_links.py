@@ -1,9 +1,11 @@
 """Links between the pages lead to files and headings that are there."""
 
 import re
+from importlib.util import find_spec
 
 import pytest
 
+from tests.benchmarks.__main__ import PARTS
 from tests.docs.blocks import ROOT, pages, text_of
 
 
@@ -36,3 +38,14 @@ def test_every_page_is_listed() -> None:
     there_are = {page.removeprefix("docs/") for page in pages()} - {"README.md", "index.md"}
     assert set(listed) == there_are
     assert len(listed) == len(set(listed))
+
+
+@pytest.mark.parametrize("page", [page for page in pages() if "/reference/" not in page])
+def test_files_and_programs_that_are_named_are_there(page: str) -> None:
+    folders = "config|safety|drivers|sim_backends|daemon|tests|docs"
+    for name in re.findall(rf"`((?:{folders})/[\w./-]*)`", text_of(page)):
+        assert (ROOT / name).exists(), name
+    for module, words in re.findall(r"python -m (tests[\w.]*)((?: [a-z]\w*)*)", text_of(page)):
+        assert find_spec(module) is not None, module
+        if module == "tests.benchmarks":
+            assert set(words.split()) <= set(PARTS), words
