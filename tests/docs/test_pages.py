@@ -1,13 +1,14 @@
 """What the pages say is done, in an empty folder, with the installed wheel."""
 
 import ast
+import re
 import tomllib
 from pathlib import Path
 
 import pytest
 import yaml
 
-from tests.docs.blocks import MARKS, blocks_of, pages
+from tests.docs.blocks import MARKS, blocks_of, pages, prose_of, text_of
 from tests.docs.running import reader, runnable
 from tests.installed_wheel import installed_wheel
 
@@ -63,3 +64,13 @@ def test_a_page_can_be_followed(page: str, programs: Path) -> None:
     with reader(programs) as somebody:
         for block in runnable(blocks_of(page), long=True):
             somebody.reads(block)
+
+
+def test_a_rig_begins_with_its_emergency_stop_circuit_and_no_stop_of_ours_is_called_one() -> None:
+    titles = [line for line in text_of("docs/bring-up.md").splitlines() if line.startswith("## ")]
+    assert "emergency stop circuit" in titles[0]
+    for page in ("README.md", "docs/bring-up.md", "docs/limits.md", "docs/operate.md"):
+        assert re.search(r"(?i)no\b[* ]+emergency stop circuit", prose_of(page)), page
+    for page in PAGES:
+        for words in re.findall(r"(?i)[\w* ]*emergency stop(?! circuit)[\w ]*", prose_of(page)):
+            assert "press" in words.lower() or "hand on" in words.lower(), f"{page}: {words}"
