@@ -81,6 +81,7 @@ experiments: $(DEVELOPMENT)
 		--model config/models/$$robot.npz --out runs/calibrated/$$robot || exit 1; done
 	@$(BIN)/tentacled reproduce ho2018 --out runs/ho2018
 	@$(BIN)/tentacled compare --out runs/compared
+	@$(BIN)/python -m tests.docs
 
 mutation: $(DEVELOPMENT)
 	@nice -n 19 $(BIN)/python -m tests.mutation

@@ -5,10 +5,10 @@ reader sees it too:
 
 - `# on a rig`, `# as root`, `# from a checkout`: not run, only understood;
 - `# in terminals of their own`: each line is started, and runs until the page has ended;
-- `# takes minutes`: run by `make hil`, as the shorter ones are;
+- `# takes minutes`: run by `make experiments` alone (`python -m tests.docs PAGE`);
 - `# takes hours`: not run. What is typed to try it, on the same page, is smaller and is run.
 
-Every other block is run to its end, one after the other, in one folder for each page.
+Every other block is run to its end by `make hil`, in its order, in one folder for each page.
 """
 
 import re
