@@ -28,6 +28,7 @@ from daemon.commands.outcome.result import (
     telling_json,
 )
 from daemon.host.real_time import imported_for_good
+from daemon.host.writable_places import ensure_writable_places
 
 if TYPE_CHECKING:
     from daemon.host.processes import Share
@@ -192,6 +193,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     # To look through all there is for garbage as the process ends would take tenths of a second.
     atexit.register(gc.freeze)
     words = list(sys.argv[1:] if argv is None else argv)
+    ensure_writable_places()
     with only_json_on_stdout() if _wants_json(words) else nullcontext():
         arguments = parsed(words)
         name = name_of(arguments)
