@@ -33,8 +33,8 @@ class ForwardJacobianController(LearningController):
 
     def _follow(self, observation: Observation) -> Proposal:
         jacobian = self._jacobian.at(observation.tip_mm, observation.u)
-        tip_step = self._follower.tip_step(observation)
-        return Proposal(self._follower.axis_step(jacobian, tip_step, observation))
+        step, jacobian = self._task(observation, jacobian)
+        return Proposal(self._follower.axis_step(jacobian, step, observation))
 
     def _work_in(self, sample: MotionSample) -> None:
         self._jacobian.learn(sample)

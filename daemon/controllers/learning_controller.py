@@ -1,6 +1,7 @@
 """What controllers have in common that learn: a start, samples, a Jacobian, and files.
 
-Without a model the first motions are babbling, from which the Jacobian is fitted. Samples are
+Without a model the first motions are babbling, from which the Jacobian is fitted; where the tip
+shall point somewhere as well, what turns it is found in such motions with a model, too. Samples are
 worked in when there is time, not in the step that completes them.
 """
 
@@ -18,9 +19,10 @@ from config.tasks.exploration import MotorBabbling
 from daemon.array_files import Arrays, ModelError
 from daemon.control.body_lag import LaggedAxes
 from daemon.control.controller import ControllerError, Observation, Proposal
+from daemon.control.task import POSITION, points
 from daemon.control.tip_following import TipFollower, step_time
 from daemon.controllers.learning_file import LearntFile, load_learnt, save_learnt
-from daemon.controllers.learnt_jacobian import LearntJacobian
+from daemon.controllers.learnt_jacobian import LearntJacobian, PointingJacobian
 from daemon.controllers.waypoint_exploration import WaypointWalk
 from daemon.learning.forward.pretrained_model import PretrainedModel
 from daemon.learning.samples.motion import MotionSample
@@ -175,6 +177,7 @@ class LearningController(ABC):
     """A `Controller` but for what it does with its samples and its Jacobian."""
 
     name: str
+    steers_direction = True
 
     def __init__(self, options: Learner, robot: Robot, seed: int) -> None:
         """Raises ControllerError for a model that cannot be loaded."""
@@ -183,6 +186,10 @@ class LearningController(ABC):
         self._follower = TipFollower(options, robot)
         self._range = self._follower.axes.scale
         self._jacobian = LearntJacobian(options, self._range)
+        self._pointing = PointingJacobian(options, self._range)
+        self._points = False
+        """Whether the reference says where to point."""
+        self._seed = seed
         self._babbling = Babbling(options.babbling, self._follower.axes, seed)
         self._babbled: list[MotionSample] = []
         self._model: PretrainedModel | None = None
@@ -196,7 +203,7 @@ class LearningController(ABC):
 
     @property
     def ready(self) -> bool:
-        return self._jacobian.known
+        return self._jacobian.known and (self._pointing.known or not self._points)
 
     @property
     def doubted(self) -> int:
@@ -214,6 +221,10 @@ class LearningController(ABC):
     def reset(self, observation: Observation) -> None:
         self._samples.break_off()
         self._axes.break_off()
+        self._pointing.break_off()
+        self._points = self.steers_direction and points(observation)
+        if self._babbling.done and not self.ready:
+            self._babbling = Babbling(self._options.babbling, self._follower.axes, self._seed)
         self._babbling.reset()
         before = self._follower.posture
         self._follower.reset(observation)
@@ -221,14 +232,16 @@ class LearningController(ABC):
             self._posture_changed()
 
     def observe(self, observation: Observation) -> None:
-        if not self._options.learning:
+        if self.ready and not self._options.learning:
             return
         if self._options.lead and observation.believed:
             lag_s = self._follower.lag.lag_s
             shown = self._axes.after(observation.t_ns * 1e-9, observation.u, lag_s)
             observation = observation._replace(u=shown)
+        if self._points and observation.believed:
+            self._pointing.observe(observation)
         sample = self._samples.add(observation)
-        if sample is None:
+        if sample is None or not self._options.learning:
             return
         if not self._jacobian.known:
             self._babbled.append(sample)
@@ -238,7 +251,7 @@ class LearningController(ABC):
             self._work_in(self._waiting.popleft())
 
     def propose(self, observation: Observation) -> Proposal:
-        if self._jacobian.known:
+        if self.ready:
             return self._follow(observation)
         if self._babbling.done:
             self._end_babbling()
@@ -257,7 +270,8 @@ class LearningController(ABC):
             raise ModelError("there is nothing to save: nothing is learnt yet")
         while self._waiting:
             self._work_in(self._waiting.popleft())
-        arrays = {**self._jacobian.to_arrays(), **self._learnt_arrays()}
+        known = {**self._jacobian.to_arrays(), **self._pointing.to_arrays()}
+        arrays = {**known, **self._learnt_arrays()}
         model, forward = self._model, self._jacobian.forward
         if model is not None and forward is not None:
             model = replace(model, lwpr=forward)
@@ -303,6 +317,14 @@ class LearningController(ABC):
 
     # Parts of the above.
 
+    def _task(self, observation: Observation, jacobian: Vector) -> tuple[Vector, Vector]:
+        """(3,) mm that the tip shall move, and (3, m) `jacobian`; (6,) and (6, m) where it shall
+        turn as well."""
+        step, rows = self._follower.task_step(observation), self._pointing.rows
+        if len(step) == POSITION or rows is None:
+            return step[:POSITION], jacobian
+        return step, np.concatenate([jacobian, rows])
+
     def _load_first(self, path: Path) -> None:
         try:
             self.load(path)
@@ -313,11 +335,14 @@ class LearningController(ABC):
         jacobian = LearntJacobian(self._options, self._range)
         if loaded.model is not None:
             jacobian.begin(loaded.model.lwpr)
+        pointing = PointingJacobian(self._options, self._range)
         if loaded.arrays:
             jacobian.restore(loaded.arrays)
+            pointing.restore(loaded.arrays)
         if not jacobian.known:
             raise ValueError("it knows no Jacobian")
         self._adopt(loaded.model, jacobian, loaded.arrays)
+        self._pointing = pointing
 
     def _adopt(
         self, model: PretrainedModel | None, jacobian: LearntJacobian, learnt: Arrays
@@ -334,6 +359,10 @@ class LearningController(ABC):
 
     def _end_babbling(self) -> None:
         """Fit a Jacobian to what was seen. Raises ControllerError where it was too little."""
+        if self._points and not self._pointing.known:
+            self._pointing.begin()
+        if self._jacobian.known:
+            return
         babbled = self._babbled
         if len(babbled) < _SAMPLES_PER_AXIS * len(self._range):
             raise ControllerError(

@@ -10,6 +10,9 @@ know of drift and posture belongs to that length of time.
 Answers are trusted as far as fields are active and samples, imagined ones among them, speak about
 the motion that is wanted. For the rest the learnt Jacobian stands in, as in `forward_jacobian`; so
 it does for axes that have met a limit. There is no integrator that could wind up.
+
+Local controllers move the tip, and do not know where it points. Where it shall point somewhere, the
+step is the one nearest to theirs that moves it alike and turns it as well.
 """
 
 from collections import deque
@@ -22,6 +25,7 @@ from config.robot import Robot
 from config.tasks.controllers import RewardWeighted
 from daemon.array_files import Arrays
 from daemon.control.controller import Observation, Proposal
+from daemon.control.task import POSITION
 from daemon.control.tip_following import step_time
 from daemon.controllers.learning_controller import LearningController
 from daemon.controllers.learnt_jacobian import LearntJacobian
@@ -185,6 +189,7 @@ class RewardWeightedController(LearningController):
             options = options.model_copy(update=PAPER)
         self._law_options = options
         self._local: LocalControllers | GrowingControllers | None = None
+        self.steers_direction = options.fallback
         super().__init__(options, robot, seed)
 
     def _take_over(
@@ -208,7 +213,9 @@ class RewardWeightedController(LearningController):
 
     def _follow(self, observation: Observation) -> Proposal:
         follower, options = self._follower, self._law_options
-        tip_step = follower.tip_step(observation)
+        jacobian = self._jacobian.at(observation.tip_mm, observation.u)
+        task_step, task_jacobian = self._task(observation, jacobian)
+        tip_step = task_step[:POSITION]
         part = step_time(observation) / options.motion_s
         if not part > 0.0:
             return Proposal(np.zeros_like(observation.targets))
@@ -217,10 +224,11 @@ class RewardWeightedController(LearningController):
         if not options.fallback:
             return Proposal(follower.within_limits(local, observation), _note(command))
         trust = _trust(command)
-        jacobian = self._jacobian.at(observation.tip_mm, observation.u)
         near = trust * local + (1.0 - trust) * follower.drawn(observation)
         wanted = trust * (jacobian @ local) + (1.0 - trust) * tip_step
-        step = follower.axis_step(jacobian, wanted, observation, near)
+        if len(task_step) > POSITION:
+            wanted = np.concatenate([wanted, task_step[POSITION:]])
+        step = follower.axis_step(task_jacobian, wanted, observation, near)
         return Proposal(step, "" if trust > 0.0 else "follows by the forward model alone")
 
     def _command(self, tip_motion: Vector, observation: Observation) -> InverseAnswer:
