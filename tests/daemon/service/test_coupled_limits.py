@@ -5,10 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from config.robot import Robot
 from daemon.control.controller import Observation, Proposal
-from daemon.messages import Acquire, Hold, Home, Resume
+from daemon.messages import Acquire, Hold, Home, Resume, Stop
 from daemon.robot.axes import AxisRanges
 from daemon.robot.coordinates import Coordinates
 from drivers.pose import Vector
@@ -176,5 +177,92 @@ def test_a_base_roll_moves_all_rotations_in_the_same_cycles() -> None:
             apart = rotations - rotations[0]
             assert np.ptp(apart, axis=1).max() <= slack
             assert apart.max() > 40_000
+
+    on_a_rig(scene, path=TUBES)
+
+
+def quick_stop_ways() -> dict[str, float]:
+    """What each axis goes at the most while it stops by itself, mm or rad, by the file's words."""
+    axes = yaml.safe_load(TUBES.read_text())["axes"]
+    return {
+        axis["name"]: axis[f"max_velocity_{unit}_s"] ** 2
+        / (2.0 * axis[f"quick_stop_deceleration_{unit}_s2"])
+        for axis in axes
+        for unit in ("rad", "mm")
+        if f"max_velocity_{unit}_s" in axis
+    }  # fmt: skip
+
+
+def widened_by_quick_stops() -> tuple[OwnReading, dict[str, list[float]]]:
+    """The limits, each bound and each condition given way by what its axes go; and by how much."""
+    own, ways = OwnReading(TUBES), np.array(list(quick_stop_ways().values()))
+    given: dict[str, list[float]] = {}
+
+    def way(named: dict[str, float]) -> float:
+        ends = own.sum_of(named, np.eye(len(ways)) / own.units_per_count)
+        return float(np.abs(ends - own.sum_of(named, np.zeros((1, len(ways))))) @ ways)
+
+    for limit in own.limits:
+        conditions = limit.get("only_while", [])
+        given[limit["name"]] = [way(one["sum"]) for one in (limit, *conditions)]
+        limit["lowest_mm"] -= given[limit["name"]][0]
+        limit["highest_mm"] = limit.get("highest_mm", np.inf) + given[limit["name"]][0]
+        for condition in conditions:
+            condition["within_rad"] -= way(condition["sum"])
+    return own, given
+
+
+def test_what_quick_stops_go_is_less_than_what_the_limits_keep_free() -> None:
+    """Collars touch 0.5 mm beyond their limits; bodies 6 % off snap less than 0.9 rad from π."""
+    _, given = widened_by_quick_stops()
+    assert given["collar_clearance"] == [pytest.approx(0.125)]
+    assert given["snap_guard"] == [pytest.approx(0.125), pytest.approx(0.05), pytest.approx(0.05)]
+
+
+STOPPED = [
+    # Turned against the pair, whose tubes roll the other way; and drawn in by both carriages.
+    ((0.0, 0.0, 1.2, 6.0, 5.0), (-1.5, 0.5, PI, 6.0, 5.0)),
+    ((0.0, 0.0, PI, 0.0, 30.0), (0.0, 0.4, PI, 5.0, 5.0)),
+]
+
+
+@pytest.mark.parametrize("short_of", [0.3, 0.05, 0.01])
+@pytest.mark.parametrize(("start", "goal"), STOPPED)
+def test_drives_that_stop_each_at_its_own_rate_near_a_limit_stay_within_their_margin(
+    start: tuple[float, ...], goal: tuple[float, ...], short_of: float
+) -> None:
+    """STOP so many rad or mm before the limit, at speed."""
+    wide, _ = widened_by_quick_stops()
+    guard = OWN.limits[1]
+
+    def left(counts: list[int]) -> float:
+        """rad or mm to the guard, whichever of its sums is the last that keeps it."""
+        place = np.array([counts], np.float64)
+        (above,) = OWN.sum_of(guard["sum"], place) - guard["lowest_mm"]
+        beside = max(
+            abs(float(np.angle(np.exp(1j * (OWN.sum_of(one["sum"], place)[0] - one["near_rad"])))))
+            - one["within_rad"]
+            for one in guard["only_while"]
+        )
+        return max(float(above), beside)
+
+    async def scene(rig: Rig) -> None:
+        hand, watched = Hand(rig, start), Watched(rig)
+        await rig.running(HERE, {"kind": "broyden"})
+        rig.service.loop.controller = hand
+        await watched.until_rest(30.0)
+        hand.to(*goal)
+
+        def told() -> list[int]:
+            return [channel.target_counts or 0 for channel in rig.service.loop.channels]
+
+        await rig.until(lambda: left(told()) < short_of, 30.0)
+        before = np.array(told())
+        await rig.do(Stop)
+        for _ in range(100):
+            await asyncio.sleep(0.005)
+            watched.been.append(rig.shafts())
+        assert np.abs(np.array(watched.been[-1]) - before).max() > 10, "nothing moved any more"
+        assert wide.outside(np.array(watched.been)) <= _SETTLED
 
     on_a_rig(scene, path=TUBES)
