@@ -244,7 +244,7 @@ def test_drives_that_stop_each_at_its_own_rate_near_a_limit_stay_within_their_ma
             - one["within_rad"]
             for one in guard["only_while"]
         )
-        return max(float(above), beside)
+        return max(float(above), float(beside))
 
     async def scene(rig: Rig) -> None:
         hand, watched = Hand(rig, start), Watched(rig)
