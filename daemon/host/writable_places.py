@@ -18,8 +18,13 @@ _KERNELS: Final = _ROOT / "sim_backends" / "plants"
 _OURS_ALONE: Final = 0o700
 
 _NUMBA: Final = "NUMBA_CACHE_DIR"
-_HOMES: Final = {"XDG_CACHE_HOME": ".cache", "XDG_DATA_HOME": ".local/share"}
-"""What names each place, and where in the home folder it is by default."""
+_HOMES: Final = {
+    "XDG_CACHE_HOME": ".cache",
+    "XDG_DATA_HOME": ".local/share",
+    "MPLCONFIGDIR": ".config/matplotlib",
+}
+"""What names each place, and where in the home folder it is by default. matplotlib complains at
+every start where it has none for its settings."""
 
 
 def ensure_writable_places(environment: MutableMapping[str, str] = os.environ) -> list[str]:

@@ -8,7 +8,7 @@ import pytest
 from daemon.host import writable_places
 from daemon.host.writable_places import ensure_writable_places
 
-ALL = {"XDG_CACHE_HOME", "XDG_DATA_HOME", "NUMBA_CACHE_DIR"}
+ALL = {"XDG_CACHE_HOME", "XDG_DATA_HOME", "MPLCONFIGDIR", "NUMBA_CACHE_DIR"}
 
 
 @pytest.fixture(autouse=True)
