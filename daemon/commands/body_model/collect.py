@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from daemon.commands.outcome.failures import UsageError
 from daemon.commands.outcome.result import Result
+from daemon.commands.terminal.cluster_arguments import add_scheduler_argument, workers_of
 from daemon.commands.terminal.command_line import share
 from daemon.robot.checked_robot import add_robot_argument, robot_with_warnings_told
 
@@ -44,6 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--processes", type=int, default=2, metavar="N", help="default: %(default)s"
     )
+    add_scheduler_argument(parser)
     parser.add_argument(
         "--share",
         type=share,
@@ -158,7 +160,7 @@ def _emulated(arguments: argparse.Namespace) -> Result:
     # The plant's compiled code is slow to come: `--help` does without.
     from daemon.commands.terminal.compiled import telling_progress
     from daemon.files import check_can_be_made
-    from daemon.host.processes import WHOLE, worker_processes
+    from daemon.host.processes import WHOLE
     from daemon.workbench.body_model.clouds.collection import CollectionSettings
     from daemon.workbench.body_model.clouds.parallel_collection import collect_share
     from sim_backends.plants.shooting import warm_up
@@ -181,8 +183,10 @@ def _emulated(arguments: argparse.Namespace) -> Result:
     except ValueError as error:
         raise UsageError(str(error)) from None
     check_can_be_made(arguments.out)
-    with telling_progress() as bar, worker_processes(arguments.processes) as workers:
-        warm_up()  # here, once, and not in each process
+    away = arguments.scheduler
+    with telling_progress() as bar, workers_of(away, arguments.processes) as workers:
+        if away is None:
+            warm_up()  # here, once, and not in each process
         mine = arguments.share or WHOLE
         made = collect_share(checked.file, settings, arguments.out, workers, bar, mine)
     if made is None:

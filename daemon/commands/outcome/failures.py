@@ -67,6 +67,7 @@ KINDS: Final = (
         "daemon.remote.server.server.RemoteOpenError",
         "daemon.robot.lab_connections.LabUnreachableError",
         "daemon.steering.hid_device.HidDeviceError",
+        "daemon.workbench.cluster.cluster_workers.ClusterError",
         "drivers.can.bus_lock.BusTakenError",
         "sim_backends.lab.lab_ports.LabTakenError",
     )),
@@ -82,6 +83,7 @@ KINDS: Final = (
     Kind("protocol", exit_codes.EXIT_PROTOCOL, "install the same version on both sides", (
         "daemon.remote.client.client_errors.BadAnswerError",
         "daemon.remote.client.client_errors.VersionMismatchError",
+        "daemon.workbench.cluster.cluster_workers.ClusterMismatchError",
     )),
     Kind("refused", exit_codes.EXIT_REFUSED, "see to the reasons that are told, then ask again", (
         "builtins.PermissionError",

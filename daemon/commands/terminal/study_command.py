@@ -14,6 +14,7 @@ from rich.console import Console
 from config.paths import is_file
 from daemon.commands.outcome.exit_codes import EXIT_FAILED, EXIT_OK
 from daemon.commands.outcome.result import Result
+from daemon.commands.terminal.cluster_arguments import add_scheduler_argument
 from daemon.commands.terminal.command_line import share
 from daemon.commands.terminal.compiled import compile_all, telling_progress
 from daemon.commands.terminal.event_log import add_log_argument, style_of
@@ -53,6 +54,7 @@ def add_grid_arguments(parser: argparse.ArgumentParser) -> None:
         help="only every N-th run, for one of N machines: put their folders into one afterwards, "
         "and run it without --share, which writes the tables",
     )
+    add_scheduler_argument(parser)
     parser.add_argument(
         "--keep-recordings", action="store_true", help="16 MB for each run of 400 s"
     )
@@ -119,9 +121,10 @@ def _carry_out(runs: list[Run], arguments: argparse.Namespace) -> int:
     ):
         told = _Told(progress, log if arguments.log else None)
         grid = Grid(runs, arguments.out)
-        if grid.left:
+        away = arguments.scheduler or ""
+        if grid.left and not away:
             compile_all()  # here, once, and not in each process
-        grid.carry_out(arguments.jobs, arguments.keep_recordings, told)
+        grid.carry_out(arguments.jobs, arguments.keep_recordings, told, away)
     return told.errors
 
 

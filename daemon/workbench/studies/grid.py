@@ -6,9 +6,17 @@ from pathlib import Path
 from typing import Protocol, TypeVar
 
 from daemon.host.processes import worker_processes
+from daemon.workbench.cluster.cluster_workers import cluster_workers
 from daemon.workbench.pretraining.model_cache import needs_model
 from daemon.workbench.studies.run import Outcome, Run, read_outcome
-from daemon.workbench.studies.worker import carry_out_run, make_model
+from daemon.workbench.studies.worker import (
+    Files,
+    bring_home,
+    carry_out_run,
+    carry_out_run_away,
+    make_model,
+    make_model_away,
+)
 
 T = TypeVar("T")
 
@@ -46,15 +54,23 @@ class Grid:
         """All that are not done."""
         return [run for run in self._runs if read_outcome(run, self._root) is None]
 
-    def carry_out(self, jobs: int, keep_recordings: bool, progress: GridProgress) -> None:
+    def carry_out(
+        self, jobs: int, keep_recordings: bool, progress: GridProgress, scheduler: str = ""
+    ) -> None:
         """Do what is left. A run that cannot be done is told, and the others go on.
 
         jobs: processes at the same time. keep_recordings: 16 MB for an experiment of 400 s.
+        scheduler: of a dask cluster, instead of processes here. Raises ClusterError,
+        ClusterMismatchError, OSError.
         """
         left = self.left
         models = _one_for_each_model(left)
         progress.begin(len(self._runs) - len(left), len(models), len(left))
         if not left:
+            return
+        if scheduler:
+            with cluster_workers(scheduler) as workers:
+                self._carry_out_away(workers, models, left, keep_recordings, progress)
             return
         with worker_processes(min(jobs, len(left))) as workers:
             for run, made in _each(workers, models, make_model):
@@ -62,6 +78,28 @@ class Grid:
             for run, future in _each(workers, left, carry_out_run, self._root, keep_recordings):
                 error = _error(future)
                 progress.run(run, None if error else future.result(), error)
+
+    def _carry_out_away(
+        self,
+        workers: Executor,
+        models: list[Run],
+        left: list[Run],
+        keep_recordings: bool,
+        progress: GridProgress,
+    ) -> None:
+        """What comes out of each run is written here, as soon as it has come home."""
+        made_there: Files = {}
+        for run, made in _each(workers, models, make_model_away):
+            error = _error(made)
+            made_there.update({} if error else made.result())
+            progress.model(run, error)
+        tasks = _each(workers, left, carry_out_run_away, keep_recordings, made_there)
+        for run, future in tasks:
+            error, outcome = _error(future), None
+            if not error:
+                outcome, files = future.result()
+                bring_home(run, self._root, files)
+            progress.run(run, outcome, error)
 
 
 def _one_for_each_model(runs: Iterable[Run]) -> list[Run]:

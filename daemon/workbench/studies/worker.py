@@ -1,10 +1,12 @@
 """Carries out one run of a study, in whatever process it is called."""
 
 import shutil
+import tempfile
 from pathlib import Path
 
 import msgspec
 
+from daemon.files import models_directory, write_whole
 from daemon.recording.result import read_result
 from daemon.recording.run_folder import PROVENANCE_FILE, RUN_FILES, Provenance
 from daemon.workbench.experiments.in_virtual_time import carry_out_in_virtual_time
@@ -35,6 +37,55 @@ def carry_out_run(run: Run, root: Path, keep_recording: bool) -> Outcome:
 def make_model(run: Run) -> None:
     """Make what the run's controller has to know before, unless it is there. Raises as above."""
     with_model(run.file, run.seed, _nobody)
+
+
+# On a machine that shares no disk with ours: what is needed goes there, what comes out comes home.
+
+
+Files = dict[str, bytes]
+"""By name."""
+
+
+def carry_out_run_away(run: Run, keep_recording: bool, models: Files) -> tuple[Outcome, Files]:
+    """As `carry_out_run`, with the files that it would leave in the run's folder.
+
+    models: those that may be wanted, as `make_model_away` has made them.
+    """
+    _take_models(models)
+    with tempfile.TemporaryDirectory(prefix="tentacled-") as name:
+        root = Path(name)
+        outcome = carry_out_run(run, root, keep_recording)
+        folder = run.folder(root)
+        return outcome, {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def make_model_away(run: Run) -> Files:
+    """As `make_model`, with the model's file."""
+    file = with_model(run.file, run.seed, _nobody)
+    path = Path(str(getattr(file.experiment.controller, "model", "")))
+    return {path.name: path.read_bytes()}
+
+
+def bring_home(run: Run, root: Path, files: Files) -> None:
+    """Leaves the run's folder whole or not at all. Raises OSError."""
+    folder = run.folder(root)
+    partial = folder.with_name(f".{folder.name}")
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir(parents=True)
+    for name, data in files.items():
+        write_whole(partial / Path(name).name, data)
+    shutil.rmtree(folder, ignore_errors=True)
+    partial.rename(folder)
+
+
+def _take_models(models: Files) -> None:
+    """Where they are not there yet: making one takes longer than a run."""
+    folder = models_directory()
+    for name, data in models.items():
+        path = folder / Path(name).name
+        if not path.is_file():
+            folder.mkdir(parents=True, exist_ok=True)
+            write_whole(path, data)
 
 
 def _outcome(run: Run, folder: Path) -> Outcome:

@@ -1,0 +1,29 @@
+"""What commands share whose work other machines may do."""
+
+import argparse
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
+
+from daemon.host.processes import worker_processes
+
+
+def add_scheduler_argument(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--scheduler",
+        metavar="tcp://HOST:PORT",
+        help="of a dask cluster: its workers do it, not processes here (docs/cluster.md)",
+    )
+
+
+@contextmanager
+def workers_of(scheduler: str | None, processes: int) -> Iterator[Executor]:
+    """Of a cluster, or else processes here. Raises ClusterError, ClusterMismatchError."""
+    if scheduler is None:
+        with worker_processes(processes) as workers:
+            yield workers
+        return
+    from daemon.workbench.cluster.cluster_workers import cluster_workers
+
+    with cluster_workers(scheduler) as workers:
+        yield workers
