@@ -85,9 +85,9 @@ def test_pyigtl_hears_tip_and_state_and_that_the_daemon_has_gone(tmp_path: Path)
 def test_a_port_that_is_taken_is_told(tmp_path: Path) -> None:
     with bridge(tmp_path) as (_, port):
         told = run("bridge", "openigtlink", "--runtime-dir", str(tmp_path), "--port", str(port))
-        assert told.returncode == 1 and f"port {port} cannot be served" in told.stderr
+        assert told.returncode == 69 and f"port {port} cannot be served" in told.stderr
 
 
 def test_contradictions_on_the_command_line_are_told_at_once(tmp_path: Path) -> None:
     told = run("bridge", "openigtlink", "--runtime-dir", str(tmp_path), "--user", "ann")
-    assert told.returncode == 2 and "go with --connect" in told.stderr
+    assert told.returncode == 64 and "go with --connect" in told.stderr
