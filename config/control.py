@@ -53,8 +53,9 @@ class Surface(ConfigModel):
     free: Literal["inside", "outside"] | None = None
     """On which side of the outermost surface the body may be; None: normals point there."""
     port: Port | None = None
-    grid_mm: Positive = 1.5
-    """Distances are known on a grid of this spacing. Finer takes longer to make, once."""
+    grid_mm: Positive | None = None
+    """Distances are known on a grid of this spacing. Finer takes longer to make, once. None: half
+    of the body's radius, but no more than 1.5; coarser where that would be too many places."""
 
 
 class RiskSettings(ConfigModel):

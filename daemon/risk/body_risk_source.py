@@ -11,7 +11,7 @@ import numpy as np
 from config.control import RiskSettings, Surface
 from config.loader import RobotFile
 from config.paths import risk_paths, shipped_or_beside
-from daemon.risk.grid_cache import cached_grid
+from daemon.risk.grid_cache import cached_grid, fitting_spacing_mm
 from daemon.risk.mesh_file import binary_stl, environment_sha256, read_environment
 from daemon.risk.model_file import ModelFile, read_model
 from drivers.clock import WallClock
@@ -248,8 +248,11 @@ def read_risk_files(
             )
     try:
         environment = _environment(surface, mesh_path)
-        margin_mm = read.model.basis.thickest_mm + _MARGIN_MM
-        grid = cached_grid(environment, surface.grid_mm, margin_mm)
+        basis = read.model.basis
+        margin_mm = basis.thickest_mm + _MARGIN_MM
+        thinnest_mm = float(basis.radius_mm.min())
+        spacing_mm = surface.grid_mm or fitting_spacing_mm(environment, thinnest_mm, margin_mm)
+        grid = cached_grid(environment, spacing_mm, margin_mm)
     except (EnvironmentFaultError, ValueError) as error:
         raise RiskFilesError(str(error)) from None
     return RiskFiles(read, environment, grid)

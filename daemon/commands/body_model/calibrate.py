@@ -31,7 +31,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help_text = f"{purpose} (default: %(default)s)"
         parser.add_argument(f"--{name}", type=int, default=default, metavar="N", help=help_text)
     parser.add_argument(
-        "--grid-mm", type=float, default=1.5, metavar="MM", help="as in robot files (default: 1.5)"
+        "--grid-mm",
+        type=float,
+        metavar="MM",
+        help="as in robot files (default: half of the body's radius, 1.5 at most)",
     )
 
 

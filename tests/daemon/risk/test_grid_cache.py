@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from daemon.risk import grid_cache
-from daemon.risk.grid_cache import cached_grid, default_cache_directory
+from daemon.risk.grid_cache import cached_grid, default_cache_directory, fitting_spacing_mm
 from daemon.workbench.body_model.evaluation.shapes import box, turned
+from daemon.workbench.planning.clearance_slopes import distance_at
 from safety.risk.surroundings.distance_grid import DistanceGrid, distance_grid
 from safety.risk.surroundings.environment import Environment, environment
 
@@ -92,3 +93,35 @@ def test_the_cache_is_where_the_user_has_caches(monkeypatch: pytest.MonkeyPatch)
     assert default_cache_directory() == Path("/somewhere/tentacled/distance_grids")
     monkeypatch.delenv("XDG_CACHE_HOME")
     assert default_cache_directory().is_relative_to(Path.home())
+
+
+@pytest.mark.parametrize(
+    ("radius_mm", "spacing_mm"), [(15.0, 1.5), (3.0, 1.5), (2.9, 1.45), (1.4, 0.7), (0.5, 0.25)]
+)
+def test_a_grid_is_as_fine_as_a_thin_body_asks(radius_mm: float, spacing_mm: float) -> None:
+    assert fitting_spacing_mm(BLOCK, radius_mm, 10.0) == pytest.approx(spacing_mm)
+
+
+def test_in_large_surroundings_it_is_coarser_but_never_than_usual() -> None:
+    room = environment(*box((180.0, 180.0, 180.0), (0.0, 0.0, 0.0), 2))
+    spacing_mm = fitting_spacing_mm(room, 1.4, 10.0)
+    assert 0.7 < spacing_mm < 1.5
+    assert 6e6 < (200.0 / spacing_mm) ** 3 <= 8e6
+    hall = environment(*box((2000.0, 2000.0, 2000.0), (0.0, 0.0, 0.0), 2))
+    assert fitting_spacing_mm(hall, 1.4, 10.0) == 1.5
+
+
+def test_distances_beside_an_edge_are_right_for_the_body_that_they_are_for() -> None:
+    """To a sixteenth of its radius; a grid for thick bodies is off by three times as much."""
+    radius_mm, random = 1.4, np.random.default_rng(1)
+    angle = random.uniform(0.0, 0.5 * np.pi, 2000)
+    beside = 10.0 + radius_mm * np.array([np.cos(angle), np.sin(angle)])
+    places = np.column_stack([*beside, random.uniform(-5.0, 5.0, angle.size)])
+
+    def too_large_mm(spacing_mm: float) -> float:
+        made = distance_grid(BLOCK, spacing_mm, 10.0)
+        return float((distance_at(made, places)[0] - radius_mm).max())
+
+    fitting_mm = fitting_spacing_mm(BLOCK, radius_mm, 10.0)
+    assert 0.0 < too_large_mm(fitting_mm) < radius_mm / 16.0
+    assert too_large_mm(1.5) > 3.0 * radius_mm / 16.0

@@ -2,15 +2,20 @@
 
 from math import pi
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from config.loader import load_robot
 from daemon.array_files import misfit_of
+from daemon.risk.body_risk_source import read_risk_files
+from daemon.risk.mesh_file import write_mesh
 from daemon.risk.model_file import ModelFile, read_model
 from daemon.robot.axes import AxisRanges
 from daemon.workbench.body_model.clouds.emulated_body import EmulatedBody
+from daemon.workbench.body_model.evaluation.shapes import ball
 from tests import SHIPPED_ROBOTS
 
 ROBOT = load_robot(SHIPPED_ROBOTS / "concentric_tubes.yaml").robot
@@ -53,3 +58,15 @@ def test_the_body_is_where_it_says_however_it_is_rolled(file: ModelFile, roll: f
     off = np.linalg.norm(expected - line, axis=1)
     assert off.max() < 4.0
     assert off.mean() < 1.5
+
+
+def test_what_is_around_them_is_known_as_finely_as_thin_tubes_ask(tmp_path: Path) -> None:
+    write_mesh(tmp_path / "ball.stl", ball(8.0, [60.0, 0.0, 180.0], 200))
+    robot: dict[str, Any] = yaml.safe_load((SHIPPED_ROBOTS / "concentric_tubes.yaml").read_text())
+    surface: dict[str, Any] = {"mesh": "ball.stl", "free": "outside"}
+    for given, spacing_mm in (({}, 0.7), ({"grid_mm": 2.0}, 2.0)):
+        robot["risk"] = {"model": "builtin:concentric_tubes.npz", "surface": {**surface, **given}}
+        path = tmp_path / "robot.yaml"
+        path.write_text(yaml.safe_dump(robot))
+        made = read_risk_files(load_robot(path)).grid
+        assert made.spacing_mm == pytest.approx(spacing_mm)

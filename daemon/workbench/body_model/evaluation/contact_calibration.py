@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from daemon.risk.grid_cache import fitting_spacing_mm
 from daemon.risk.model_file import ModelFile
 from daemon.workbench.body_model.evaluation.rollouts import Rollouts
 from daemon.workbench.body_model.evaluation.shapes import box
@@ -174,17 +175,19 @@ def contact_calibration(
     rollouts: Rollouts,
     obstacles: int,
     samples: int,
-    grid_mm: float,
+    grid_mm: float | None,
     seed: int,
     advance: Callable[[int], None],
 ) -> ContactCalibration:
     """Put `obstacles` blocks near the body at each configuration, and ask and look.
 
-    Where they are depends on the rollouts, not on the model. samples: of contact_risk. advance:
-    hears of each configuration. Raises ValueError.
+    Where they are depends on the rollouts, not on the model. samples: of contact_risk. grid_mm:
+    None: what fits the body, as where a robot file gives none. advance: hears of each
+    configuration. Raises ValueError.
     """
     model = file.model
     exact_mm = model.basis.thickest_mm + _MARGIN_MM
+    thinnest_mm = float(model.basis.radius_mm.min())
     found: list[tuple[float, float, float]] = []
     unknown, learnt = 0, file.learnt_at(rollouts.u)
     for number, (u, lines) in enumerate(zip(rollouts.u, rollouts.centrelines_mm, strict=True)):
@@ -199,7 +202,9 @@ def contact_calibration(
         random = np.random.default_rng([seed, number])
         for _ in range(obstacles):
             block = grazed_block(lines, rollouts.radius_mm, random)
-            grid = distance_grid(block.environment(), grid_mm, exact_mm)
+            around = block.environment()
+            spacing_mm = grid_mm or fitting_spacing_mm(around, thinnest_mm, exact_mm)
+            grid = distance_grid(around, spacing_mm, exact_mm)
             risk = ContactModel(model.basis, grid, None, samples).risk(mixture)
             touched = float(block.touched(lines, rollouts.radius_mm).mean())
             found.append((risk.probability, risk.upper_limit, touched))
