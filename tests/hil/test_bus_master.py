@@ -77,7 +77,7 @@ def test_probe_of_frames_beside_a_daemon_says_who_has_the_bus(robot: Rig, tmp_pa
     robot.running()
     wants_frames = ["--runtime-dir", str(robot.folder), "--capture", str(tmp_path / "bus.pcap")]
     frames, said, code = frames_of_a_master(robot, ["probe", str(robot.robot), *wants_frames])
-    assert (frames, code) == ([], 1)
+    assert (frames, code) == ([], EXIT_UNAVAILABLE)
     assert f"process {robot.daemon.pid} (tentacled run " in said
     assert "Traceback" not in said
     assert robot.state is S.RUNNING
@@ -95,7 +95,7 @@ def test_a_second_daemon_in_another_folder_is_refused_the_bus(robot: Rig) -> Non
         frames, said, code = frames_of_a_master(
             robot, [*arguments, "--runs", str(elsewhere / "runs")]
         )
-        assert (frames, code) == ([], 1)
+        assert (frames, code) == ([], EXIT_UNAVAILABLE)
         assert f"process {robot.daemon.pid} (tentacled run " in said
         assert "Traceback" not in said
         assert not (elsewhere / "daemon.json").exists()
@@ -123,7 +123,7 @@ def test_a_second_master_by_the_other_door_of_an_emulated_bus_is_refused_it(robo
             wants_frames = ["probe", other, *where, "--capture", str(elsewhere / "bus.pcap")]
             for words in (daemon, wants_frames):
                 frames, said, code = frames_of_a_master(robot, words)
-                assert (frames, code) == ([], 1)
+                assert (frames, code) == ([], EXIT_UNAVAILABLE)
                 assert f"{door} is taken: process {robot.daemon.pid} (tentacled run " in said
                 assert "Traceback" not in said
     assert robot.state is S.RUNNING
