@@ -5,6 +5,7 @@ its input is closed. FOLDER has the definitions of the messages, so that it fetc
 
 import json
 import sys
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,15 @@ import numpy as np
 import zenoh_ros2_sdk.message_registry as registry
 from rosbags.typesys import Stores, get_typestore
 from zenoh_ros2_sdk import ROS2Subscriber
+
+
+_TELLING = threading.Lock()
+"""Messages come on threads of the library's, several at a time."""
+
+
+def tell(what: dict[str, Any]) -> None:
+    with _TELLING:
+        print(json.dumps(what), flush=True)
 
 
 def plain(value: Any) -> Any:
@@ -51,7 +61,7 @@ def main() -> None:
     for topic, kind in wanted.items():
 
         def heard(message: Any, topic: str = topic) -> None:
-            print(json.dumps({"topic": topic, "message": plain(message)}), flush=True)
+            tell({"topic": topic, "message": plain(message)})
 
         subscribers.append(
             ROS2Subscriber(topic, kind, heard, router_ip="127.0.0.1", router_port=port)
@@ -59,7 +69,7 @@ def main() -> None:
     session = subscribers[0].session_mgr
     for reply in session.liveliness.get("@ros2_lv/0/**", timeout=5.0):
         if reply.ok is not None:
-            print(json.dumps({"token": str(reply.ok.key_expr)}), flush=True)
+            tell({"token": str(reply.ok.key_expr)})
     sys.stdin.read()
     for one in subscribers:
         one.close()
