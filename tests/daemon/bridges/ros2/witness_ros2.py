@@ -14,7 +14,6 @@ import zenoh_ros2_sdk.message_registry as registry
 from rosbags.typesys import Stores, get_typestore
 from zenoh_ros2_sdk import ROS2Subscriber
 
-
 _TELLING = threading.Lock()
 """Messages come on threads of the library's, several at a time."""
 
