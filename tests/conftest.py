@@ -14,7 +14,7 @@ pytest_plugins = ["daemon.testing.pytest_plugin"]
 coverage does."""
 
 RERUNS = 2
-_REMOTE = Path(__file__).parent / "daemon" / "remote"
+_REMOTE = {Path(__file__).parent / "daemon" / name for name in ("remote", "bridges")}
 """Real sessions over real sockets, with the threads of a library that is not ours."""
 
 # The same examples every time: what is found by chance must not decide whether a change is good.
@@ -37,7 +37,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     stands still for seconds is no defect of ours. What is broken fails every time.
     """
     for item in items:
-        if item.get_closest_marker("hil") is not None or _REMOTE in item.path.parents:
+        if item.get_closest_marker("hil") is not None or _REMOTE & set(item.path.parents):
             item.add_marker(pytest.mark.flaky(reruns=RERUNS))
 
 
