@@ -112,11 +112,15 @@ class Reader:
         terminal = Terminal(line, self._folder, self._environment)
         self._terminals.append(terminal)
         deadline_s = time.monotonic() + READY_S
-        runs = line.startswith("tentacled run ")
-        while not terminal.shown or (runs and not self._is_ready()):
+        while not self._speaks(line, terminal):
             assert terminal.process.poll() is None, f"{line}: {terminal.shown}"
             assert time.monotonic() < deadline_s, f"{line}: {terminal.shown}"
             time.sleep(0.2)
+
+    def _speaks(self, line: str, terminal: Terminal) -> bool:
+        if line.startswith("tentacled emulate "):  # a first one compiles, and tells how far it is
+            return "Ctrl-C ends it" in terminal.shown
+        return bool(terminal.shown) and (not line.startswith("tentacled run ") or self._is_ready())
 
     def _is_ready(self) -> bool:
         told = subprocess.run(
