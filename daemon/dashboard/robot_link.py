@@ -110,6 +110,8 @@ class RobotLink:
         self._errors = ErrorTable()
         self._cycle = -1
         self._holding: asyncio.Task[None] | None = None
+        self._grabbed = False
+        """The hand has taken hold, and nothing that it says has been sent yet."""
         self._handing_over = asyncio.Lock()
         """A page that leaves and one that comes: what the first gives back is not the second's."""
 
@@ -259,19 +261,22 @@ class RobotLink:
             return self.problem
         if page != self.control.page or not self.control.alive(asyncio.get_running_loop().time()):
             return "this page is not in control"
+        self._grabbed = self._grabbed or grab
         if not picture_s <= OLDEST_PICTURE_S:
             return "the picture that it was made from is too old"
         try:
             client.send_setpoint(position_mm, _VALID_S)
         except ClientError as error:
             return str(error)
-        if grab:
+        if self._grabbed:
+            self._grabbed = False
             self._after_holding(Resume())
         return ""
 
     def let_go(self, page: str) -> None:
         """The page's hand has let go: hold now, without waiting for the set-points to grow old."""
         if page and page == self.control.page:
+            self._grabbed = False
             self._after_holding(Hold())
 
     def _after_holding(self, command: Hold | Resume) -> None:

@@ -11,6 +11,7 @@ from bisect import bisect_left
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
+from math import ceil
 from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING, Any, Final
@@ -85,17 +86,17 @@ def beside_pages(count: int, measured_s: float) -> Figures:
 
 
 def stops_by_page(stops: int) -> Figures:
-    """From the key to the quick stop on the bus; and a client's own, in every third turn."""
+    """From the key to the quick stop on the bus; and a client's own, in every fourth turn."""
     if _CHROMIUM is None:
         return dict(_NONE)
     by_chance, asked = Random(0), []
     with _bench() as (user, _, address), _pages(address, 1) as (page,):
         _usable_ms(page)
         runs = set()
-        for turn in range(3 * max(stops // 2, 1)):
+        for turn in range(4 * ceil(stops / 3)):
             runs.add(Path(user.do(until_running(user.client))))
             time.sleep(by_chance.uniform(*_RUNS_FOR_S))  # no picture is drawn in step with it
-            by_page = turn % 3 < 2
+            by_page = turn % 4 < 3
             asked_ns = time.monotonic_ns()
             if by_page:
                 page.keyboard.press("Escape")

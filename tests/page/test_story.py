@@ -214,10 +214,12 @@ def _begin_by_hand(b: Browsing) -> None:
 
 def _replay(made: Bench, b: Browsing) -> None:
     """What was just recorded, on a page of its own, with everything in it; and its report."""
-    name = next((made.folder / "runs").iterdir()).name
+    runs = (made.folder / "runs").iterdir()
+    name = max(runs, key=lambda run: (run / "run.mcap").stat().st_size).name
     b.page.set_viewport_size({"width": 1500, "height": 1180})
     b.page.goto(f"{b.base}?replay={name}")
-    until(lambda: b.probe().get("replay"), "it is open")
+    headline = b.page.locator("#headline")
+    until(lambda: b.probe().get("replay"), lambda: f"it is open: {headline.inner_text()}")
     b.page.locator("#worst").click()
     until(lambda: b.probe()["replay"]["t"] > 0.0 and b.probe()["body"])
     assert b.probe()["status"]["state"] == "running" and b.probe()["body"]["components"]

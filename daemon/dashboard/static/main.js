@@ -198,11 +198,11 @@ function drawnAt(age_s, sent_s) {
 // Asks for a picture, and not before it may be drawn: each that a browser is asked for costs it something,
 // with nothing new in it too, and what is pressed waits for that. A hand that leads is looked at with each.
 function wake() {
-  if (awake) return;
-  awake = true;
   const eager = !scene || replay || (hand && (hand.held || hand.offered));
   const wait = eager ? 0 : scene.waits_ms(performance.now());
-  if (wait < 1000 / 60) requestAnimationFrame(each);
+  if (awake || wait === Infinity) return;
+  awake = true;
+  if (wait <= 0) requestAnimationFrame(each);
   else setTimeout(() => requestAnimationFrame(each), wait);
 }
 
@@ -211,7 +211,7 @@ function each(now) {
   if (!scene) return;
   if (replay) replay.tick(now);
   const { tipAge, tipSent, tipFresh } = look;
-  const drawn = scene.draw($("clearance"), now, () => { if (tipFresh && !replay) drawnAt(tipAge, tipSent); });
+  const drawn = scene.draw($("clearance"), performance.now(), () => { if (tipFresh && !replay) drawnAt(tipAge, tipSent); });
   if (drawn) look.tipFresh = false;
   if (!replay) {
     // What waits to be drawn is not in the picture: its age is that of what is.

@@ -335,8 +335,8 @@ export class Scene {
   // waiting: whether there is something new that is not in the picture yet.
   set dirty(on) { this.waiting = on; if (on) this.wake(); }
 
-  // Until the next picture may be drawn.
-  waits_ms(now) { return Math.max(this.pace.waits_ms(now), this.fence ? 2 * FENCE_ASKED_MS : 0); }
+  // Until the next picture may be drawn. While the last one is worked at, nobody knows: it wakes when that is ready.
+  waits_ms(now) { return this.fence ? Infinity : this.pace.waits_ms(now); }
 
   // Returns whether there was something new to draw. finished: called when the picture is ready.
   draw(label, now, finished) {
@@ -371,6 +371,7 @@ export class Scene {
     gl.deleteSync(this.fence);
     this.fence = null;
     finished();
+    if (this.waiting) this.wake();
     if (this.fine || !this.pace.took(took)) return;
     this.renderer.setPixelRatio(this.pace.fineness);  // empties the picture: drawn at once
     this.render();

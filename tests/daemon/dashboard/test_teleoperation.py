@@ -121,6 +121,22 @@ def test_letting_go_holds_and_taking_hold_again_resumes_after_it(tmp_path: Path)
     run_in_real_time(test())
 
 
+def test_a_hand_whose_first_picture_was_too_old_resumes_with_its_next_one(tmp_path: Path) -> None:
+    async def test() -> None:
+        async with served(tmp_path, 60.0) as page, page.stream() as stream:
+            assert (await page.do("take"))["ok"]
+            await lead(stream, -1, grab=True)
+            assert "too old" in await refused(stream)
+            assert verbs(page) == []
+            await lead(stream, (await newest(stream))["n"])
+            await until(lambda: verbs(page) == ["resume"])
+            await lead(stream, (await newest(stream))["n"])
+            await asyncio.sleep(0.2)
+            assert verbs(page) == ["resume"], "once for each grip"
+
+    run_in_real_time(test())
+
+
 def test_what_is_no_set_point_does_nothing(tmp_path: Path) -> None:
     async def test() -> None:
         async with served(tmp_path, 60.0) as page, page.stream() as stream:
