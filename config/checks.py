@@ -360,6 +360,7 @@ def _coupling_findings(parts: Parts) -> Iterator[Finding]:
             axis.key("travel"),
             axis.counts_per_unit,
             axis.drive.mode,
+            axis.drive.goes_on_s,
         )
         for axis in sound
     ]

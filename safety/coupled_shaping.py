@@ -35,9 +35,9 @@ class Course(NamedTuple):
     changes: list[int]
     end: list[int]
     rest: list[int]
-    """Where braking after it ends."""
+    """Where braking after it ends, even if this is the last that the axes hear."""
     stretch: float
-    """How far an axis goes until it is at rest, in changes."""
+    """How far an axis goes until it is at rest, in changes; that which goes on for longest."""
 
 
 class CoupledStep:
@@ -54,6 +54,7 @@ class CoupledStep:
         self._limits = limits
         self._start = [motion.start for motion in motions]
         self._duration_s = motions[0].duration_ns * 1e-9
+        self._goes_on_s = max([one.goes_on_s for one in limits])
         self._coupled = [(limit.name, ranges(limit, self._start)) for limit in coupled]
         self._asked: tuple[list[int], list[int] | None] = [], None
         """The changes whose `_apart` was asked for last, and what it was."""
@@ -65,9 +66,11 @@ class CoupledStep:
         lasts_s = braking_together_s(velocities, self._limits)
         end = [at + change for at, change in zip(self._start, changes, strict=True)]
         rest = [
-            at_rest(at, velocity, lasts_s) for at, velocity in zip(end, velocities, strict=True)
+            at_rest(at, velocity, lasts_s, one.goes_on_s)
+            for at, velocity, one in zip(end, velocities, self._limits, strict=True)
         ]
-        return Course(list(changes), end, rest, 1.0 + lasts_s / (2.0 * duration_s))
+        stretch = 1.0 + (self._goes_on_s + lasts_s / 2.0) / duration_s
+        return Course(list(changes), end, rest, stretch)
 
     def rest(self, changes: Sequence[int]) -> Sequence[int]:
         """Where the axes come to rest after a step with these changes."""

@@ -48,9 +48,10 @@ def braking_together_s(velocities: Sequence[float], limits: Sequence[CountLimits
     )
 
 
-def at_rest(end: int, velocity: float, lasts_s: float) -> int:
-    """Where an axis comes to rest that brakes evenly from `end`, within `lasts_s`."""
-    return end + int(velocity * lasts_s / 2)
+def at_rest(end: int, velocity: float, lasts_s: float, goes_on_s: float = 0.0) -> int:
+    """Where an axis comes to rest that goes on from `end` for `goes_on_s`, where nobody tells it
+    anything any more, and then brakes evenly, within `lasts_s`."""
+    return end + int(velocity * (goes_on_s + lasts_s / 2))
 
 
 @dataclass(frozen=True)

@@ -194,10 +194,18 @@ def _velocities(
     return [(end - start) / duration_s for start, end in zip(from_counts, to_counts, strict=True)]
 
 
-def _rest(start: int, end: int, duration_s: float, deceleration: float, limits: CountLimits) -> int:
-    """Where an axis comes to rest that brakes from the end of its step; inside its travel."""
+def _rest(
+    start: int,
+    end: int,
+    duration_s: float,
+    deceleration: float,
+    limits: CountLimits,
+    goes_on_s: float = 0.0,
+) -> int:
+    """Where an axis comes to rest that brakes from the end of its step, or so much later; inside
+    its travel."""
     velocity = (end - start) / duration_s
-    way = int(velocity * velocity / (2 * deceleration))
+    way = int(abs(velocity) * goes_on_s + velocity * velocity / (2 * deceleration))
     if velocity > 0:
         return max(end, min(end + way, limits.highest))
     return min(end, max(end - way, limits.lowest))
@@ -307,9 +315,10 @@ def rests_apart(
     duration_s: float,
     limits: Sequence[CountLimits],
 ) -> list[int]:
-    """Where each axis comes to rest that brakes by itself from the end of its step."""
+    """Where each axis comes to rest that brakes by itself from the end of its step, and before goes
+    on as long as it does where nobody tells it anything any more."""
     return [
-        _rest(start, end, duration_s, one.max_acceleration, one)
+        _rest(start, end, duration_s, one.max_acceleration, one, one.goes_on_s)
         for start, end, one in zip(from_counts, to_counts, limits, strict=True)
     ]
 
@@ -338,7 +347,10 @@ def _coupled_violations(
     """What axes that brake together would break, on the way or where they come to rest."""
     velocities = _velocities(from_counts, to_counts, duration_s)
     lasts_s = braking_together_s(velocities, limits)
-    rests = [at_rest(end, v, lasts_s) for end, v in zip(to_counts, velocities, strict=True)]
+    rests = [
+        at_rest(end, velocity, lasts_s, one.goes_on_s)
+        for end, velocity, one in zip(to_counts, velocities, limits, strict=True)
+    ]
     found: list[Violation | CoupledViolation] = []
     for axis, (end, rest, one) in enumerate(zip(to_counts, rests, limits, strict=True)):
         if rest > max(one.highest, end):

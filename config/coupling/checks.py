@@ -31,6 +31,8 @@ class AxisFacts(NamedTuple):
     counts_per_unit: float
     mode: str
     """Of its drive."""
+    goes_on_s: float
+    """With its last velocity, when nothing is sent any more."""
 
 
 def limit_findings(
@@ -155,6 +157,7 @@ def _count_findings(
                         "target: for axes that are coupled it must be csp, csv or pv"
                     ),
                 )
+    yield from _stream_findings(at, known, axes)
     narrow = _rounding(known.sum, axes)
     if not known.highest - known.lowest > narrow:
         text = f"leaves less than the {narrow:.2g} {limit.unit} that whole counts need"
@@ -169,6 +172,26 @@ def _count_findings(
                 (*at, "only_while", number, f"within_{one_.unit}"),
                 f"leaves less than the {narrow:.2g} {one_.unit} beside it that whole counts need",
             )
+
+
+def _stream_findings(
+    at: Location, known: AxesLimit, axes: Sequence[AxisFacts]
+) -> Iterator[Finding]:
+    """Where nothing is sent any more, axes that are coupled go on together or not at all."""
+    sums = [known.sum, *[condition.sum for condition in known.only_while]]
+    coupled = np.any([one.factors != 0.0 for one in sums], axis=0)
+    first, *others = [axis for axis, one in zip(axes, coupled, strict=True) if one]
+    for axis in others:
+        if axis.goes_on_s != first.goes_on_s:
+            yield (
+                at,
+                (
+                    f"when nothing is sent any more, '{first.name}' goes on for "
+                    f"{first.goes_on_s:g} s and '{axis.name}' for {axis.goes_on_s:g} s: give axes "
+                    "that are coupled the same mode and setpoint_timeout_s"
+                ),
+            )
+            return
 
 
 def _rounding(one: AxesSum, axes: Sequence[AxisFacts]) -> float:

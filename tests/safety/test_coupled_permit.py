@@ -52,6 +52,8 @@ def test_how_long_it_takes_to_brake_together() -> None:
     assert at_rest(100, 2000.0, 0.1) == 200
     assert at_rest(100, -2000.0, 0.1) == 0
     assert at_rest(100, -25.0, 0.1) == 99
+    assert at_rest(100, 2000.0, 0.1, 0.05) == 300
+    assert at_rest(100, -2000.0, 0.1, 0.05) == -100
 
 
 def test_axes_that_are_coupled_brake_on_one_line() -> None:
@@ -171,3 +173,33 @@ def test_nothing_of_a_permit_is_outside_at_any_moment(
         for moment in moments:
             first, second = step.targets(moment * 1_000_000)
             assert abs(first - second) <= 1000
+
+
+FAR = CoupledLimit("far", AxisSum(((0, 1.0), (1, -1.0))), -1e6, 1300.0)
+GOES_ON = replace(LIMITS, goes_on_s=0.05)
+"""Two steps; with 200 counts a step 400 more, beside 160 of braking."""
+
+
+def test_of_axes_that_go_on_without_a_word_the_way_is_known_to_be_free() -> None:
+    going_on = (GOES_ON, GOES_ON)
+    for sign in (1, -1):
+        inside, outside = (0, -sign * 230), (0, -sign * 240)  # and 200 + 400 + 160, and rounding
+        for start, free in ((inside, True), (outside, False)):
+            end = (start[0] + sign * 200, start[1])
+            step = ask(start, end, limits=going_on)
+            assert isinstance(step, PermittedStep) if free else step == BROKEN
+            assert isinstance(ask(start, end), PermittedStep), "who is told places stops at the end"
+
+
+def test_braking_itself_does_not_go_on() -> None:
+    step = ask((0, 0), (200, 0), limits=(GOES_ON, GOES_ON))
+    assert isinstance(step, PermittedStep)
+    assert step.rest_counts == (360, 0)
+
+
+def test_axes_that_go_on_far_from_their_limit_brake_apart() -> None:
+    """Until their going on comes to it, too."""
+    for start, together in ((-5000, False), (600, True)):
+        step = ask((start, 0), (start + 200, 50), limits=(GOES_ON, GOES_ON), coupled=(FAR,))
+        assert isinstance(step, PermittedStep)
+        assert (step.decelerations[1] < 200_000) == together

@@ -381,3 +381,38 @@ def test_however_it_is_driven_braking_is_always_possible(
             AxisMotion(motion.start + int(change * share), change * 40.0, STEP_NS, share * STEP_NS)
             for motion, change in zip(motions, done, strict=True)
         ]
+
+
+# Axes that are told velocities, and nothing any more.
+
+
+GOES_ON = replace(WIDE, goes_on_s=0.1)
+
+
+def test_how_far_axes_go_that_nobody_tells_anything_any_more() -> None:
+    course = step((1000, 2000), limits=(GOES_ON, WIDE)).course([500, -250])
+    assert course.end == [1500, 1750]
+    assert course.rest == [4500, 1250]  # 20,000 counts/s for 0.1 s, and braking in 0.1 s
+    assert course.stretch == pytest.approx(7.0)
+
+
+@given(
+    st.integers(-900, 900),
+    st.integers(-500, 500),
+    st.lists(st.tuples(st.integers(-500, 500), st.integers(-500, 500)), min_size=1, max_size=30),
+)
+@examples(100)
+def test_wherever_the_stream_is_cut_coupled_axes_come_to_rest_inside(
+    apart: int, along: int, wanted: list[tuple[int, int]]
+) -> None:
+    """Step after step, each as it is left: going on together, and then braking on one line."""
+    at, last = (along + apart, along), (0.0, 0.0)
+    for changes in wanted:
+        one = step(at, last, limits=(GOES_ON, GOES_ON))
+        done, _ = shaped(one, *changes)
+        at, last = (at[0] + done[0], at[1] + done[1]), (float(done[0]), float(done[1]))
+        velocity = [change * 40.0 for change in done]
+        brakes_s = max(abs(v) for v in velocity) / GOES_ON.max_acceleration
+        for going_s in (0.0, 0.05, 0.1, 0.1 + brakes_s / 2.0):
+            first, second = (a + v * going_s for a, v in zip(at, velocity, strict=True))
+            assert abs(first - second) <= 1000.0 + 1e-6

@@ -184,3 +184,20 @@ def test_axes_that_share_a_coupled_limit_are_homed_one_after_the_other(tmp_path:
         "homing_order[0]: carriage_pair and carriage_inner share the coupled limit "
         "'collar_clearance', which counts on one of them standing still: home one after the other"
     )
+
+
+def test_axes_of_one_limit_go_on_equally_long_when_nothing_is_sent_any_more(tmp_path: Path) -> None:
+    """Else the one that stops first leaves the other to go beyond."""
+    faster = "mode: csv, setpoint_timeout_s: 0.4"
+    only_one = ("drive: {<<: *drive, node: 4}", f"drive: {{<<: *drive, node: 4, {faster}}}")
+    problems = problems_of(tmp_path, TUBES, only_one)
+    expected = (
+        "coupled_limits[0]: when nothing is sent any more, 'carriage_pair' goes on for 0.4 s and "
+        "'carriage_inner' for 0 s: give axes that are coupled the same mode and setpoint_timeout_s"
+    )
+    assert any(expected in problem for problem in problems), problems
+    file = tmp_path / "together.yaml"
+    node = "      node: 1\n"
+    assert TEXT.count(node) == 1
+    file.write_text(TEXT.replace(node, f"{node}      mode: csv\n      setpoint_timeout_s: 0.4\n"))
+    assert {axis.drive.goes_on_s for axis in load_robot(file).robot.axes} == {0.4}
