@@ -1,6 +1,7 @@
 """What coupled limits must be: to axes and coordinates, to each other, and to the travels."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -180,8 +181,8 @@ def _stream_findings(
     """Where nothing is sent any more, axes that are coupled go on together or not at all."""
     sums = [known.sum, *[condition.sum for condition in known.only_while]]
     coupled = np.any([one.factors != 0.0 for one in sums], axis=0)
-    first, *others = [axis for axis, one in zip(axes, coupled, strict=True) if one]
-    for axis in others:
+    together = [axis for axis, one in zip(axes, coupled, strict=True) if one]
+    for first, axis in pairwise(together):
         if axis.goes_on_s != first.goes_on_s:
             yield (
                 at,
