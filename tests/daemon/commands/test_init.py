@@ -10,6 +10,7 @@ import pytest
 
 from config.loader import load_robot
 from daemon.commands.outcome.exit_codes import EXIT_CANNOT_CREATE, EXIT_USAGE
+from daemon.commands.host.init import _EXPERIMENTS
 from daemon.commands.terminal.command_line import main
 from tests.installed_package import installed
 
@@ -61,7 +62,7 @@ def test_the_made_controller_passes_its_own_test(
     assert "2 passed" in done.stdout
 
 
-@pytest.mark.parametrize("like", ["soft_arm", "tendon_arm", "concentric_tubes"])
+@pytest.mark.parametrize("like", _EXPERIMENTS)
 def test_the_made_robot_and_its_experiment_are_sound(
     like: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
