@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from config.loader import load_robot
-from daemon.commands.outcome.exit_codes import EXIT_CANNOT_CREATE, EXIT_USAGE
 from daemon.commands.host.init import _EXPERIMENTS
+from daemon.commands.outcome.exit_codes import EXIT_CANNOT_CREATE, EXIT_USAGE
 from daemon.commands.terminal.command_line import main
 from tests.installed_package import installed
 
