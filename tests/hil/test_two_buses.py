@@ -21,6 +21,7 @@ pytestmark = [pytest.mark.long, pytest.mark.hil, pytest.mark.xdist_group("two_bu
 
 S = OperatingState
 MOVES_WITHIN_S: Final = 60.0
+ATTEMPTS: Final = 3
 
 
 def patient(folder: Path) -> Path:
@@ -43,11 +44,7 @@ def test_it_is_homed_follows_a_circle_and_stops_on_both_buses() -> None:
     with short_folder() as folder:
         one = Rig(folder, patient(folder))
         try:
-            homed(one)
-            one.armed()
-            one.user.do(one.client.load(CIRCLE, BROYDEN))
-            one.user.do(one.client.start())
-            one.until(lambda: moves(one), MOVES_WITHIN_S)
+            follows(one)
             assert one.energised
             one.user.do(one.client.stop())
             one.until_without_torque()
@@ -67,13 +64,30 @@ def test_it_is_homed_follows_a_circle_and_stops_on_both_buses() -> None:
         assert np.ptp(list(stopped_ns.values())) < 100e6, "both are told within some cycles"
 
 
+def follows(one: Rig) -> None:
+    """Homed, armed, on its circle. On a busy machine it may come to a fault: then once more."""
+    for _ in range(ATTEMPTS):
+        one.until(
+            lambda: one.causes() == {"not_referenced"} or one.state in (S.READY, S.FAULT), 60.0
+        )
+        homed(one)
+        one.armed()
+        one.user.do(one.client.load(CIRCLE, BROYDEN))
+        one.user.do(one.client.start())
+        one.until(lambda: moves(one) or one.state is S.FAULT, MOVES_WITHIN_S)
+        if one.state is S.RUNNING:
+            return
+    raise AssertionError("it always came to a fault")
+
+
 def homed(one: Rig) -> None:
     """All that do not know their zeros look for them."""
-    one.until(lambda: "not_referenced" in one.causes() or one.state is S.READY, 60.0)
-    one._acquire()
-    with suppress(RefusedError):
-        one.user.do(one.client.home([], 60.0))
-    one.until(lambda: "not_referenced" not in one.causes(), 60.0)
+    while "not_referenced" in one.causes():
+        one._acquire()
+        with suppress(RefusedError):
+            if one.state is S.FAULT:
+                one.user.do(one.client.clear())
+            one.user.do(one.client.home([], 60.0))
 
 
 def moves(one: Rig) -> bool:
