@@ -80,6 +80,11 @@ def follows(one: Rig) -> None:
     raise AssertionError("it always came to a fault")
 
 
+def set_up(one: Rig) -> bool:
+    """Whether nothing is left to wait for."""
+    return one.causes() == {"not_referenced"} or one.state in (S.READY, S.FAULT)
+
+
 def homed(one: Rig) -> None:
     """All that do not know their zeros look for them."""
     while "not_referenced" in one.causes():
