@@ -32,6 +32,9 @@ _CLOSE_RAD = 1e-5
 """A Newton step that turns no tube by more is the last one: what remains is its square."""
 _LONGEST_STEP_RAD = 0.5
 _CONTRACTION = 0.5
+_GENTLY_RAD = 0.01
+"""Where tubes turn by less than this from one row of a sweep to the next, the one after it is
+looked for as much further: what is left to find is the square of that."""
 _SWEPT = 10
 """Steps of Newton's method from one row of a sweep to the next; thrice as many from nothing."""
 
@@ -808,24 +811,34 @@ def sweep(
 ) -> None:
     """Where the innermost tube ends, without loads and friction, for rows of (K, n) settings.
 
-    Each row begins with the equilibrium of the one before, so neighbours should be near. Filled:
-    tip_mm and direction (K, 3); not a number where no stable equilibrium was found.
+    Each row begins with the equilibrium of the one before, so neighbours should be near; in a
+    motion of small steps it begins as much further as the last one came. Filled: tip_mm and
+    direction (K, 3); not a number where no stable equilibrium was found.
     """
     count = rotation_rad.shape[1]
     none, down = np.zeros(3), np.array([0.0, 0.0, -1.0])
     friction = Friction(np.zeros(tubes.end_mm.shape), 0.0, 0.0)
     drag = Drag(np.zeros((1, 3, 1)), 0.0)
-    base, cold = np.zeros(count + 2), np.zeros(count + 2)
+    base, cold, came = np.zeros(count + 2), np.zeros(count + 2), np.zeros(count + 2)
     for row in range(rotation_rad.shape[0]):
         angles = rotation_rad[row]
         layout = lay_out(tubes, collar_mm[row], twisting, none, down, interval_mm)
-        found = settle(layout, tubes, angles, base, friction, drag, True, 0, _SWEPT)
+        found = settle(layout, tubes, angles, base + came, friction, drag, True, 0, _SWEPT)
+        if not (found.converged and found.determinant > 0.0) and came.any():
+            found = settle(layout, tubes, angles, base, friction, drag, True, 0, _SWEPT)
         if not (found.converged and found.determinant > 0.0):
             found = settle(layout, tubes, angles, cold, friction, drag, True, _SWEPT, 3 * _SWEPT)
         if not (found.converged and found.determinant > 0.0):
+            came[:] = 0.0
             for a in range(3):
                 tip_mm[row, a] = direction[row, a] = np.nan
             continue
+        far = 0.0
+        for i in range(count):
+            came[i] = found.base[i] - base[i]
+            far = max(far, abs(came[i]) * layout.node_mm[-1])
+        if far > _GENTLY_RAD or row == 0:
+            came[:] = 0.0
         base = found.base
         tip = layout.tip_node
         w, x, y, z = found.march.quaternion[tip]

@@ -212,3 +212,16 @@ def test_the_twist_of_a_pair_is_that_of_a_pendulum() -> None:
     whole = 0.5 * rate**2 + 50_000.0 / GJ * BENT**2 * np.cos(angle)
     np.testing.assert_allclose(whole, whole[0], rtol=1e-6)
     assert abs(rate[0]) > 1e-3
+
+
+def test_tips_of_a_motion_are_those_of_its_places_alone_however_gently_it_goes() -> None:
+    """It begins fast, goes on gently, and leaps in the middle."""
+    statics = statics_of(plant_config(), ideal=True)
+    at = np.concatenate([0.1 * np.arange(8), 0.8 + 1e-3 * np.arange(12), 1.4 + 1e-3 * np.arange(6)])
+    rotation = np.stack([0.3 * at, at, 2.0 * at], axis=1)
+    collar = np.stack([0.0 * at, -17.0 + at, -70.0 + 5.0 * at], axis=1)
+    tips, directions = statics.tips(rotation, collar)
+    for row, (turned, pushed) in enumerate(zip(rotation, collar, strict=True)):
+        tip, direction = statics.tips(turned[None], pushed[None])
+        np.testing.assert_allclose(tips[row], tip[0], atol=1e-5)
+        np.testing.assert_allclose(directions[row], direction[0], atol=1e-7)
