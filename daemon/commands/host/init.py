@@ -32,7 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--like",
         choices=tuple(_EXPERIMENTS),
         default="soft_arm",
-        help="the shipped robot to begin with (soft_arm)",
+        metavar="ROBOT",
+        help=f"the shipped robot to begin with: {', '.join(_EXPERIMENTS)} (soft_arm)",
     )
 
 

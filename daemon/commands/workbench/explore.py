@@ -104,7 +104,6 @@ def _seen(
     file: RobotFile, options: WaypointExploration, arguments: argparse.Namespace
 ) -> "Dataset":
     from daemon.files import check_can_be_made
-    from daemon.workbench.experiments.trial import TrialError
     from daemon.workbench.pretraining.explore import dataset_of_run
 
     arguments.out.parent.mkdir(parents=True, exist_ok=True)
@@ -114,7 +113,7 @@ def _seen(
         dataset.save(arguments.out)
         return dataset
     if file.robot.emulation is None:
-        raise TrialError(
+        raise UsageError(
             f"{file.path} has no 'emulation': let its daemon explore, and take the run with --from"
         )
     return _explored(file, options, arguments)

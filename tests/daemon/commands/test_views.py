@@ -262,11 +262,13 @@ def test_a_healthy_robot_is_probed_on_one_page(robot: Path) -> None:
 
 @pytest.mark.parametrize("robot", sorted(SHIPPED_ROBOTS.glob("*.yaml")), ids=lambda path: path.stem)
 def test_what_is_wrong_is_probed_with_its_remedies_on_one_page(robot: Path) -> None:
+    drives = [axis.drive for axis in check_robot(robot).file.robot.axes]
+    *_, second, third = (f"{drive.bus}/{drive.node}" for drive in drives)
     told, events = probed(
         robot,
         "tracker.missing=20s",
-        "drive.can0/2.heartbeat_stop=20s",
-        "drive.can0/3.emergency=0x8611",
+        f"drive.{second}.heartbeat_stop=20s",
+        f"drive.{third}.emergency=0x8611",
     )
     lines = printed(view(told, events[-6:], SMALL))
     text = joined(lines)

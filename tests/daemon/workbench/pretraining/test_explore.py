@@ -16,7 +16,6 @@ from config.loader import RobotFile, load_robot
 from config.tasks.exploration import WaypointExploration
 from daemon.commands.outcome.exit_codes import (
     EXIT_DATA,
-    EXIT_FAILED,
     EXIT_NO_INPUT,
     EXIT_OK,
     EXIT_USAGE,
@@ -261,7 +260,7 @@ def test_a_robot_without_emulated_devices_is_explored_by_its_daemon(
     text = PATH.read_text()
     real = tmp_path / "real.yaml"
     real.write_text(text[: text.index("\nemulation:") + 1])
-    assert main(["explore", str(real), "--out", str(tmp_path / "d.npz")]) == EXIT_DATA
+    assert main(["explore", str(real), "--out", str(tmp_path / "d.npz")]) == EXIT_USAGE
     assert "--from" in capsys.readouterr().err
 
 
@@ -273,5 +272,5 @@ def test_pretrain_explains_what_it_cannot_do(
     assert "none.npz" in capsys.readouterr().err
     assert main([*words, "--epochs", "0"]) == EXIT_USAGE
     (tmp_path / "none.npz").write_bytes(b"junk")
-    assert main(words) == EXIT_FAILED
+    assert main(words) == EXIT_DATA
     assert "is not an exploration" in capsys.readouterr().err
