@@ -10,7 +10,7 @@ import { fetchReplay, openReplay, reading } from "./replay.js";
 import { showRuns } from "./runs.js";
 import { Hand } from "./teleoperation.js";
 
-const STALE_S = 0.5, RUNS_EVERY_MS = 15000;
+const STALE_S = 0.5, RUNS_EVERY_MS = 15000, PLOT_EVERY_MS = 60;
 const replayed = new URLSearchParams(location.search).get("replay");
 const look = {
   frames: 0, status: null, risk: null, tip: null, body: null, heard: 0, age: Infinity, number: 0, drawnNumber: 0, drawnHeard: -Infinity,
@@ -169,7 +169,9 @@ function begin() {
   setInterval(showAge, 100);
   showRuns(look.role);
   setInterval(() => { if (!document.hidden) showRuns(look.role); }, RUNS_EVERY_MS);
-  setInterval(() => { if (plots) Object.values(plots).forEach((plot) => plot.draw()); }, 100);
+  // One after the other: whoever presses STOP waits for one of them at most.
+  let turn = 0;
+  setInterval(() => { if (plots) { const all = Object.values(plots); turn = (turn + 1) % all.length; all[turn].draw(); } }, PLOT_EVERY_MS);
 }
 
 for (const button of document.querySelectorAll("[data-view]")) button.addEventListener("click", () => scene.view(button.dataset.view));

@@ -1,4 +1,4 @@
-// Curves: of the last half minute, drawn ten times a second whatever comes in; or of a whole run.
+// Curves: of the last half minute, drawn four times a second whatever comes in; or of a whole run.
 import uPlot from "./vendor/uplot/uPlot.esm.js";
 
 const SPAN_S = 30, HEIGHT = 190;
