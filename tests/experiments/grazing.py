@@ -49,6 +49,7 @@ def figures_of(found: Sequence[Sequence[Grazed]]) -> dict[str, Any]:
         "with_the_model": {
             "touched": sum(one.least_clearance_mm <= 0.0 for one in aware),
             "got_round": sum(one.state is OperatingState.ARMED for one in aware),
+            "not_armed": sum(one.state is OperatingState.READY for one in aware),
             "least_clearance_mm": _spread([one.least_clearance_mm for one in aware]),
             "highest_risk": max(one.highest_risk or 0.0 for one in aware),
             "steps": sum(one.steps for one in aware),
@@ -69,7 +70,7 @@ def figures_of(found: Sequence[Sequence[Grazed]]) -> dict[str, Any]:
 
 
 def _spread(values: Sequence[float]) -> dict[str, float]:
-    lowest, median, highest = np.quantile(values, (0.0, 0.5, 1.0)).round(2).tolist()
+    lowest, median, highest = np.nanquantile(values, (0.0, 0.5, 1.0)).round(2).tolist()
     return {"lowest": lowest, "median": median, "highest": highest}
 
 

@@ -107,6 +107,7 @@ class Grazed:
     shortened: int
     slid: int
     mean_error_mm: float
+    """Not a number where it was never armed."""
 
 
 class Witness:
@@ -165,7 +166,11 @@ def graze(
     ended: dict[str, Any] = {}
 
     async def scene(rig: Rig) -> None:
-        await once_round(rig, subject.circle, witness.watch(rig), subject.controller)
+        try:
+            await once_round(rig, subject.circle, witness.watch(rig), subject.controller)
+        except AssertionError as error:  # where it may touch as it stands, it is not armed
+            if "name='contact'" not in str(error):
+                raise
         ended.update(state=rig.state, causes=rig.causes)
 
     def change(robot: Robot) -> Robot:
@@ -183,7 +188,7 @@ def graze(
         len(risks),
         sum(RISK in r.reasons for r in risks),
         sum(SLIDING in r.reasons for r in risks),
-        float(np.mean(errors)),
+        float(np.mean(errors)) if errors else float("nan"),
     )
 
 
