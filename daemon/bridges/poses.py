@@ -5,6 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.pose import rotate
+
 Matrix = NDArray[np.float64]
 
 _NEARLY_AGAINST = -1.0 + 1e-9
@@ -28,14 +30,7 @@ def unit_quaternion(quaternion: Sequence[float] | None) -> tuple[float, float, f
 
 def rotation(quaternion: tuple[float, float, float, float]) -> Matrix:
     """(3, 3) of a unit quaternion, scalar first."""
-    w, x, y, z = quaternion
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return np.column_stack([rotate(np.array(quaternion), axis) for axis in np.eye(3)])
 
 
 def quaternion_along(direction: Sequence[float] | None) -> tuple[float, float, float, float]:

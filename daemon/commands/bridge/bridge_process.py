@@ -1,10 +1,11 @@
-"""What all bridges share as processes: which robot, what they say of it, and their end."""
+"""What all bridges share as processes: which robot and port, what they say, and their end."""
 
 import argparse
 import asyncio
 import sys
 from contextlib import suppress
 from importlib.util import find_spec
+from typing import Final
 
 from daemon.bridges.robot_feed import Listener, RobotFeed
 from daemon.commands.outcome.failures import CommandError, UsageError
@@ -13,6 +14,27 @@ from daemon.host.stop_signals import StopSignals
 from daemon.messages import Message, Surroundings, WhoAmI
 from daemon.remote.client.address import Address
 from daemon.remote.client.client_errors import ClientError
+
+_LOOPBACK: Final = ("127.0.0.1", "::1", "localhost")
+
+
+def add_port_arguments(parser: argparse.ArgumentParser, port: int, protocol: str) -> None:
+    """Where others connect to. protocol: its name, for people."""
+    parser.add_argument(
+        "--port", type=int, default=port, metavar="N", help="default: %(default)s; 0: any"
+    )
+    parser.add_argument(
+        "--bind",
+        default="127.0.0.1",
+        metavar="ADDRESS",
+        help=f"other than this machine: {protocol} asks nobody who he is",
+    )
+
+
+def warn_of_network(bind: str, port: int) -> None:
+    """On stderr, where others than this machine can connect."""
+    if bind not in _LOOPBACK:
+        print(f"warning: port {port} is open to the network, at {bind}", file=sys.stderr)
 
 
 def require_library(module: str, extra: str = "bridges") -> None:

@@ -3,48 +3,51 @@
 import argparse
 import asyncio
 import json
-import sys
+from importlib.resources import files
 from typing import Final
 
-from daemon.commands.bridge.bridge_process import check_target, follow, require_library
+from daemon.commands.bridge.bridge_process import (
+    add_port_arguments,
+    check_target,
+    follow,
+    require_library,
+    warn_of_network,
+)
 from daemon.commands.outcome.failures import CommandError
 from daemon.commands.outcome.result import Result, tell
 from daemon.commands.terminal.remote_arguments import add_target_arguments
 
 _PORT: Final = 8765
 """That of Foxglove's WebSocket protocol."""
-_LOOPBACK: Final = ("127.0.0.1", "::1", "localhost")
-_VIEWERS: Final = ("foxglove", "lichtblick")
+VIEWERS: Final = ("foxglove", "lichtblick")
+"""Each has layouts of its own format."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_target_arguments(parser)
-    parser.add_argument(
-        "--port", type=int, default=_PORT, metavar="N", help="default: %(default)s; 0: any"
-    )
-    parser.add_argument(
-        "--bind",
-        default="127.0.0.1",
-        metavar="ADDRESS",
-        help="other than this machine: the protocol asks nobody who he is",
-    )
+    add_port_arguments(parser, _PORT, "its protocol")
     parser.add_argument(
         "--layout",
-        choices=_VIEWERS,
+        choices=VIEWERS,
         help="print a layout for that viewer, to be imported there, and end",
     )
 
 
 def run(arguments: argparse.Namespace) -> Result:
     if arguments.layout is not None:
-        from daemon.bridges.foxglove.layouts import layout
-
         text = layout(arguments.layout)
         return Result({"viewer": arguments.layout, "layout": json.loads(text)}, text.rstrip())
     check_target(arguments)
     require_library("foxglove")
     asyncio.run(_serve(arguments))
     return Result(None)
+
+
+def layout(viewer: str) -> str:
+    """A JSON file's text, of one of VIEWERS: panels with topics that it does not switch on by
+    itself."""
+    path = files("daemon.bridges.foxglove") / "layouts" / f"{viewer}.json"
+    return path.read_text(encoding="utf-8")
 
 
 async def _serve(arguments: argparse.Namespace) -> None:
@@ -58,8 +61,7 @@ async def _serve(arguments: argparse.Namespace) -> None:
         text = f"port {arguments.port} cannot be served: {error}"
         raise CommandError("unavailable", text, place=str(arguments.port)) from None
     try:
-        if arguments.bind not in _LOOPBACK:
-            print(f"warning: port {server.port} is open to the network", file=sys.stderr)
+        warn_of_network(arguments.bind, server.port)
         ready = {"host": arguments.bind, "port": server.port, "state": "ready"}
         text = f"Foxglove at ws://{arguments.bind}:{server.port}; Ctrl-C ends it"
         tell("bridge foxglove", ready, text)

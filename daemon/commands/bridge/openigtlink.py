@@ -3,19 +3,22 @@
 import argparse
 import asyncio
 import socket
-import sys
 from typing import Final
 
 from config.documents.problems import in_words
 from daemon.bridges.openigtlink.server import OpenIGTLinkServer
-from daemon.commands.bridge.bridge_process import check_target, follow
+from daemon.commands.bridge.bridge_process import (
+    add_port_arguments,
+    check_target,
+    follow,
+    warn_of_network,
+)
 from daemon.commands.outcome.failures import CommandError
 from daemon.commands.outcome.result import Result, tell
 from daemon.commands.terminal.remote_arguments import add_target_arguments
 
 _PORT: Final = 18944
 """That of OpenIGTLink, as IANA has registered it."""
-_LOOPBACK: Final = ("127.0.0.1", "::1", "localhost")
 _BODY: Final = {
     "line": ("POLYDATA",),
     "points": ("POINT",),
@@ -26,15 +29,7 @@ _BODY: Final = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_target_arguments(parser)
-    parser.add_argument(
-        "--port", type=int, default=_PORT, metavar="N", help="default: %(default)s; 0: any"
-    )
-    parser.add_argument(
-        "--bind",
-        default="127.0.0.1",
-        metavar="ADDRESS",
-        help="other than this machine: OpenIGTLink asks nobody who he is",
-    )
+    add_port_arguments(parser, _PORT, "OpenIGTLink")
     parser.add_argument(
         "--body",
         choices=_BODY,
@@ -63,8 +58,7 @@ async def _serve(arguments: argparse.Namespace) -> None:
     server = OpenIGTLinkServer(arguments.robot or "robot", _BODY[arguments.body])
     await server.open(listening)
     try:
-        if arguments.bind not in _LOOPBACK:
-            print(f"warning: port {port} is open to the network, at {host}", file=sys.stderr)
+        warn_of_network(arguments.bind, port)
         ready = {"host": host, "port": port, "state": "ready"}
         tell("bridge openigtlink", ready, f"OpenIGTLink at {host}:{port}; Ctrl-C ends it")
         await follow(arguments, server)

@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from daemon.bridges.foxglove.layouts import VIEWERS, layout
+from daemon.commands.bridge.foxglove import VIEWERS, layout
 from daemon.commands.terminal.command_line import main
 from daemon.messages import Axes, Risk, Tip
 from daemon.recording.format.channels import TOPICS
