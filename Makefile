@@ -75,6 +75,8 @@ experiments: $(DEVELOPMENT)
 	@$(BIN)/python -m tests.fuzz --inputs 1000000
 	@$(BIN)/python -m tests.experiments.body_point
 	@$(BIN)/python -m tests.experiments.grazing
+	@$(BIN)/python -m tests.experiments.grazing --tubes --aware-only --seeds 50
+	@$(BIN)/python -m tests.experiments.planning
 	@$(BIN)/python -m tests.experiments.chaos --pairs 200
 	@$(BIN)/python -m tests.experiments.undeclared_load
 	@for robot in tendon_arm soft_arm; do $(BIN)/tentacled mdn calibrate config/robots/$$robot.yaml \

@@ -3,10 +3,14 @@
 import argparse
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from daemon.commands.outcome.failures import as_failed
 from daemon.commands.outcome.result import Result
 from daemon.robot.checked_robot import add_robot_argument, robot_with_warnings_told
+
+if TYPE_CHECKING:
+    from daemon.workbench.body_model.evaluation.contact_calibration import ContactCalibration
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -85,7 +89,12 @@ def run(arguments: argparse.Namespace) -> Result:
         write_reliability(found, figure)
     except ValueError as error:
         raise as_failed(error) from None
-    lines = [
+    told = "\n".join((*_said(found), str(path), str(figure)))
+    return Result({"calibration": found.summary(), "written": [path, figure]}, told)
+
+
+def _said(found: "ContactCalibration") -> tuple[str, str]:
+    return (
         f"{len(found.predicted)} situations of {found.rollouts} rollouts "
         f"(left out: {found.unknown} configurations that the model does not know, {found.learnt} "
         "that it was trained at); "
@@ -93,7 +102,4 @@ def run(arguments: argparse.Namespace) -> Result:
         f"expected calibration error {found.expected_error:.3f}, largest of a tenth "
         f"{found.largest_error:.3f}; a single situation is off by {found.single_error:.3f} on the "
         f"average; more contacts than the upper limit in {found.exceeded:.1%}",
-        str(path),
-        str(figure),
-    ]
-    return Result({"calibration": found.summary(), "written": [path, figure]}, "\n".join(lines))
+    )

@@ -39,8 +39,8 @@ def run(arguments: argparse.Namespace) -> Result:
 def _show_once(status: Status) -> None:
     from rich.console import Console
 
-    from daemon.commands.terminal.page import Size
-    from daemon.commands.terminal.status_view import status_view
+    from daemon.commands.views.page import Size
+    from daemon.commands.views.status_view import status_view
 
     size = Size.of_terminal()
     Console(width=size.width).print(status_view(status, size))
@@ -57,8 +57,8 @@ async def _watch(client: RobotClient, every_s: float) -> None:
     """Goes on while the daemon is away: the connection comes back by itself."""
     from rich.live import Live
 
-    from daemon.commands.terminal.page import Size
-    from daemon.commands.terminal.status_view import gone_view, status_view
+    from daemon.commands.views.page import Size
+    from daemon.commands.views.status_view import gone_view, status_view
 
     stopping = asyncio.create_task(StopSignals().wait(None))
     loop = asyncio.get_running_loop()

@@ -16,10 +16,10 @@ from rich.live import Live
 
 from daemon.commands.outcome.exit_codes import EXIT_FAILED, EXIT_OK
 from daemon.commands.outcome.result import Result, tell
-from daemon.commands.terminal.page import Size
-from daemon.commands.terminal.probe_beside_daemon import folder_of_master, show_what_it_says
-from daemon.commands.terminal.probe_snapshot import Json, ProbeSession
-from daemon.commands.terminal.probe_view import event_line, view
+from daemon.commands.views.page import Size
+from daemon.commands.views.probe_beside_daemon import folder_of_master, show_what_it_says
+from daemon.commands.views.probe_snapshot import Json, ProbeSession
+from daemon.commands.views.probe_view import event_line, view
 from daemon.host.clock import MonotonicClock, run_in_real_time
 from daemon.host.stop_signals import StopSignals
 from daemon.robot.capture import CanCapture

@@ -104,31 +104,18 @@ async def _serve(
     risk: RiskSource,
     tell_event: Callable[[Event], None] | None = None,
 ) -> None:
-    stop, clock, manager = StopSignals(), MonotonicClock(), ServiceManager()
     robot = checked.file.robot
     directory = arguments.runtime_dir or default_runtime_directory(robot.robot)
-    simulated, truth = uses_lab(robot), LabBody(directory)
-    dependencies = Dependencies(
-        RealConnections(clock),
-        clock,
-        FlightRecorder(),
-        risk,
-        simulated,
-        None if arguments.no_real_time else RealTime(),
-        runs=arguments.runs,
-        body_failing=truth.failing,
-        good_cycle=manager.good_cycle,
-    )
-    if dependencies.real_time is not None:
-        dependencies.real_time.prepare()
+    stop, manager, truth = StopSignals(), ServiceManager(), LabBody(directory)
     surroundings = _surroundings(robot, risk)
+    dependencies = _dependencies(robot, arguments, risk, manager, truth)
     session = Session(
         checked.file,
         with_lab_ports(robot, directory),
         dependencies,
-        _folder_maker(checked, arguments, clock, b"".join(surroundings.parts)),
+        _folder_maker(checked, arguments, dependencies.clock, b"".join(surroundings.parts)),
         arguments.seed,
-        inject=_injector(directory) if simulated else None,
+        inject=_injector(directory) if dependencies.simulated else None,
         files=arguments.files or models_directory(),
         off_the_loop=in_a_thread,
     )
@@ -138,7 +125,7 @@ async def _serve(
         robot.remote,
         directory,
         session.operator,
-        simulated=simulated,
+        simulated=dependencies.simulated,
         version=service.version,
         robot_file_dir=checked.file.path.parent,
         surroundings=surroundings,
@@ -154,7 +141,7 @@ async def _serve(
     manager.ready()
     try:
         check_buses_are_free(with_lab_ports(robot, directory).buses.values())
-        if simulated:
+        if dependencies.simulated:
             lab.start()
             service.body.emulated = truth.newest
             truth.start()
@@ -168,6 +155,31 @@ async def _serve(
         lab.end()
         truth.end()
         await server.close()
+
+
+def _dependencies(
+    robot: Robot,
+    arguments: argparse.Namespace,
+    risk: RiskSource,
+    manager: ServiceManager,
+    truth: LabBody,
+) -> Dependencies:
+    """Of a daemon with drivers and a clock that are real."""
+    clock = MonotonicClock()
+    real_time = None if arguments.no_real_time else RealTime()
+    if real_time is not None:
+        real_time.prepare()
+    return Dependencies(
+        RealConnections(clock),
+        clock,
+        FlightRecorder(),
+        risk,
+        uses_lab(robot),
+        real_time,
+        runs=arguments.runs,
+        body_failing=truth.failing,
+        good_cycle=manager.good_cycle,
+    )
 
 
 def _in_a_line(status: Status) -> str:

@@ -22,6 +22,8 @@ from daemon.commands.outcome.failures import Failure
 _FORM: Final = 1
 """Of the objects: it changes where a key goes or means something else, not where one is added."""
 
+_PACKAGES: Final = ("eclipse-zenoh", "numba", "numpy", "scipy", "python-can", "mcap", "msgspec")
+
 _json_out: list[TextIO] = []
 """Standard output as it was before it was kept for JSON; the last one counts."""
 
@@ -121,6 +123,30 @@ def program_version() -> str:
     from importlib.metadata import version  # which `--help` has no use for
 
     return version("tentacled")
+
+
+def versions() -> dict[str, Any]:
+    """What a report of a defect should name, by name; None: not installed."""
+    import platform
+
+    from config.documents.kinds import API_VERSION
+
+    return {
+        "tentacled": program_version(),
+        "api_version": API_VERSION,
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "packages": {name: _version_of(name) for name in _PACKAGES},
+    }
+
+
+def _version_of(package: str) -> str | None:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
 
 
 def _write(line: Mapping[str, Any]) -> None:

@@ -6,10 +6,10 @@ import gc
 import re
 import sys
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Final, NoReturn, Protocol, cast
+from typing import Any, Final, NoReturn, Protocol, cast
 
 from config.documents.problems import did_you_mean
 from daemon.commands.outcome.exit_codes import (
@@ -26,12 +26,10 @@ from daemon.commands.outcome.result import (
     tell_failure,
     tell_result,
     telling_json,
+    versions,
 )
 from daemon.host.real_time import imported_for_good
 from daemon.host.writable_places import ensure_writable_places
-
-if TYPE_CHECKING:
-    from daemon.host.processes import Share
 
 # The folder that each is in and what it is for, in the order in which a newcomer needs them.
 COMMANDS: Final = {
@@ -115,6 +113,28 @@ class CommandModule(Protocol):
         ...
 
 
+class CommandGroup:
+    """A command with words below it, each a module of one folder, imported when it is used."""
+
+    def __init__(self, folder: str, metavar: str, purposes: Mapping[str, str]) -> None:
+        """purposes: by the word."""
+        self._folder, self._metavar, self._purposes = folder, metavar, purposes
+
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+        """Those of all its words."""
+        words = parser.add_subparsers(dest="word", metavar=self._metavar, required=True)
+        for word, purpose in self._purposes.items():
+            below = words.add_parser(word, help=purpose, description=purpose)
+            self._module(word).add_arguments(below)
+
+    def run(self, arguments: argparse.Namespace) -> Result:
+        """The word's."""
+        return self._module(arguments.word).run(arguments)
+
+    def _module(self, word: str) -> CommandModule:
+        return cast(CommandModule, import_module(f"daemon.commands.{self._folder}.{word}"))
+
+
 class CommandParser(argparse.ArgumentParser):
     """Says what may have been meant by a word that it does not know."""
 
@@ -176,16 +196,6 @@ def _with_what_was_meant(message: str) -> str:
 
 
 _INTERNAL: Final = Kind("internal", EXIT_INTERNAL, "report it, with the traceback on stderr")
-
-
-def share(text: str) -> "Share":
-    """Of `--share`: argparse tells what is wrong with it."""
-    from daemon.host.processes import Share
-
-    try:
-        return Share.of(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -288,8 +298,6 @@ class _Version(argparse.Action):
         super().__init__(option_strings, dest, nargs=0, help=more.get("help"))
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        from daemon.commands.outcome.parts import versions
-
         tell_result("version", Result(versions(), program_version()))
         parser.exit()
 

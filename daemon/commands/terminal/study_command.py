@@ -14,11 +14,10 @@ from rich.console import Console
 from config.paths import is_file
 from daemon.commands.outcome.exit_codes import EXIT_FAILED, EXIT_OK
 from daemon.commands.outcome.result import Result
-from daemon.commands.terminal.cluster_arguments import add_scheduler_argument
-from daemon.commands.terminal.command_line import share
 from daemon.commands.terminal.compiled import compile_all, telling_progress
 from daemon.commands.terminal.event_log import add_log_argument, style_of
 from daemon.commands.terminal.progress_line import ProgressLine
+from daemon.commands.terminal.work_sharing import add_scheduler_argument, share
 from daemon.host.logs import Log, logging_to_stderr
 from daemon.workbench.studies.error_tables import aims_text, trouble_text
 from daemon.workbench.studies.findings import Findings, findings

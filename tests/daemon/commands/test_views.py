@@ -9,11 +9,11 @@ import pytest
 from msgspec.structs import replace
 from rich.console import Console, RenderableType
 
-from daemon.commands.terminal.page import Size, cut, grid, paragraph, table
-from daemon.commands.terminal.probe_snapshot import Observer, event, snapshot
-from daemon.commands.terminal.probe_view import view
-from daemon.commands.terminal.status_view import status_view
 from daemon.commands.terminal.tour import _line
+from daemon.commands.views.page import Size, cut, grid, paragraph, table
+from daemon.commands.views.probe_snapshot import Observer, event, snapshot
+from daemon.commands.views.probe_view import view
+from daemon.commands.views.status_view import status_view
 from daemon.messages import Inject, Reason, RiskStatus, Status
 from daemon.robot.checked_robot import check_robot
 from daemon.robot.hardware import Hardware, Listeners

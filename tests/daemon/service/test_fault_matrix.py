@@ -12,7 +12,7 @@ from typing import NoReturn, cast
 import pytest
 from rich.console import Console
 
-from daemon.commands.terminal.status_view import status_view
+from daemon.commands.views.status_view import status_view
 from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.messages import Acquire, Arm, Clear, Disarm, Hold, Inject, Resume, Status
 from drivers.cia402.power_state import PowerState

@@ -7,7 +7,7 @@ from typing import Final
 from rich.console import RenderableType
 from rich.text import Text
 
-from daemon.commands.terminal.page import BAD, DIM, GOOD, Size, cut, grid, page, paragraph, table
+from daemon.commands.views.page import BAD, DIM, GOOD, Size, cut, grid, page, paragraph, table
 from daemon.messages import AxisStatus, Reason, RiskStatus, Status
 from daemon.remote.reason_groups import ReasonGroup, detail_of, grouped, subjects
 from safety.risk_source import NoModel

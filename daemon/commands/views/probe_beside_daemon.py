@@ -11,8 +11,8 @@ from rich.console import Console
 from rich.live import Live
 
 from daemon.commands.outcome.result import tell
-from daemon.commands.terminal.page import Size
-from daemon.commands.terminal.status_view import status_view
+from daemon.commands.views.page import Size
+from daemon.commands.views.status_view import status_view
 from daemon.host.stop_signals import StopSignals
 from daemon.messages import Status
 from daemon.remote.client.address import LocalAddress

@@ -1,11 +1,19 @@
-"""What commands share whose work other machines may do."""
+"""Work that other machines may do: one share of it, or all of it by the workers of a cluster."""
 
 import argparse
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
 
-from daemon.host.processes import worker_processes
+from daemon.host.processes import Share, worker_processes
+
+
+def share(text: str) -> Share:
+    """Of `--share`: argparse tells what is wrong with it."""
+    try:
+        return Share.of(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def add_scheduler_argument(parser: argparse.ArgumentParser) -> None:

@@ -6,7 +6,7 @@ from typing import Any, Final
 from rich.console import RenderableType
 from rich.text import Text
 
-from daemon.commands.terminal.page import BAD, DIM, GOOD, Size, cut, grid, page, paragraph, table
+from daemon.commands.views.page import BAD, DIM, GOOD, Size, cut, grid, page, paragraph, table
 from daemon.remote.reason_groups import detail_of
 
 Json = Mapping[str, Any]
