@@ -11,6 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
+from daemon.dashboard.stop_lines import STOPS_WITHIN_S
 from daemon.messages import (
     Acquire,
     Answer,
@@ -33,7 +34,6 @@ from daemon.remote.keys import TELEMETRY_KEYS
 _TRY_AGAIN_S: Final = 0.5
 _EVENTS_KEPT: Final = 1000
 _RENEW_EACH_S: Final = 0.2
-_STOPS_WITHIN_S: Final = 4.0
 _DEPTH: Final = 512
 HEARD_WITHIN_S: Final = 0.4
 """An older heartbeat renews nothing."""
@@ -102,7 +102,8 @@ class RobotLink:
         """Why the motion did not go on when the hand took hold again; empty: it did."""
         self.problem = "looking for the daemon"
         """Why it is not connected; empty: it is."""
-        self._folder = folder
+        self.folder = folder
+        """Of its daemon, at run time."""
         self._client: RobotClient | None = None
         self._renewing: asyncio.Task[None] | None = None
         self._renewed_s = 0.0
@@ -136,9 +137,7 @@ class RobotLink:
         """Connect, listen, and begin again."""
         while True:
             try:
-                async with await RobotClient.connect(
-                    LocalAddress.in_folder(self._folder)
-                ) as client:
+                async with await RobotClient.connect(LocalAddress.in_folder(self.folder)) as client:
                     await self._listen(client)
             except (ClientError, OSError, ValueError) as error:
                 self.problem = str(error)
@@ -301,5 +300,5 @@ class RobotLink:
     async def stop(self) -> Answer:
         """STOP by the daemon's own way for it, in control or not. Raises ClientError."""
         if self._client is not None:
-            return await self._client.stop(_STOPS_WITHIN_S)
-        return await LocalAddress.in_folder(self._folder).stop("page", _STOPS_WITHIN_S)
+            return await self._client.stop(STOPS_WITHIN_S)
+        return await LocalAddress.in_folder(self.folder).stop("page", STOPS_WITHIN_S)

@@ -3,7 +3,6 @@
 import asyncio
 import re
 from collections.abc import Awaitable, Callable
-from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
@@ -26,6 +25,8 @@ from daemon.dashboard.page_socket import PageSocket
 from daemon.dashboard.recorded_runs import RecordedRuns
 from daemon.dashboard.robot_link import RobotLink
 from daemon.dashboard.run_pages import RunPages
+from daemon.dashboard.stop_lines import outcome_of
+from daemon.dashboard.stop_process import StopProcess
 from daemon.messages import Answer
 from daemon.remote.client.client import RobotClient
 from daemon.remote.client.client_errors import ClientError, RefusedError
@@ -34,8 +35,6 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 _ROLE: Final = web.RequestKey("role", str)
 _LARGEST_MESSAGE_BYTES: Final = 4096
-_MOST_STOPS: Final = 8
-"""Of one browser's, waiting for their answers: the robot has been told so often then."""
 _PAGE: Final = re.compile(r"[0-9a-f]{16,64}")
 _STATIC: Final = Path(str(files("daemon.dashboard") / "static"))
 _TYPES: Final = {
@@ -55,17 +54,6 @@ _VERBS: Final[dict[str, Callable[[RobotClient], Awaitable[Answer]]]] = {
 }
 
 
-class _StopAsked(msgspec.Struct):
-    """What a browser says on its line for STOP."""
-
-    robot: str
-    n: int = 0
-    """Its own number, by which it knows the answer."""
-
-
-_STOP_ASKED: Final = msgspec.json.Decoder(_StopAsked)
-
-
 class PageServer:
     """Serves the robots that it is told of."""
 
@@ -77,6 +65,7 @@ class PageServer:
         self._rules = rules
         self._experiments = experiments
         self._runs = RunPages(RecordedRuns() if runs is None else runs)
+        self._stops = StopProcess()
         self._files = _read_static()
         self.app = web.Application(client_max_size=LARGEST_BODY_BYTES, middlewares=[self._guarded])
         self.app.add_routes(
@@ -84,7 +73,7 @@ class PageServer:
                 web.get("/", self._index),
                 web.get("/static/{name:.+}", self._static),
                 web.get("/ws", self._stream),
-                web.get("/stop", self._stop_line),
+                web.get("/stop", self._stops.take),
                 web.get("/api/me", self._me),
                 web.get("/api/robots", self._robots),
                 web.get("/api/experiments", self._list_experiments),
@@ -98,6 +87,21 @@ class PageServer:
                 *self._runs.routes(),
             ]
         )
+        self.app.on_startup.append(self._started)
+        self.app.on_cleanup.append(self._ended)
+
+    def serve(self, link: RobotLink) -> None:
+        """One robot more."""
+        self.links[link.name] = link
+        self._stops.robots({name: one.folder for name, one in self.links.items()})
+
+    async def _started(self, app: web.Application) -> None:
+        del app
+        await self._stops.start()
+
+    async def _ended(self, app: web.Application) -> None:
+        del app
+        await self._stops.close()
 
     @web.middleware
     async def _guarded(self, request: web.Request, handler: Handler) -> web.StreamResponse:
@@ -217,43 +221,7 @@ class PageServer:
 
     async def _stop(self, request: web.Request) -> web.Response:
         asked = await _body(request)
-        return _json(await _stopped(self._link(asked.get("robot"))))
-
-    async def _stop_line(self, request: web.Request) -> web.StreamResponse:
-        """For a browser to have open before it is wanted: every message on it is a STOP, and
-        nothing else comes this way."""
-        socket = web.WebSocketResponse(max_msg_size=_LARGEST_MESSAGE_BYTES, heartbeat=5.0)
-        await socket.prepare(request)
-        answering: set[asyncio.Task[None]] = set()
-        try:
-            async for message in socket:
-                if message.type is WSMsgType.TEXT and len(answering) < _MOST_STOPS:
-                    task = asyncio.create_task(self._stop_by_line(socket, message.data))
-                    answering.add(task)
-                    task.add_done_callback(answering.discard)
-        finally:
-            for task in answering:
-                task.cancel()
-            await asyncio.gather(*answering, return_exceptions=True)
-        return socket
-
-    async def _stop_by_line(self, socket: web.WebSocketResponse, text: str) -> None:
-        """What is no STOP does nothing, and gets no answer."""
-        try:
-            asked = _STOP_ASKED.decode(text)
-        except msgspec.DecodeError:
-            return
-        link = self.links.get(asked.robot)
-        if link is None:
-            told: dict[str, Any] = {"outcome": "no answer", "text": "there is no such robot here"}
-        else:
-            stopping = asyncio.create_task(_stopped(link))
-            await asyncio.sleep(0)  # it goes before it is told that it does
-            with suppress(ConnectionError):
-                await socket.send_bytes(msgspec.json.encode({"n": asked.n, "sent": True}))
-            told = await stopping
-        with suppress(ConnectionError):
-            await socket.send_bytes(msgspec.json.encode({"n": asked.n, **told}))
+        return _json(await outcome_of(self._link(asked.get("robot")).stop()))
 
     async def _do(self, request: web.Request) -> web.Response:
         asked = await _body(request)
@@ -307,19 +275,6 @@ class PageServer:
         if not isinstance(name, str) or name not in self.links:
             raise web.HTTPNotFound(reason="there is no such robot here")
         return self.links[name]
-
-
-async def _stopped(link: RobotLink) -> dict[str, Any]:
-    """STOP, and what came of it."""
-    loop = asyncio.get_running_loop()
-    began_s = loop.time()
-    try:
-        answer = await link.stop()
-    except ClientError as error:
-        return {"outcome": "no answer", "text": str(error)}
-    outcome = "confirmed" if answer.confirmed else "not confirmed"
-    took_ms = (loop.time() - began_s) * 1e3
-    return {"outcome": outcome, "took_ms": took_ms, "text": answer.text}
 
 
 def _home(request: web.Request) -> str:

@@ -192,7 +192,8 @@ async def _find(
                 )
                 if found is not None and wanted and found.robot not in server.links:
                     tell = None if log is None else event_line(log, found.robot)
-                    link = server.links[found.robot] = RobotLink(found.robot, folder, tell)
+                    link = RobotLink(found.robot, folder, tell)
+                    server.serve(link)
                     if log is not None:
                         log.tell(logging.INFO, "dashboard", f"{found.robot} found in {folder}")
                     links.append(asyncio.create_task(link.run()))

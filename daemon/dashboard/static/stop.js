@@ -16,8 +16,9 @@ function open() {
 // Of the STOP that was pressed last: one that was answered before tells nothing of this one.
 function hear(told) {
   if (!newest || told.n !== newest.n) return;
-  newest.sent = newest.sent || Boolean(told.sent);
-  if (told.outcome && !(told.outcome === "no answer" && newest.asked)) tell(newest, told);
+  newest.sent = newest.sent || Boolean(told.sent) || told.outcome !== "no answer";
+  if (told.outcome === "no answer") { if (!newest.asked) ask(newest); }
+  else if (told.outcome) tell(newest, told);
 }
 
 function tell(one, told) {

@@ -2,8 +2,6 @@
 
 import asyncio
 import socket
-import subprocess
-import sys
 from collections.abc import Mapping
 from contextlib import suppress
 from functools import partial
@@ -12,15 +10,13 @@ from typing import Final
 
 import msgspec
 
+from daemon.host.kept_process import KeptProcess
 from daemon.remote.server.command_desk import ErrorReports
 from daemon.remote.server.gateway import CONNECTION, LARGEST_STOP_BYTES, GatewaySettings
 from daemon.remote.server.stop_desk import STOPS_PER_TURN, StopDesk
 
-_COMMAND: Final = (sys.executable, "-m", "daemon.remote.server.gateway")
+_MODULE: Final = "daemon.remote.server.gateway"
 _BACKLOG: Final = 1024
-_LOOK_EVERY_S: Final = 0.25
-_LOOK_AT_ENDING_S: Final = 0.01
-_ENDS_WITHIN_S: Final = 1.0
 
 
 class GatewayProcess:
@@ -36,69 +32,26 @@ class GatewayProcess:
     ) -> None:
         """Begins to listen; `start` makes the process. Raises OSError."""
         self._listening = listening_socket(endpoint)
-        self._stops = stops
-        self._errors = errors
-        settings = GatewaySettings(
-            self._listening.fileno(),
-            str(certificates),
-            dict(users),
-            None if stops is None else stops.fileno(),
+        own = self._listening.fileno()
+        passed = None if stops is None else stops.fileno()
+        settings = GatewaySettings(own, str(certificates), dict(users), passed)
+        self._process = KeptProcess(
+            _MODULE,
+            [msgspec.json.encode(settings).decode()],
+            [own] if passed is None else [own, passed],
+            partial(errors.tell, "the gateway"),
         )
-        self._settings = msgspec.json.encode(settings).decode()
-        self._process: subprocess.Popen[bytes] | None = None
-        self._watching: asyncio.Task[None] | None = None
 
     async def start(self) -> None:
         """Returns when it runs; who connects meanwhile waits. Raises OSError."""
-        self._process = await asyncio.to_thread(self._made)
-        self._watching = asyncio.get_running_loop().create_task(self._watch())
+        await self._process.start()
 
     async def close(self) -> None:
-        """Takes two seconds at most. May be repeated."""
-        if self._watching is not None:
-            self._watching.cancel()
-            await asyncio.gather(self._watching, return_exceptions=True)
-        self._listening.close()
-        process, self._process = self._process, None
-        if process is None:
-            return
-        assert process.stdin is not None
-        with suppress(OSError):
-            process.stdin.close()
-        with suppress(TimeoutError):
-            async with asyncio.timeout(_ENDS_WITHIN_S):
-                while process.poll() is None:
-                    await asyncio.sleep(_LOOK_AT_ENDING_S)
-        process.kill()
-        process.wait()
-
-    def _made(self) -> subprocess.Popen[bytes]:
-        descriptors = [self._listening.fileno()]
-        if self._stops is not None:
-            descriptors.append(self._stops.fileno())
-        return subprocess.Popen(
-            [*_COMMAND, self._settings],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            pass_fds=descriptors,
-            start_new_session=True,
-        )
-
-    async def _watch(self) -> None:
-        while True:
-            await asyncio.sleep(_LOOK_EVERY_S)
-            process = self._process
-            if process is None or process.poll() is None:
-                continue
-            ended = RuntimeError(f"it ended with {process.returncode} and is started again")
-            self._errors.tell("the gateway", ended)
-            assert process.stdin is not None
-            with suppress(OSError):
-                process.stdin.close()
-            try:
-                self._process = await asyncio.to_thread(self._made)
-            except OSError as error:
-                self._errors.tell("the gateway", error)
+        """Takes a second at most. May be repeated."""
+        try:
+            await self._process.close()
+        finally:
+            self._listening.close()
 
 
 class StopChannel:

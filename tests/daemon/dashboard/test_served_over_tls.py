@@ -1,5 +1,6 @@
 """The page as a process that serves https: what it asks of whoever is not on this machine."""
 
+import json
 import ssl
 from collections.abc import Iterator
 from pathlib import Path
@@ -48,6 +49,10 @@ def test_it_is_served_over_tls_and_over_nothing_else(certificates: Path, address
                 headers = {**sent, **origin}
                 stop = await http.post(f"{base}api/stop", json=body, ssl=trusting, headers=headers)
                 assert stop.status == status, "another scheme is another site"
+            line = await http.ws_connect(f"{base}stop", ssl=trusting, headers={**sent, **ours})
+            await line.send_str(json.dumps({"robot": "nobody", "n": 1}))
+            assert json.loads((await line.receive()).data)["outcome"] == "no answer"
+            await line.close()
             with pytest.raises(aiohttp.ClientError):
                 await http.get(plain)
             with pytest.raises(aiohttp.ClientConnectorCertificateError):
