@@ -10,7 +10,7 @@ import { fetchReplay, openReplay, reading } from "./replay.js";
 import { showRuns } from "./runs.js";
 import { Hand } from "./teleoperation.js";
 
-const STALE_S = 0.5, RUNS_EVERY_MS = 15000, PLOT_EVERY_MS = 60;
+const STALE_S = 0.5, RUNS_EVERY_MS = 15000, PLOT_EVERY_MS = 60, SHOWN_WITHIN_MS = 250;
 const replayed = new URLSearchParams(location.search).get("replay");
 const look = {
   frames: 0, status: null, risk: null, tip: null, body: null, heard: 0, age: Infinity, number: 0, drawnNumber: 0, drawnHeard: -Infinity,
@@ -22,6 +22,7 @@ const fetched = replayed ? fetchReplay(replayed, reading) : null;
 if (fetched) fetched.catch(() => {});  // told where it is opened
 const drawnTimes = [];
 let scene = null, plots = null, axisNames = "", replay = null, hand = null, awake = false;
+let unshown = null, shown_ms = -Infinity, plotted_ms = -Infinity, turn = 0;
 
 async function makeScene() {
   try {
@@ -88,15 +89,33 @@ function takeLive(frame) {
   if (frame.tip_age_s !== undefined) { look.tipSent = frame.sent_s; look.tipAge = frame.tip_age_s; look.tipFresh = true; }
   put($("control"), look.inControl ? "Release control" : frame.control_taken ? "Take over" : "Take control");
   $("control").disabled = frame.role !== "operator";
-  draw(frame);
   if (plots && frame.status) plots.loop.add(frame.status.t_ns * 1e-9, [frame.status.loop.lateness_p99_s * 1e3]);
   if (plots && frame.risk) plots.risk.add(frame.risk.t_ns * 1e-9, [frame.risk.contact_risk, frame.risk.threshold]);
   if (plots && frame.tip) { plots.error.add(frame.tip.t_ns * 1e-9, [frame.tip.error_mm]); scene.addToTrail(frame.tip); }
   if (plots && frame.axes && look.status) plots.force.add(frame.axes.t_ns * 1e-9, [...frame.axes.force, ...forceRange(look.status)]);
-  if (frame.buttons) showButtons(frame.buttons);
-  if (frame.cycles) showCycles(frame.cycles);
-  if (frame.events) addEvents(frame.events);
+  unshown = { ...unshown, ...frame, events: [...((unshown && unshown.events) || []), ...(frame.events || [])] };
+  if (document.hidden || performance.now() - shown_ms > SHOWN_WITHIN_MS) show();
+  else if (frame.tip || frame.body || frame.risk || frame.status) scene.dirty = true;
   wake();
+}
+
+// All that has been told since, in words and in the picture together: a browser holds up whatever is pressed
+// while it hands on a change of the page, however small, and so there is one for each picture and no more.
+function show() {
+  shown_ms = performance.now();
+  const frame = unshown;
+  unshown = null;
+  if (frame) {
+    draw(frame);
+    if (frame.buttons) showButtons(frame.buttons);
+    if (frame.cycles) showCycles(frame.cycles);
+    if (frame.events.length) addEvents(frame.events);
+  }
+  if (!plots || replay || shown_ms - plotted_ms < PLOT_EVERY_MS) return;
+  plotted_ms = shown_ms;
+  const all = Object.values(plots);
+  turn = (turn + 1) % all.length;
+  all[turn].draw();
 }
 
 function showAge() {
@@ -117,6 +136,7 @@ async function choose() {
   const robot = $("robot").value;
   if (!robot || replayed) return;
   Object.assign(look, { status: null, risk: null, tip: null, body: null, age: Infinity, inControl: false });
+  unshown = null;
   clearEvents();
   scene.clear();
   sayWhom();
@@ -169,9 +189,6 @@ function begin() {
   setInterval(showAge, 100);
   showRuns(look.role);
   setInterval(() => { if (!document.hidden) showRuns(look.role); }, RUNS_EVERY_MS);
-  // One after the other: whoever presses STOP waits for one of them at most.
-  let turn = 0;
-  setInterval(() => { if (plots) { const all = Object.values(plots); turn = (turn + 1) % all.length; all[turn].draw(); } }, PLOT_EVERY_MS);
 }
 
 for (const button of document.querySelectorAll("[data-view]")) button.addEventListener("click", () => scene.view(button.dataset.view));
@@ -208,12 +225,18 @@ function wake() {
   else setTimeout(() => requestAnimationFrame(each), wait);
 }
 
-function each(now) {
-  awake = false;
-  if (!scene) return;
+// Returns whether a picture was drawn.
+function picture(now) {
   if (replay) replay.tick(now);
+  else if (!scene.seen || scene.waits_ms(performance.now()) <= 0) show();
   const { tipAge, tipSent, tipFresh } = look;
-  const drawn = scene.draw($("clearance"), performance.now(), () => { if (tipFresh && !replay) drawnAt(tipAge, tipSent); });
+  return scene.draw($("clearance"), performance.now(), () => { if (tipFresh && !replay) drawnAt(tipAge, tipSent); });
+}
+
+function each(now) {
+  let drawn = false;
+  try { if (scene) drawn = picture(now); } finally { awake = false; }  // what it has changed itself asks for no other
+  if (!scene) return;
   if (drawn) look.tipFresh = false;
   if (!replay) {
     // What waits to be drawn is not in the picture: its age is that of what is.
