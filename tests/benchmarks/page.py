@@ -212,6 +212,12 @@ def _usable_ms(page: "Page") -> float:
 
 
 def _rss_mb(pid: int) -> float:
+    """Of a process and those that it has made."""
+    children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    return _own_rss_mb(pid) + sum(_rss_mb(int(child)) for child in children)
+
+
+def _own_rss_mb(pid: int) -> float:
     for line in Path(f"/proc/{pid}/status").read_text().splitlines():
         if line.startswith("VmRSS:"):
             return int(line.split()[1]) / 1024
