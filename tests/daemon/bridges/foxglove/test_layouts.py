@@ -10,10 +10,10 @@ from daemon.commands.terminal.command_line import main
 from daemon.messages import Axes, Risk, Tip
 from daemon.recording.format.channels import TOPICS
 
-FIELDS = {
-    TOPICS[kind]: set(kind.__struct_fields__)
-    for kind in (Tip, Axes, Risk)
-}  # fmt: skip
+pytest.importorskip("foxglove", reason="pip install '.[bridges]'")
+from daemon.bridges.foxglove.scene import LOG, SCENE, SURROUNDINGS
+
+FIELDS = {TOPICS[kind]: set(kind.__struct_fields__) for kind in (Tip, Axes, Risk)}
 
 
 @pytest.mark.parametrize("viewer", VIEWERS)
@@ -25,9 +25,9 @@ def test_a_layout_shows_what_is_told(viewer: str, capsys: pytest.CaptureFixture[
     assert len(plotted) >= 10
     for topic, field in plotted:
         assert field in FIELDS[topic]
-    for topic in ("/scene", "/surroundings"):
+    for topic in (SCENE, SURROUNDINGS):
         assert re.search(rf'"{topic}": \{{\s*"visible": true', text), "topics are hidden by default"
-    assert '"topicToRender": "/log"' in text
+    assert f'"topicToRender": "{LOG}"' in text
 
 
 def test_lichtblick_has_every_panel_that_its_layout_places() -> None:
