@@ -1,10 +1,18 @@
 """How the robot is controlled and watched, apart from what is being followed."""
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field, model_validator
 
-from config.documents.model import ConfigModel, NotNegative, Positive, Vector3
+from config.documents.model import (
+    ConfigModel,
+    NotNegative,
+    Positive,
+    Quaternion,
+    Vector3,
+    checked_options,
+)
 
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 Box = Annotated[tuple[float, float], Field(strict=False)]
@@ -44,18 +52,118 @@ class Port(ConfigModel):
     """From the centre inwards; outwards it has no end."""
 
 
-class Surface(ConfigModel):
-    """What the body may touch: a closed mesh in the base sensor's frame."""
+class PlacedMesh(ConfigModel):
+    """A closed mesh, and where it is in the base sensor's frame."""
 
     mesh: str
     """STL, OBJ or PLY: `builtin:` and the name of a shipped one, or relative to the robot file."""
     unit: Literal["mm", "cm", "m", "in"] = "mm"
+    turned: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    """How it is turned round its own origin, first."""
+    at_mm: Vector3 = (0.0, 0.0, 0.0)
+    """Where its origin is, then."""
+
+
+class _Region(ConfigModel):
+    """Base of what is drawn and not scanned."""
+
+    name: str = ""
+    keep: Literal["out", "in"] = "out"
+    """Whether the body must not get into it, or not out of it."""
+
+
+class BallRegion(_Region):
+    """A ball."""
+
+    kind: Literal["ball"]
+    centre_mm: Vector3
+    radius_mm: Positive
+
+
+class BoxRegion(_Region):
+    """A box with right angles."""
+
+    kind: Literal["box"]
+    centre_mm: Vector3
+    size_mm: Annotated[tuple[Positive, Positive, Positive], Field(strict=False)]
+    turned: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    """Round its centre."""
+
+
+class CapsuleRegion(_Region):
+    """Everything within a radius of a straight line."""
+
+    kind: Literal["capsule"]
+    from_mm: Vector3
+    to_mm: Vector3
+    radius_mm: Positive
+
+
+class CylinderRegion(_Region):
+    """Round a straight line, and flat at its ends."""
+
+    kind: Literal["cylinder"]
+    from_mm: Vector3
+    to_mm: Vector3
+    radius_mm: Positive
+
+
+class HalfSpaceRegion(_Region):
+    """Everything behind a plane."""
+
+    kind: Literal["half_space"]
+    point_mm: Vector3
+    """On the plane."""
+    normal: Vector3
+    """Out of it; of any length."""
+
+
+Region = Annotated[
+    BallRegion | BoxRegion | CapsuleRegion | CylinderRegion | HalfSpaceRegion,
+    Field(discriminator="kind"),
+]
+MOST_BODIES: Final = 32
+MOST_REGIONS: Final = 64
+
+
+class Surface(PlacedMesh):
+    """What the body may touch: closed meshes, which must not overlap, and regions, which may."""
+
     free: Literal["inside", "outside"] | None = None
     """On which side of the outermost surface the body may be; None: normals point there."""
     port: Port | None = None
     grid_mm: Positive | None = None
     """Distances are known on a grid of this spacing. Finer takes longer to make, once. None: half
     of the body's radius, but no more than 1.5; coarser where that would be too many places."""
+    bodies: Annotated[list[PlacedMesh], Field(max_length=MOST_BODIES)] = Field(default_factory=list)
+    """More meshes."""
+    regions: Annotated[list[Region], Field(max_length=MOST_REGIONS)] = Field(default_factory=list)
+    """Where the body must not be, or must stay, whatever is there."""
+
+
+class MoreSurroundings(ConfigModel):
+    """What a message adds to surroundings."""
+
+    bodies: Annotated[list[PlacedMesh], Field(max_length=MOST_BODIES)] = Field(default_factory=list)
+    regions: Annotated[list[Region], Field(max_length=MOST_REGIONS)] = Field(default_factory=list)
+
+
+class _Surface(ConfigModel):
+    surface: Surface
+
+
+class _More(ConfigModel):
+    surface: MoreSurroundings
+
+
+def load_surface(mapping: Mapping[str, Any]) -> Surface:
+    """Of a message. Raises OptionsError."""
+    return checked_options(_Surface, "surface", mapping).surface
+
+
+def load_more_surroundings(mapping: Mapping[str, Any]) -> MoreSurroundings:
+    """Of a message. Raises OptionsError."""
+    return checked_options(_More, "surface", mapping).surface
 
 
 class RiskSettings(ConfigModel):

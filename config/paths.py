@@ -57,6 +57,10 @@ def named_paths(robot: Robot, robot_path: Path) -> Iterator[NamedPath]:
         model, mesh = paths
         yield NamedPath(("risk", "model"), settings.model, model, True)
         yield NamedPath(("risk", "surface", "mesh"), settings.surface.mesh, mesh, True)
+        for index, body in enumerate(settings.surface.bodies):
+            location = ("risk", "surface", "bodies", index, "mesh")
+            path = shipped_or_beside(body.mesh, "surfaces", robot_path)
+            yield NamedPath(location, body.mesh, path, True)
     tls = robot.remote.tls
     if tls is not None:
         folder = certificates_path(tls.certificates, robot_path.parent)

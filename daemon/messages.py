@@ -110,6 +110,9 @@ class RiskStatus(msgspec.Struct, frozen=True, kw_only=True):
     scale: float
     """Share of the last proposal that was let through, 0 to 1."""
     detail: str = ""
+    surroundings_sha256: str = ""
+    """Of what counts of the surroundings: triangles, their free side, the port, and the regions.
+    Empty: nothing is known of them."""
 
 
 class LeaseStatus(msgspec.Struct, frozen=True, kw_only=True):
@@ -330,10 +333,12 @@ class Events(Message, frozen=True, kw_only=True, tag="events/1"):
 
 
 class Surroundings(Message, frozen=True, kw_only=True, tag="surroundings/1"):
-    """Answer to `surroundings`: what is round the body. Does not change while the daemon runs."""
+    """Answer to `surroundings`: what is round the body. `surround` replaces it; the state tells of
+    that by another `risk.surroundings_sha256`."""
 
     mesh: str = ""
-    """Name of its file; empty: nobody knows what is round the body."""
+    """Name of its file, and how much there is besides; empty: nobody knows what is round the
+    body."""
     sha256: str = ""
     """Of the mesh as it is answered: a binary STL file in mm, normals out of what is solid."""
     size_bytes: int = 0
@@ -343,6 +348,27 @@ class Surroundings(Message, frozen=True, kw_only=True, tag="surroundings/1"):
     """(16,) row by row, from the mesh's places to the base sensor's frame."""
     workspace_mm: list[list[float]] | None = None
     """(3, 2) from where to where references may lead the tip."""
+    counts_sha256: str = ""
+    """Of what counts: triangles, their free side, the port, and the regions."""
+    regions: list[dict[str, Any]] = []
+    """Regions that the body must not get into or out of, with the keys of robot files."""
+    port: dict[str, Any] | None = None
+    """Where the body comes in, with the keys of robot files; None: there is none."""
+
+
+class SurroundingsChanged(Message, frozen=True, kw_only=True, tag="surroundings_changed/1"):
+    """Recorded when others take their place, and when a recording begins."""
+
+    t_ns: int
+    sha256: str
+    """Of what counts."""
+    mesh: str
+    """As `surroundings` has it."""
+    triangles: int
+    surface: str
+    """JSON: `risk.surface` of a robot file that would have them."""
+    file: str = ""
+    """In the recording's folder: the meshes, as a binary STL file."""
 
 
 class WhoAmI(Message, frozen=True, kw_only=True, tag="whoami/1"):
@@ -431,6 +457,33 @@ class Clear(Command, frozen=True, kw_only=True, tag="clear/1"):
     """Acknowledge latched faults and reset the drives'. In FAULT or STANDBY only."""
 
 
+class Upload(Command, frozen=True, kw_only=True, tag="upload/1"):
+    """One part of a mesh's file, for `surround` to name. Parts come in their order; who begins
+    another file gives up the one before."""
+
+    name: str
+    """Of the file; its end says how it is written: .stl, .obj, .ply."""
+    sha256: str
+    """Of the whole file."""
+    size_bytes: int
+    offset: int
+    """Where in the file this part begins."""
+    data: bytes
+    """At most 49152 bytes; in JSON, base64."""
+
+
+class Surround(Command, frozen=True, kw_only=True, tag="surround/1"):
+    """Replace what is round the body, while nothing moves. Answered when it is checked, prepared,
+    and in force; refused, and all stays as it is."""
+
+    surface: dict[str, Any] | None = None
+    """As `risk.surface` in a robot file; a mesh is `upload:` and the SHA-256 of what was uploaded,
+    or `builtin:` and a name. None: that of the robot file again."""
+    add: bool = False
+    """Keep what is there, and add the `bodies` and `regions` of this surface, which then has
+    nothing else."""
+
+
 class Inject(Command, frozen=True, kw_only=True, tag="inject/1"):
     """Make an emulated device misbehave. Refused on real hardware."""
 
@@ -487,7 +540,7 @@ class SetpointRefused(Message, frozen=True, kw_only=True, tag="setpoint_refused/
 
 
 TELEMETRY = (Status, Tip, Axes, Risk, Loop, Event, Body)
-RECORDED = (*TELEMETRY, InternalError)
+RECORDED = (*TELEMETRY, InternalError, SurroundingsChanged)
 COMMANDS = (
     Acquire,
     Release,
@@ -501,6 +554,8 @@ COMMANDS = (
     Resume,
     Stop,
     Clear,
+    Upload,
+    Surround,
     Inject,
 )
 

@@ -5,9 +5,10 @@ import ctypes
 import multiprocessing
 import os
 import signal
+import subprocess
 import sys
 from asyncio.subprocess import DEVNULL, PIPE, Process
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -108,6 +109,58 @@ class OwnProcesses:
 def end_with_parent() -> None:
     """In a child: should its parent be killed without a chance to end it, the kernel does."""
     _PRCTL(_PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
+# A process for one piece of work that would hold the loop, even in a thread.
+
+
+class ApartError(RuntimeError):
+    """There is no answer: the text says why."""
+
+
+_LESS_URGENT: Final = 10
+
+
+def answer_apart(module: str, request: bytes, within_s: float) -> bytes:
+    """What `python -m MODULE` writes when it is given `request`. Blocks: call it in a thread.
+
+    Raises ApartError where the process fails, or takes longer; it is ended then.
+    """
+    try:
+        process = subprocess.Popen(
+            [sys.executable, "-m", module],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            start_new_session=True,
+        )
+    except OSError as error:
+        raise ApartError(f"cannot start {module}: {error.strerror or error}") from None
+    try:
+        answer, said = process.communicate(request, within_s)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.communicate()
+        raise ApartError(f"it took more than {within_s:g} s") from None
+    if process.returncode != 0:
+        last = said.decode("utf-8", "replace").strip().splitlines()[-1:]
+        raise ApartError(f"{module} has ended with {process.returncode}: {''.join(last)}")
+    return answer
+
+
+def serve_apart(answer: Callable[[bytes], bytes]) -> None:
+    """In that process: one request in, one answer out. Ends with whoever started it."""
+    end_with_parent()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with suppress(OSError):  # a real-time daemon's children inherit its priority
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    os.nice(_LESS_URGENT)
+    for name in _ONE_THREAD:
+        os.environ.setdefault(name, "1")
+    # What others print is not part of the answer.
+    with os.fdopen(os.dup(1), "wb") as out:
+        os.dup2(2, 1)
+        out.write(answer(sys.stdin.buffer.read()))
 
 
 # Processes side by side, for long work that can be divided. Not to be used in an event loop.

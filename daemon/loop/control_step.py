@@ -119,7 +119,6 @@ class ControlLoop:
         self._workspace = () if box is None else (box.x_mm, box.y_mm, box.z_mm)
         self._tendons = [axis.tension_range_n is not None for axis in robot.axes]
         self._risk = risk
-        self._risk_name = name_of(risk)
         self._limit_reasons = {COUPLED + one.name: one.reason for one in robot.coupled_limits}
         self._tip_comparing = risk if isinstance(risk, TipComparing) else None
         self._compared: TipComparison | None = None
@@ -166,6 +165,10 @@ class ControlLoop:
         counts = [channel.position_counts for channel in self.channels]
         measured = Measured(counts, [None] * len(counts))
         return self._gate.refuses_rest(measured, self._clock.now_ns())
+
+    def forget_clearance(self) -> None:
+        """What was known of the room round the body is of other surroundings."""
+        self._clearance = None
 
     def withdraw_refusals(self, t_ns: int) -> None:
         """Nothing is asked of the gate, and so nothing is refused, even if no more frames come."""
@@ -423,7 +426,7 @@ class ControlLoop:
         tell(tip_message(sequence, state, sensed.frame, self.tip, self.aim, believed))
         tell(axes_message(sequence, sensed, self.channels, requested, decision))
         if decision is not None and requested is not None:
-            about = RiskAsked(self._risk_name, self._threshold, self._compared)
+            about = RiskAsked(name_of(self._risk), self._threshold, self._compared)
             tell(risk_message(sequence, sensed.frame.t_ns, requested, decision, about))
 
 

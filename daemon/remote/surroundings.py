@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from daemon.messages import Surroundings
 
@@ -18,11 +18,17 @@ class PreparedSurroundings(NamedTuple):
 
 
 def cut_surroundings(
-    name: str, stl: bytes, workspace_mm: list[list[float]] | None
+    name: str,
+    stl: bytes,
+    workspace_mm: list[list[float]] | None,
+    counts_sha256: str = "",
+    regions: Sequence[dict[str, Any]] = (),
+    port: dict[str, Any] | None = None,
 ) -> PreparedSurroundings:
     """name: of the mesh's file. stl: in the base sensor's frame; empty: nobody knows it.
 
-    workspace_mm: (3, 2); None: it is not bounded.
+    workspace_mm: (3, 2); None: it is not bounded. counts_sha256, regions, port: as `Surroundings`
+    has them.
     """
     parts = [stl[begin : begin + _PART_BYTES] for begin in range(0, len(stl), _PART_BYTES)]
     about = Surroundings(
@@ -32,5 +38,8 @@ def cut_surroundings(
         parts=len(parts),
         transform=_IDENTITY,
         workspace_mm=workspace_mm,
+        counts_sha256=counts_sha256,
+        regions=list(regions),
+        port=port,
     )
     return PreparedSurroundings(about, parts)

@@ -9,7 +9,17 @@ from typing import Any, Final, TypeVar, cast
 
 import msgspec
 
-from daemon.messages import Command, Events, Load, Message, Setpoint, Teleoperate, tag
+from daemon.messages import (
+    Command,
+    Events,
+    Load,
+    Message,
+    Setpoint,
+    Surround,
+    Teleoperate,
+    Upload,
+    tag,
+)
 
 M = TypeVar("M", bound=Message)
 
@@ -17,11 +27,16 @@ LARGEST_ANSWER_BYTES: Final = 262144
 _MOST_BYTES: Final[dict[type[Message], int]] = {
     Load: 65536,
     Teleoperate: 16384,
+    Upload: 67584,
+    Surround: 65536,
     Setpoint: 1024,
     Events: LARGEST_ANSWER_BYTES,
 }
 _MOST_COMMAND_BYTES: Final = 4096
-LARGEST_MESSAGE_BYTES: Final = 65536
+LARGEST_MESSAGE_BYTES: Final = 67584
+"""An upload's part in base64, and what is said beside it."""
+_OF_BYTES: Final[dict[type[Message], str]] = {Upload: "$.data"}
+"""Where bytes may stand that are no text."""
 _DEEPEST: Final = 16
 _LARGEST_INT: Final = 2**63 - 1
 """In JSON a number may have any size; in msgpack, and in most languages, it may not."""
@@ -84,7 +99,7 @@ def decode_one_of(
     raw = _raw(payload, max(most_bytes(kind) for kind in kinds), form)
     request = _request(raw)
     kind = _kind(raw.get("type"), kinds, request)
-    for path, problem in _problems(raw):
+    for path, problem in _problems(raw, _OF_BYTES.get(kind)):
         raise WireError("bad_payload", f"{problem} at {path}", request)
     try:
         return msgspec.convert(raw, kind)
@@ -139,8 +154,9 @@ def _kind(wire_tag: object, kinds: tuple[type[Message], ...], request: str) -> t
     raise WireError("bad_payload", f"{spoken} belongs here, not '{wire_tag[:64]}'", request)
 
 
-def _problems(raw: object) -> Iterator[tuple[str, str]]:
-    """Everything that must not be anywhere in a message, with where it is."""
+def _problems(raw: object, of_bytes: str | None) -> Iterator[tuple[str, str]]:
+    """Everything that must not be anywhere in a message, with where it is. of_bytes: the one place
+    where bytes may stand."""
     waiting: list[tuple[str, object, int]] = [("$", raw, 0)]
     while waiting:
         path, value, depth = waiting.pop()
@@ -161,7 +177,7 @@ def _problems(raw: object) -> Iterator[tuple[str, str]]:
                 waiting.append((f"{path}.{key}", inner, depth + 1))
         elif isinstance(value, list):
             waiting.extend((f"{path}[{n}]", inner, depth + 1) for n, inner in enumerate(value))
-        elif value is not None:
+        elif value is not None and not (isinstance(value, bytes) and path == of_bytes):
             yield path, f"a {type(value).__name__} has no place"
         if depth > _DEEPEST:
             yield path, "nested too deeply"

@@ -10,22 +10,17 @@ import numpy as np
 
 from config.control import RiskSettings, Surface
 from config.loader import RobotFile
-from config.paths import risk_paths, shipped_or_beside
-from daemon.risk.grid_cache import cached_grid, fitting_spacing_mm
-from daemon.risk.mesh_file import binary_stl, environment_sha256, read_environment
+from config.paths import risk_paths
+from daemon.risk.mesh_file import binary_stl
 from daemon.risk.model_file import ModelFile, read_model
+from daemon.risk.surroundings import BodySize, RiskSurroundings, read_surroundings
 from drivers.clock import WallClock
 from safety.risk.body_risk import Beside, BodyRisk
 from safety.risk.contact import WorstPlace
 from safety.risk.model.mixture import FloatArray
 from safety.risk.model.risk_model import RiskModelError
 from safety.risk.surroundings.distance_grid import DistanceGrid
-from safety.risk.surroundings.environment import (
-    Environment,
-    EnvironmentFaultError,
-    InsertionPort,
-    Mesh,
-)
+from safety.risk.surroundings.environment import Environment, EnvironmentFaultError
 from safety.risk.tip_consistency import TipConsistency, TipModel
 from safety.risk_source import (
     Clearance,
@@ -38,10 +33,6 @@ from safety.risk_source import (
 )
 
 _log = logging.getLogger(__name__)
-
-_MARGIN_MM: Final = 10.0
-"""Beyond the body's radius, to which the grid of distances is exact."""
-
 
 _GROWS: Final = 1.5
 """While the tip speaks against the model, the body is taken to be off by so much more than it is
@@ -73,13 +64,22 @@ class RiskFiles:
     """What a robot file names for its risk, read."""
 
     model: ModelFile
-    environment: Environment
-    grid: DistanceGrid
+    surroundings: RiskSurroundings
+
+    @property
+    def environment(self) -> Environment:
+        """The meshes."""
+        return self.surroundings.environment
+
+    @property
+    def grid(self) -> DistanceGrid:
+        """Of meshes and regions."""
+        return self.surroundings.grid
 
     @property
     def identity(self) -> RiskIdentity:
         """What a path has to be planned with, to be gone here."""
-        return RiskIdentity(self.model.sha256, environment_sha256(self.environment))
+        return RiskIdentity(self.model.sha256, self.surroundings.sha256)
 
 
 class BodyRiskSource:
@@ -88,26 +88,25 @@ class BodyRiskSource:
     def __init__(
         self,
         risk: BodyRisk,
-        name: str,
+        files: RiskFiles,
+        model_name: str,
         clock: WallClock,
         until_ns: int | None = None,
         tip: TipModel | None = None,
-        mesh: Mesh | None = None,
-        identity: RiskIdentity | None = None,
     ) -> None:
-        """mesh: of the surroundings, normals out of what is solid; None: it is not told.
-        identity: of model and surroundings; None: nobody asked.
+        """files: what `risk` was made from.
 
         until_ns: date from which on the model is too old to be believed; None: never.
 
         tip: where measured tips are compared with; None: nothing is compared.
         """
-        self.mesh = mesh
-        self.identity = identity
+        self.files = files
+        self._model_name = model_name
+        self._name = f"{model_name}, {files.surroundings.name}"
+        self._shift: FloatArray | None = None
         self._tip = tip
         self._consistency = TipConsistency()
         self._risk = risk
-        self._name = name
         self._clock = clock
         self._until_ns = until_ns
         self._beside: Beside | None = None
@@ -116,15 +115,28 @@ class BodyRiskSource:
     def name(self) -> str:
         return self._name
 
+    def among(self, around: RiskSurroundings) -> BodyRisk:
+        """The same body among other surroundings, for `surround`; whatever answers meanwhile is
+        not touched. Raises ValueError where the grid is not made for so thick a body."""
+        return self._risk.among(around.environment, around.grid)
+
+    def surround(self, around: RiskSurroundings, risk: BodyRisk) -> None:
+        """Ask among other surroundings from now on: between two control steps. risk: what `among`
+        has made of them."""
+        risk.take_as_shifted(self._shift)
+        self._risk, self._beside = risk, None
+        self.files = RiskFiles(self.files.model, around)
+        self._name = f"{self._model_name}, {around.name}"
+
     def assess(
         self, u_from: Sequence[float], u_to: Sequence[float], t_ns: int
     ) -> RiskReading | None:
         del t_ns
         began_ns = self._clock.now_ns()
         if self._until_ns is not None and self._clock.wall_time_ns() >= self._until_ns:
-            return RiskReading(1.0, None, 0.0, self._name, doubt=_TOO_OLD)
+            return RiskReading(1.0, None, 0.0, self.name, doubt=_TOO_OLD)
         if not self._consistency.consistent:
-            return RiskReading(1.0, None, 0.0, self._name, doubt=_NOT_AS_MODELLED)
+            return RiskReading(1.0, None, 0.0, self.name, doubt=_NOT_AS_MODELLED)
         try:
             assessed = self._risk.of_way(u_from, u_to)
         except Exception:  # the gate takes it for the maximum, and has only its words
@@ -132,13 +144,13 @@ class BodyRiskSource:
             raise
         took_s = (self._clock.now_ns() - began_ns) * 1e-9
         if isinstance(assessed, str):
-            return RiskReading(1.0, None, took_s, self._name, doubt=assessed)
+            return RiskReading(1.0, None, took_s, self.name, doubt=assessed)
         nearest = _nearest(assessed.contact.worst, self._beside)
         return RiskReading(
             assessed.contact.upper_limit,
             None if self._beside is None else self._beside.body_point_risk,
             took_s,
-            self._name,
+            self.name,
             _words(nearest),
             nearest,
             leaving=assessed.leaving,
@@ -155,7 +167,8 @@ class BodyRiskSource:
             return None
         fits = self._consistency.add(place.probability, t_ns)
         statistic = self._consistency.statistic
-        self._risk.take_as_shifted(place.shift if statistic <= 0.0 else _GROWS * place.shift)
+        self._shift = place.shift if statistic <= 0.0 else _GROWS * place.shift
+        self._risk.take_as_shifted(self._shift)
         doubt = "" if fits else _NOT_AS_MODELLED
         return TipComparison(statistic, place.probability, place.off_mm, doubt)
 
@@ -173,15 +186,21 @@ class BodyRiskSource:
         return self._risk.clearance(u, risk)
 
 
+def files_of(risk: RiskSource) -> RiskFiles | None:
+    """What it asks with; None: it knows no body."""
+    return risk.files if isinstance(risk, BodyRiskSource) else None
+
+
 def surroundings_stl(risk: RiskSource) -> bytes:
     """What it asks with, as a binary STL file in mm; empty: it knows no surroundings."""
-    mesh = risk.mesh if isinstance(risk, BodyRiskSource) else None
-    return b"" if mesh is None else binary_stl(mesh)
+    files = files_of(risk)
+    return b"" if files is None else binary_stl(files.surroundings.mesh)
 
 
 def identity_of(risk: RiskSource) -> RiskIdentity | None:
     """Of what it asks with; None: it knows no body."""
-    return risk.identity if isinstance(risk, BodyRiskSource) else None
+    files = files_of(risk)
+    return None if files is None else files.identity
 
 
 def make_risk_source(
@@ -195,17 +214,15 @@ def make_risk_source(
     if settings.surface is None or paths is None:
         return NoModel()
     files = read_risk_files(file, tip_loads_g)
-    read, environment = files.model, files.environment
+    read = files.model
     try:
-        risk = BodyRisk(read.model, environment, files.grid, settings.samples)
+        risk = BodyRisk(read.model, files.environment, files.grid, settings.samples)
     except ValueError as error:
         raise RiskFilesError(str(error)) from None
-    model_path, mesh_path = paths
-    name = f"{model_path.name}, {mesh_path.name}"
+    model_path = paths[0]
     until_ns = _believed_until_ns(read, settings, model_path)
     tip = TipModel(read.model, settings.tip_accuracy_mm)
-    mesh = Mesh(environment.vertices_mm, environment.triangles)
-    source = BodyRiskSource(risk, name, clock, until_ns, tip, mesh, files.identity)
+    source = BodyRiskSource(risk, files, model_path.name, clock, until_ns, tip)
     _compile(source, tip, read.model.known[0])
     return source
 
@@ -228,7 +245,6 @@ def read_risk_files(
             f"{file.path} names no model of the body and no surroundings under risk: train a model "
             "(`tentacled mdn train`) and name both"
         )
-    mesh_path = shipped_or_beside(surface.mesh, "surfaces", file.path)
     try:
         read = read_model(model_path)
     except RiskModelError as error:
@@ -247,15 +263,10 @@ def read_risk_files(
                 f"{load_g:g} g: train one with that load, or go without a model"
             )
     try:
-        environment = _environment(surface, mesh_path)
-        basis = read.model.basis
-        margin_mm = basis.thickest_mm + _MARGIN_MM
-        thinnest_mm = float(basis.radius_mm.min())
-        spacing_mm = surface.grid_mm or fitting_spacing_mm(environment, thinnest_mm, margin_mm)
-        grid = cached_grid(environment, spacing_mm, margin_mm)
+        around = read_surroundings(surface, file.path, BodySize.of(read.model.basis))
     except (EnvironmentFaultError, ValueError) as error:
         raise RiskFilesError(str(error)) from None
-    return RiskFiles(read, environment, grid)
+    return RiskFiles(read, around)
 
 
 def _believed_until_ns(read: ModelFile, settings: RiskSettings, path: Path) -> int | None:
@@ -269,14 +280,6 @@ def _believed_until_ns(read: ModelFile, settings: RiskSettings, path: Path) -> i
             "collect them with --seen-on"
         ) from None
     return int((seen_on_day + settings.oldest_days) * _DAY_NS)
-
-
-def _environment(surface: Surface, path: Path) -> Environment:
-    port = surface.port
-    hole = None
-    if port is not None:
-        hole = InsertionPort(port.centre_mm, port.inwards, port.radius_mm, port.depth_mm)
-    return read_environment(path, surface.free, hole, surface.unit)
 
 
 def _compile(source: BodyRiskSource, tip: TipModel, u: FloatArray) -> None:

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from daemon.array_files import load_npz, save_npz
+from safety.risk.model.mixture import FloatArray
 from safety.risk.surroundings.distance_grid import DistanceGrid, distance_grid
 from safety.risk.surroundings.environment import Environment
 
@@ -32,7 +33,12 @@ def default_cache_directory() -> Path:
     return (Path(base) if base else Path.home() / ".cache") / "tentacled" / "distance_grids"
 
 
-def fitting_spacing_mm(environment: Environment, radius_mm: float, exact_to_mm: float) -> float:
+def fitting_spacing_mm(
+    environment: Environment,
+    radius_mm: float,
+    exact_to_mm: float,
+    covering_mm: FloatArray | None = None,
+) -> float:
     """The spacing where none is asked for: fine enough for the body, and not too many places.
 
     Beside an edge, surfaces of equal distance are round, and what is interpolated between corners
@@ -40,7 +46,10 @@ def fitting_spacing_mm(environment: Environment, radius_mm: float, exact_to_mm: 
     h = r/2 that is a sixteenth of the radius; with more, a thin body seems to touch too seldom.
     """
     spacing_mm = min(USUAL_SPACING_MM, _OF_RADIUS * radius_mm)
-    size = np.ptp(environment.vertices_mm, axis=0) + 2.0 * exact_to_mm
+    within = environment.vertices_mm
+    if covering_mm is not None:
+        within = np.concatenate([within, covering_mm])
+    size = np.ptp(within, axis=0) + 2.0 * exact_to_mm
     while spacing_mm < USUAL_SPACING_MM and prod(size / spacing_mm) > _MOST_PLACES:
         spacing_mm = min(USUAL_SPACING_MM, _COARSER * spacing_mm)
     return float(spacing_mm)
@@ -51,25 +60,34 @@ def cached_grid(
     spacing_mm: float = USUAL_SPACING_MM,
     exact_to_mm: float = 20.0,
     directory: Path | None = None,
+    covering_mm: FloatArray | None = None,
 ) -> DistanceGrid:
-    """The grid of these surroundings, from the directory if it is there.
+    """The grid of these surroundings, from the directory if it is there. covering_mm: as of
+    `distance_grid`.
 
     A file that cannot be read is made again; a directory that cannot be written to costs only time.
     Raises EnvironmentFaultError as `distance_grid` does.
     """
-    name = f"{_key(environment, spacing_mm, exact_to_mm)}.npz"
+    name = f"{_key(environment, spacing_mm, exact_to_mm, covering_mm)}.npz"
     path = (directory or default_cache_directory()) / name
     kept = _read(path)
     if kept is not None:
         return kept
-    grid = distance_grid(environment, spacing_mm, exact_to_mm)
+    grid = distance_grid(environment, spacing_mm, exact_to_mm, covering_mm)
     _write(path, grid)
     return grid
 
 
-def _key(environment: Environment, spacing_mm: float, exact_to_mm: float) -> str:
+def _key(
+    environment: Environment,
+    spacing_mm: float,
+    exact_to_mm: float,
+    covering_mm: FloatArray | None,
+) -> str:
     identity = f"{_VERSION} {spacing_mm!r} {exact_to_mm!r} {environment.solid_around}"
     digest = hashlib.sha256(identity.encode())
+    if covering_mm is not None:
+        digest.update(np.ascontiguousarray(covering_mm, np.float64).tobytes())
     digest.update(environment.vertices_mm.tobytes())
     digest.update(environment.triangles.tobytes())
     return digest.hexdigest()

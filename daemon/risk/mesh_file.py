@@ -1,6 +1,7 @@
 """Reads surroundings from mesh files and writes them: STL, OBJ, PLY."""
 
 import hashlib
+from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Final
@@ -19,6 +20,7 @@ from safety.risk.surroundings.environment import (
     Unit,
     environment,
 )
+from safety.risk.surroundings.regions import Region
 
 SUFFIXES: Final = (".stl", ".obj", ".ply")
 _STL_HEADER, _STL_TRIANGLE = 84, 50
@@ -35,10 +37,22 @@ def read_environment(
     free: on which side of the outermost surface the free space is; None: normals point into it.
     unit: what the file's numbers are. Raises EnvironmentFaultError, which names the file.
     """
+    mesh = read_mesh(path, unit)
     try:
-        return environment(*_read(path, unit), free=free, port=port)
+        return environment(*mesh, free=free, port=port)
     except EnvironmentFaultError as error:
-        raise EnvironmentFaultError(f"{path}: {error}") from None
+        raise error.of(path) from None
+
+
+def read_mesh(path: Path, unit: Unit = "mm") -> Mesh:
+    """The mesh in a file, in mm: finite, and nothing else is looked at yet.
+
+    Raises EnvironmentFaultError, which names the file.
+    """
+    try:
+        return _read(path, unit)
+    except EnvironmentFaultError as error:
+        raise error.of(path) from None
 
 
 def write_mesh(path: Path, mesh: Mesh) -> None:
@@ -61,13 +75,16 @@ def binary_stl(mesh: Mesh) -> bytes:
     return header + len(corners).to_bytes(4, "little") + table.tobytes()
 
 
-def environment_sha256(environment: Environment) -> str:
-    """Of what touches, wherever it was read from: triangles, their free side, and the port."""
+def environment_sha256(environment: Environment, regions: Sequence[Region] = ()) -> str:
+    """Of what touches, wherever it was read from: triangles, their free side, the port, and the
+    regions, but for their names."""
     port = environment.port
     hole = None if port is None else (port.centre_mm, port.inwards, port.radius_mm, port.depth_mm)
     digest = hashlib.sha256(f"{environment.solid_around} {hole}".encode())
     digest.update(environment.vertices_mm.tobytes())
     digest.update(environment.triangles.tobytes())
+    for region in regions:
+        digest.update(repr((region.shape, region.keep_in)).encode())
     return digest.hexdigest()
 
 
@@ -124,9 +141,9 @@ def _readable(content: bytes, suffix: str) -> bytes:
     if _is_binary_stl(content):
         return content
     if content.lstrip()[:5].lower() != b"solid" or b"\0" in content:
-        raise EnvironmentFaultError(_cut_off(content))
+        raise EnvironmentFaultError(_cut_off(content), "cut_off")
     if b"endsolid" not in content.lower():
-        raise EnvironmentFaultError("is cut off: there is no 'endsolid'")
+        raise EnvironmentFaultError("is cut off: there is no 'endsolid'", "cut_off")
     return content.decode("utf-8", "replace").encode()
 
 
@@ -150,7 +167,9 @@ def _check_finite(corners: NDArray[np.float64]) -> None:
     near = ""
     if len(others):
         near = ", near ({:.6g}, {:.6g}, {:.6g}) mm".format(*others[0])
-    raise EnvironmentFaultError(f"triangle {number} has a corner that is not finite{near}")
+    raise EnvironmentFaultError(
+        f"triangle {number} has a corner that is not finite{near}", "not_finite"
+    )
 
 
 def _check_suffix(path: Path) -> None:

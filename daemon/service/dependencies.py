@@ -3,17 +3,29 @@
 The same robot lives in real and in virtual time: nothing of this is made by the service.
 """
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
+from config.control import Surface
 from daemon.host.real_time import RealTime
 from daemon.messages import Message
 from daemon.recording.flight_recorder import Recorder
+from daemon.risk.preparation import prepare_here
+from daemon.risk.surroundings import BodySize, RiskSurroundings
 from daemon.robot.hardware import Connections
 from drivers.clock import WallClock
 from safety.risk_source import RiskSource
+
+PrepareSurroundings = Callable[[Surface, BodySize, Path], Awaitable[RiskSurroundings]]
+"""Of a robot file at a path. Raises EnvironmentFaultError, ApartError, OSError, TimeoutError."""
+
+
+async def prepare_at_once(surface: Surface, size: BodySize, robot_path: Path) -> RiskSurroundings:
+    """In virtual time nothing takes long."""
+    return prepare_here(surface, size, robot_path)
+
 
 _Kind = TypeVar("_Kind", bound=Message)
 
@@ -68,6 +80,8 @@ class Dependencies:
     subscribers: Subscribers = field(default_factory=Subscribers)
     body_failing: Callable[[], str] = lambda: ""
     """What the package that an emulated body comes from does wrong; empty: nothing. Never waits."""
+    prepare_surroundings: PrepareSurroundings = prepare_at_once
+    """How others are made of what a client says of them."""
     good_cycle: Callable[[int], None] = lambda _: None
     """Called with the time after every bus cycle that was supervised and found sound. Never waits.
     """

@@ -3,6 +3,7 @@
 from typing import Final, NamedTuple, Protocol, runtime_checkable
 
 from config.control import Workspace
+from config.tasks.planned_path import PlannedPath
 from daemon.control.controller import Controller, steers_direction
 from daemon.loop.control_step import ControlLoop
 from daemon.messages import ReferenceStatus, Setpoint
@@ -87,6 +88,14 @@ class Following:
         """Follow a set-point that came at `t_ns`. Returns why not; empty if it is followed."""
         setpoints = self._followed_setpoints
         return _NOT_TELEOPERATED if setpoints is None else setpoints.take(setpoint, t_ns)
+
+    @property
+    def followed_path(self) -> PlannedPath | None:
+        """The planned path that is being followed, or was when the motion was held."""
+        followed = self._trajectory
+        if followed is None or self._loop.reference is not followed:
+            return None
+        return followed.trajectory.path
 
     @property
     def can_go_on(self) -> bool:

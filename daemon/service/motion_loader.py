@@ -58,7 +58,7 @@ async def at_once(work: Callable[[], T]) -> T:
     return work()
 
 
-async def in_a_thread(work: Callable[[], T]) -> T:
+async def in_a_thread(work: Callable[[], T], within_s: float = _READ_WITHIN_S) -> T:
     """In a thread that is left behind where it does not come back."""
     loop = asyncio.get_running_loop()
     future: asyncio.Future[T] = loop.create_future()
@@ -78,7 +78,7 @@ async def in_a_thread(work: Callable[[], T]) -> T:
 
     # Not one of asyncio's own threads, for which the way down would wait.
     threading.Thread(target=run, name="load", daemon=True).start()
-    async with asyncio.timeout(_READ_WITHIN_S):
+    async with asyncio.timeout(within_s):
         return await future
 
 

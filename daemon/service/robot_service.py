@@ -37,7 +37,6 @@ from drivers.cia402.drive_bus import DriveBus
 from drivers.conditions import ConditionChange
 from safety.causes import Cause
 from safety.gate import Gate
-from safety.risk_source import name_of
 from safety.states import OperatingState, Request
 
 _log = logging.getLogger(__name__)
@@ -90,7 +89,7 @@ class RobotService:
             self.hardware.tracker,
             buses,
             self.loop,
-            name_of(dependencies.risk),
+            dependencies.risk,
             self.supervisor,
             self.timekeeping,
             dependencies.real_time,

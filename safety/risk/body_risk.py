@@ -72,6 +72,7 @@ class BodyRisk:
     ) -> None:
         """samples: shapes that are drawn, the same ones for every question."""
         self._model = model
+        self._seed = seed
         self._contact = ContactModel(model.basis, grid, environment.port, samples, seed)
         thicker = model.basis.on_the_safe_side()
         self._fewer = ContactModel(thicker, grid, environment.port, samples // _FEWER, seed)
@@ -87,6 +88,10 @@ class BodyRisk:
         self._body_point = BodyPointRisk(environment)
         self._begin: tuple[tuple[float, ...], Mixture] | None = None
         """Where the last way began: the gate asks for several ways from the same place."""
+
+    def among(self, environment: Environment, grid: DistanceGrid) -> "BodyRisk":
+        """The same body, and the same draws of it, in another environment. Raises ValueError."""
+        return BodyRisk(self._model, environment, grid, self._samples, self._seed)
 
     @property
     def inputs(self) -> int:

@@ -25,7 +25,8 @@ from daemon.recording.recovery import recover_unfinished
 from daemon.recording.run_folder import describe_run, new_run
 from daemon.remote.server.server import RemoteServer
 from daemon.remote.surroundings import PreparedSurroundings, cut_surroundings
-from daemon.risk.body_risk_source import make_risk_source, surroundings_stl
+from daemon.risk.body_risk_source import files_of, make_risk_source, surroundings_stl
+from daemon.risk.surroundings import RiskSurroundings
 from daemon.robot.checked_robot import CheckedRobot, add_robot_argument, robot_with_warnings_told
 from daemon.robot.connections import RealConnections
 from daemon.robot.lab_connections import (
@@ -40,6 +41,7 @@ from daemon.service.dependencies import Dependencies
 from daemon.service.motion_loader import in_a_thread
 from daemon.service.operation.run_recording import MakeFolder
 from daemon.service.operation.session import Session
+from daemon.service.operation.surrounding import prepare_in_a_process
 from daemon.service.telemetry.emulated_body import LabBody
 from drivers.can.bus_lock import check_buses_are_free
 from drivers.clock import WallClock
@@ -113,7 +115,7 @@ async def _serve(
         checked.file,
         with_lab_ports(robot, directory),
         dependencies,
-        _folder_maker(checked, arguments, dependencies.clock, b"".join(surroundings.parts)),
+        _folder_maker(checked, arguments, dependencies.clock, lambda: server.surroundings_stl),
         arguments.seed,
         inject=_injector(directory) if dependencies.simulated else None,
         files=arguments.files or models_directory(),
@@ -129,6 +131,9 @@ async def _serve(
         version=service.version,
         robot_file_dir=checked.file.path.parent,
         surroundings=surroundings,
+    )
+    session.operator.surrounding.listeners.append(
+        lambda around, stl: server.show(_shown(robot, around, stl))
     )
     lab = LabListener(
         directory, lambda what: service.events.tell("note", "happening", what, subject="lab")
@@ -178,6 +183,7 @@ def _dependencies(
         real_time,
         runs=arguments.runs,
         body_failing=truth.failing,
+        prepare_surroundings=prepare_in_a_process,
         good_cycle=manager.good_cycle,
     )
 
@@ -190,23 +196,37 @@ def _in_a_line(status: Status) -> str:
 
 def _surroundings(robot: Robot, risk: RiskSource) -> PreparedSurroundings:
     """What the risk is asked with, for whoever wants to see it."""
+    files = files_of(risk)
+    return _shown(robot, None if files is None else files.surroundings, surroundings_stl(risk))
+
+
+def _shown(robot: Robot, around: RiskSurroundings | None, stl: bytes) -> PreparedSurroundings:
     box = robot.workspace
     workspace = None if box is None else [list(box.x_mm), list(box.y_mm), list(box.z_mm)]
-    stl = surroundings_stl(risk)
-    surface = robot.risk.surface
-    return cut_surroundings(Path(surface.mesh).name if surface and stl else "", stl, workspace)
+    if around is None:
+        return cut_surroundings("", b"", workspace)
+    regions = [region.model_dump(mode="json") for region in around.surface.regions]
+    port = around.surface.port
+    hole = None if port is None else port.model_dump(mode="json")
+    return cut_surroundings(around.name, stl, workspace, around.sha256, regions, hole)
 
 
 def _folder_maker(
-    checked: CheckedRobot, arguments: argparse.Namespace, clock: WallClock, surroundings: bytes
+    checked: CheckedRobot,
+    arguments: argparse.Namespace,
+    clock: WallClock,
+    surroundings: Callable[[], bytes],
 ) -> MakeFolder:
-    """Makes folders in a thread of its own: neither disk nor git may hold the loop."""
+    """Makes folders in a thread of its own: neither disk nor git may hold the loop.
+
+    surroundings: the meshes as they are when a run begins, as a binary STL file.
+    """
 
     def make() -> Path:
         robot, wall_ns = checked.file.robot, clock.wall_time_ns()
         folder = new_run(arguments.runs, robot.robot, wall_ns)
         path, seed = checked.file.path, arguments.seed
-        describe_run(folder, robot, path, wall_ns, seed, surroundings=surroundings)
+        describe_run(folder, robot, path, wall_ns, seed, surroundings=surroundings())
         return folder
 
     async def make_folder() -> Path:

@@ -51,6 +51,7 @@ COMMANDS: Final = {
     "lease": ("client", "take control, and keep it until Ctrl-C"),
     "arm": ("client", "energise the drives where they stand"),
     "home": ("client", "let axes look for their zeros"),
+    "surroundings": ("client", "say what is round the body, or replace it while it stands still"),
     "load": ("client", "make a trajectory and a controller ready"),
     "start": ("client", "follow what was loaded"),
     "teleoperate": ("client", "follow set-points"),

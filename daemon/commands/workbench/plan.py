@@ -1,7 +1,6 @@
 """`tentacled plan ROBOT.yaml --to X,Y,Z --out path.json`: a path that keeps the body away."""
 
 import argparse
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -11,6 +10,7 @@ from config.paths import shipped_or_beside
 from daemon.commands.outcome.exit_codes import EXIT_FAILED
 from daemon.commands.outcome.failures import UsageError
 from daemon.commands.outcome.result import Result
+from daemon.commands.terminal.number_lists import numbers, place, take_negative_numbers
 from daemon.robot.checked_robot import add_robot_argument, robot_with_warnings_told
 
 if TYPE_CHECKING:
@@ -33,27 +33,25 @@ body_point_risk  equation 10 of Thompson et al. over the path's waypoints: not
 Where there is no path, the reason and the place that blocks are told, and the
 exit code is 1. Coordinates are mm in the base sensor's frame.
 """
-_NEGATIVE: Final = re.compile(r"^-[\d.].*$")
-"""So that `--to -10,5,190` is no unknown option."""
 _PRESETS: Final = ("optimised", "thompson")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog, parser.formatter_class = _EXPLAINED, argparse.RawDescriptionHelpFormatter
-    parser._negative_number_matcher = _NEGATIVE  # noqa: SLF001
+    take_negative_numbers(parser)
     add_robot_argument(parser)
     parser.add_argument(
-        "--to", type=_place, required=True, metavar="X,Y,Z", help="where the tip shall be, mm"
+        "--to", type=place, required=True, metavar="X,Y,Z", help="where the tip shall be, mm"
     )
     parser.add_argument(
-        "--pointing", type=_place, metavar="X,Y,Z", help="which way the tip shall point there"
+        "--pointing", type=place, metavar="X,Y,Z", help="which way the tip shall point there"
     )
     parser.add_argument(
-        "--via", type=_place, action="append", default=[], metavar="X,Y,Z",
+        "--via", type=place, action="append", default=[], metavar="X,Y,Z",
         help="a place that the tip passes before; may be said again",
     )  # fmt: skip
     parser.add_argument(
-        "--from", type=_numbers, dest="start", metavar="U,U,...",
+        "--from", type=numbers, dest="start", metavar="U,U,...",
         help="where the axes are, mm or rad (default: 0, or the end of travel nearest to it)",
     )  # fmt: skip
     parser.add_argument("--out", type=Path, metavar="PATH.json", help="what `load` takes")
@@ -63,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--free", choices=("inside", "outside"), help="side of such a mesh")
     port = parser.add_mutually_exclusive_group()
     port.add_argument(
-        "--port", type=_numbers, metavar="X,Y,...",
+        "--port", type=numbers, metavar="X,Y,...",
         help="where the body comes in, X,Y,Z,DX,DY,DZ,RADIUS,DEPTH, of which DX,DY,DZ is "
         "the way inwards (default: the robot file's)",
     )  # fmt: skip
@@ -184,7 +182,7 @@ def _goals(arguments: argparse.Namespace) -> "list[TipGoal]":
     if arguments.pointing is not None:
         direction = np.array(arguments.pointing)
         direction = direction / np.linalg.norm(direction)
-    goals = [TipGoal(np.array(place)) for place in arguments.via]
+    goals = [TipGoal(np.array(one)) for one in arguments.via]
     return [*goals, TipGoal(np.array(arguments.to), direction)]
 
 
@@ -234,23 +232,6 @@ def _wrong_usage(arguments: argparse.Namespace) -> str | None:
     if not 4 <= arguments.waypoints <= 200 or not 100 <= arguments.samples <= 100_000:
         return "--waypoints: 4 to 200; --samples: 100 to 100000"
     return None if arguments.seed >= 0 else "--seed: 0 or more"
-
-
-def _numbers(text: str) -> tuple[float, ...]:
-    try:
-        values = tuple(float(word) for word in text.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"'{text}' is not numbers with commas between") from None
-    if not all(abs(value) < 1e5 for value in values):
-        raise argparse.ArgumentTypeError(f"'{text}' is not finite, or too large")
-    return values
-
-
-def _place(text: str) -> tuple[float, ...]:
-    values = _numbers(text)
-    if len(values) != 3:
-        raise argparse.ArgumentTypeError(f"'{text}' is not three numbers: X,Y,Z")
-    return values
 
 
 def _tell_front(front: "list[Candidate]") -> None:

@@ -29,6 +29,7 @@ from daemon.messages import (
     Message,
     Risk,
     Status,
+    SurroundingsChanged,
     Tip,
     tag,
 )
@@ -43,6 +44,7 @@ TOPICS: Final[dict[type[Message], str]] = {
     Event: "/event",
     InternalError: "/internal_error",
     Body: "/body",
+    SurroundingsChanged: "/surroundings",
 }
 MESSAGES: Final[dict[str, type[Message]]] = {topic: kind for kind, topic in TOPICS.items()}
 assert set(TOPICS) == set(RECORDED)

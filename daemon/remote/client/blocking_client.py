@@ -117,6 +117,14 @@ class BlockingRobotClient:
     def clear(self) -> Answer:
         return self._do(self._client.clear())
 
+    def upload(self, name: str, content: bytes) -> str:
+        """Send a mesh's file. Returns what `surround` takes for it."""
+        return self._do(self._client.upload(name, content))
+
+    def surround(self, surface: dict[str, Any] | None = None, *, add: bool = False) -> Answer:
+        """Replace what is round the body, or add to it; the robot must not move."""
+        return self._do(self._client.surround(surface, add=add))
+
     def inject(self, fault: str) -> Answer:
         return self._do(self._client.inject(fault))
 

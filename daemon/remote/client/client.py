@@ -34,8 +34,10 @@ from daemon.messages import (
     Start,
     Status,
     Stop,
+    Surround,
     Surroundings,
     Teleoperate,
+    Upload,
     WhoAmI,
     verb,
 )
@@ -44,6 +46,7 @@ from daemon.remote.client.client_errors import (
     ANSWERS_WITHIN_S,
     ARMS_WITHIN_S,
     HOMES_WITHIN_S,
+    PREPARES_WITHIN_S,
     BadAnswerError,
     ClientError,
     DisconnectedError,
@@ -56,6 +59,7 @@ from daemon.remote.client.subscription import DEPTH, Subscription
 from daemon.remote.wire import encode, encoding_of
 
 C = TypeVar("C", bound=Command)
+_PART_BYTES: Final = 49152
 _BETWEEN_PARTS_S: Final = 0.005
 """So that the questions of one client stay below what the daemon takes of one user."""
 
@@ -225,6 +229,35 @@ class RobotClient:
 
     async def clear(self) -> Answer:
         return await self._command(Clear(), ARMS_WITHIN_S)
+
+    async def upload(self, name: str, content: bytes) -> str:
+        """Send a mesh's file, of which `name` tells by its end how it is written.
+
+        Returns what `surround` takes for it.
+        """
+        digest = hashlib.sha256(content).hexdigest()
+        for offset in range(0, max(len(content), 1), _PART_BYTES):
+            part = Upload(
+                name=name,
+                sha256=digest,
+                size_bytes=len(content),
+                offset=offset,
+                data=content[offset : offset + _PART_BYTES],
+            )
+            await self._command(part)
+        return f"upload:{digest}"
+
+    async def surround(
+        self,
+        surface: dict[str, Any] | None = None,
+        *,
+        add: bool = False,
+        within_s: float = PREPARES_WITHIN_S,
+    ) -> Answer:
+        """Replace what is round the body; the robot must not move. surface: with the keys of
+        `risk.surface` in robot files; None: that of the robot file again. add: its `bodies` and
+        `regions`, besides what is there."""
+        return await self._command(Surround(surface=surface, add=add), within_s)
 
     async def inject(self, fault: str) -> Answer:
         return await self._command(Inject(fault=fault))

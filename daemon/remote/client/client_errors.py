@@ -9,6 +9,8 @@ ANSWERS_WITHIN_S: Final = 5.0
 ARMS_WITHIN_S: Final = 20.0
 HOMES_WITHIN_S: Final = 600.0
 """Axes are slow, and go one after the other; each has its own time limit in the robot file."""
+PREPARES_WITHIN_S: Final = 150.0
+"""Distances from 300 000 triangles take half a minute on a busy computer."""
 """How long a client waits, if it is not told otherwise."""
 
 

@@ -133,6 +133,15 @@ class RemoteServer:
         except Exception as error:  # what cannot be written must not stop who tells it
             self._errors.tell(f"publishing {_KEY_OF[type(message)]}", error)
 
+    def show(self, surroundings: PreparedSurroundings) -> None:
+        """Answer with these from now on."""
+        self._surroundings = surroundings
+
+    @property
+    def surroundings_stl(self) -> bytes:
+        """Their meshes, as they are answered."""
+        return b"".join(self._surroundings.parts)
+
     # The life.
 
     async def open(self) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from config.tasks.controllers import ControllerOptions
+from config.tasks.planned_path import PlannedPath
 from daemon.control.controller import Controller
 from daemon.control.guarded_controller import at_once as answers_at_once
 from daemon.control.guarded_controller import in_a_thread
@@ -30,7 +31,9 @@ from daemon.messages import (
     Start,
     Status,
     Stop,
+    Surround,
     Teleoperate,
+    Upload,
     Verb,
     verb,
 )
@@ -43,6 +46,7 @@ from daemon.service.motion_loader import CommandRefusedError, MotionLoader, OffT
 from daemon.service.operation.clearing import Clearing
 from daemon.service.operation.homing import RobotHoming
 from daemon.service.operation.run_recording import RunRecording
+from daemon.service.operation.surrounding import Surrounding
 from daemon.service.operation.verbs import Prepared, verb_states
 from daemon.service.robot_service import RobotService
 from daemon.supervision.explained import explained
@@ -67,8 +71,10 @@ class Operator:
         inject: Callable[[str], Awaitable[None]] | None,
         files: Path | None = None,
         off_the_loop: OffTheLoop = at_once,
+        robot_path: Path = Path(),
     ) -> None:
         """seed: of controllers. inject: makes an emulated device misbehave; raises ValueError.
+        robot_path: of the robot file.
 
         files: the folder whose files commands may name. off_the_loop: how such files are read.
         """
@@ -80,6 +86,7 @@ class Operator:
         self._inject_fault = inject
         self._homing = RobotHoming(service)
         self._clearing = Clearing(service)
+        self.surrounding = Surrounding(service, recording, robot_path, off_the_loop)
         self._preparing = False
         """An `arm` or `home` is under way, and nothing is energised yet."""
         self._stops = 0
@@ -98,12 +105,15 @@ class Operator:
             Resume: self._resume,
             Stop: self._stop,
             Clear: self._clear,
+            Upload: self._upload,
+            Surround: self._surround,
             Inject: self._inject,
         }
 
     async def handle(self, user: str, command: Command) -> Answer | Refusal:
         """Carry `command` out, or say why not."""
-        if not self._is_renewal(user, command):
+        goes_on = isinstance(command, Upload) and command.offset > 0
+        if not (goes_on or self._is_renewal(user, command)):
             self._service.events.tell("command", verb(command), f"{user} asks for it", subject=user)
         try:
             if not isinstance(command, Acquire | Stop):
@@ -139,11 +149,7 @@ class Operator:
     async def _load_checked(
         self, trajectory: Trajectory, controller: Controller, bounds: Bounds
     ) -> None:
-        if trajectory.path is not None:
-            identity = identity_of(self._service.dependencies.risk)
-            wrong = misfit(trajectory.path, self._service.robot, *(identity or (None, None)))
-            if wrong is not None:
-                raise CommandRefusedError(*wrong)
+        self._check_path(trajectory.path)
         for why in looks(trajectory, bounds):
             if why is not None:
                 raise CommandRefusedError("unreachable", why)
@@ -151,6 +157,15 @@ class Operator:
         if self._service.supervisor.running:
             raise CommandRefusedError("wrong_state", "the robot was started meanwhile")
         self._following.loaded = Loaded(trajectory, controller)
+
+    def _check_path(self, path: PlannedPath | None) -> None:
+        """A planned path is gone only as it was planned. Raises CommandRefusedError."""
+        if path is None:
+            return
+        identity = identity_of(self._service.dependencies.risk)
+        wrong = misfit(path, self._service.robot, *(identity or (None, None)))
+        if wrong is not None:
+            raise CommandRefusedError(*wrong)
 
     # The verbs.
 
@@ -255,6 +270,8 @@ class Operator:
     def start(self, blend_speed_mm_s: float = BLEND_SPEED_MM_S) -> None:
         """Follow what was loaded. Raises RefusedError."""
         self._check_possible(Request.START)
+        assert self._following.loaded is not None
+        self._check_path(self._following.loaded.trajectory.path)
         self._following.follow_loaded(blend_speed_mm_s)
         self._service.supervisor.request(Request.START, self._service.clock.now_ns())
 
@@ -284,6 +301,7 @@ class Operator:
         self._check_possible(Request.RESUME)
         if not self._following.can_go_on:
             raise CommandRefusedError("nothing_to_resume", "nothing was held: load and start")
+        self._check_path(self._following.followed_path)
         self.try_to_resume()
         if not supervisor.running:
             raise CommandRefusedError(
@@ -304,6 +322,15 @@ class Operator:
             raise CommandRefusedError("still_wrong", "the cause has to go first", left)
         names = await self._clearing.not_yet_over()
         return self._answer(command, text=f"not ready yet: {', '.join(names)}" if names else "")
+
+    async def _upload(self, user: str, command: Upload) -> Answer:
+        return self._answer(command, text=await self.surrounding.upload(user, command))
+
+    async def _surround(self, user: str, command: Surround) -> Answer:
+        if self._preparing:
+            raise CommandRefusedError("wrong_state", "the robot is being armed or homed")
+        text = await self.surrounding.surround(command, lambda: self._check_lease(user, command))
+        return self._answer(command, text=text)
 
     async def _inject(self, user: str, command: Inject) -> Answer:
         del user

@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
+from daemon.files import write_whole
 from daemon.messages import Event, Message, Tip
 from daemon.recording.flight_recorder import RecordingError
 from daemon.recording.result import ErrorTable, Result, write_result
@@ -42,6 +43,8 @@ class RunRecording:
         self.table = ErrorTable()
         self.folder: Path | None = None
         """Of the present run, or of the last one."""
+        self.begun: list[Callable[[], None]] = []
+        """Called whenever a recording has begun."""
         self._service = service
         self._recorder = service.dependencies.recorder
         self._make_folder = make_folder
@@ -79,7 +82,19 @@ class RunRecording:
             raise RecordingError(f"no folder for the run: {error}") from None
         await self._start(self.folder)
         self._recording = True
+        for listener in self.begun:
+            listener()
         self._service.publish(self._service.status())
+
+    async def keep(self, name: str, content: bytes) -> None:
+        """Put a file beside the recording, if there is one."""
+        folder = self.folder
+        if not self._recording or folder is None:
+            return
+        try:
+            await self._off_the_loop(lambda: write_whole(folder / name, content))
+        except (OSError, TimeoutError) as error:
+            self._tell("not_kept", f"{name} cannot be written beside the recording: {error}")
 
     def look(self) -> RecordingTrouble:
         """What is wrong with the recording; one that is lost is begun again. Called often."""

@@ -50,7 +50,9 @@ class Session:
         self._off_the_loop = off_the_loop
         self.service = RobotService(file, robot, dependencies)
         self.recording = RunRecording(self.service, make_folder, seed, off_the_loop)
-        self.operator = Operator(self.service, self.recording, seed, inject, files, off_the_loop)
+        self.operator = Operator(
+            self.service, self.recording, seed, inject, files, off_the_loop, file.path
+        )
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator["asyncio.Task[None]"]:
@@ -89,6 +91,7 @@ class Session:
                     await errors.end()
                 finally:
                     await self._end_recording()
+                    self.operator.surrounding.close()
 
     async def _end_recording(self) -> None:
         # What was written until then is there, and recovery completes it.

@@ -66,7 +66,7 @@ def _why_not(name: str, supervisor: Supervisor, prepared: Prepared) -> tuple[str
     """Why, and what helps; empty where nothing stands in the way."""
     if name == "release" and supervisor.energised:
         return "the drives are energised", "Disarm first"
-    if name == "load" and supervisor.running:
+    if name in ("load", "surround") and supervisor.running:
         return "the robot is moving", "Hold or stop first"
     if name == "inject" and not prepared.emulated:
         return "faults are for emulated devices only", ""

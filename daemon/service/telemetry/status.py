@@ -18,12 +18,14 @@ from daemon.messages import (
     TrackerStatus,
     Verb,
 )
+from daemon.risk.body_risk_source import identity_of
 from daemon.supervision.explained import explained
 from daemon.supervision.supervisor import Supervisor
 from drivers.aurora.tracker import AuroraTracker
 from drivers.cia402.axis_channel import AxisChannel
 from drivers.cia402.drive_bus import DriveBus
 from drivers.cia402.node import Node
+from safety.risk_source import RiskSource, name_of
 
 _FORCE_UNIT: Final = {"mm": "N", "rad": "N mm"}
 
@@ -37,7 +39,7 @@ class StatusReport:
         tracker: AuroraTracker,
         buses: Sequence[DriveBus],
         loop: ControlLoop,
-        risk_source: str,
+        risk: RiskSource,
         supervisor: Supervisor,
         timekeeping: Timekeeping,
         real_time: RealTime | None,
@@ -48,7 +50,7 @@ class StatusReport:
         self._tracker = tracker
         self._buses = buses
         self._loop = loop
-        self._risk_source = risk_source
+        self._risk = risk
         self._supervisor = supervisor
         self._timekeeping = timekeeping
         self._real_time = real_time
@@ -136,14 +138,15 @@ class StatusReport:
         return [axis.status(target) for axis, target in zip(self._axes, commanded, strict=True)]
 
     def _risk_status(self) -> RiskStatus:
-        decision = self._loop.decision
+        decision, identity = self._loop.decision, identity_of(self._risk)
         return RiskStatus(
-            source=self._risk_source,
+            source=name_of(self._risk),
             contact_risk=None if decision is None else decision.risk,
             body_point_risk=None if decision is None else decision.body_point_risk,
             threshold=self._robot.risk.threshold,
             scale=1.0 if decision is None else decision.scale,
             detail="" if decision is None else decision.risk_detail,
+            surroundings_sha256="" if identity is None else identity.surroundings_sha256,
         )
 
 

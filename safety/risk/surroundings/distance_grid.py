@@ -215,18 +215,25 @@ class DistanceGrid:
 
 
 def distance_grid(
-    environment: Environment, spacing_mm: float = 1.5, exact_to_mm: float = 20.0
+    environment: Environment,
+    spacing_mm: float = 1.5,
+    exact_to_mm: float = 20.0,
+    covering_mm: FloatArray | None = None,
 ) -> DistanceGrid:
     """The grid of an environment: some microseconds for each place, of which there are millions.
 
-    exact_to_mm: more than the body's radius. Raises EnvironmentFaultError where the grid would be
-    too large.
+    exact_to_mm: more than the body's radius. covering_mm: (2, 3) lowest and highest coordinates
+    that the grid has to reach over besides the mesh. Raises EnvironmentFaultError where the grid
+    would be too large.
     """
     if not (spacing_mm > 0.0 and exact_to_mm > 0.0):
         raise EnvironmentFaultError(f"a grid needs a positive spacing, not {spacing_mm} mm")
     margin_mm = _IN_SOLID_MM if environment.solid_around else exact_to_mm
-    lowest = environment.vertices_mm.min(axis=0) - margin_mm
-    size = environment.vertices_mm.max(axis=0) + margin_mm - lowest
+    within = np.concatenate(
+        [environment.vertices_mm, np.empty((0, 3)) if covering_mm is None else covering_mm]
+    )
+    lowest = within.min(axis=0) - margin_mm
+    size = within.max(axis=0) + margin_mm - lowest
     coarse_mm = COARSER * spacing_mm
     cubes = [max(1, ceil(length / coarse_mm)) for length in size]
     places = prod(COARSER * count + 1 for count in cubes)

@@ -66,7 +66,16 @@ class Mesh(NamedTuple):
 
 
 class EnvironmentFaultError(ValueError):
-    """A mesh that cannot be used. Says what is wrong with it, and where."""
+    """Surroundings that cannot be used. Says what is wrong with them, and where."""
+
+    def __init__(self, text: str, name: str = "bad_mesh") -> None:
+        """name: of the kind of fault, for programs."""
+        super().__init__(text)
+        self.name = name
+
+    def of(self, what: object) -> "EnvironmentFaultError":
+        """The same, which says what it is about: a file."""
+        return EnvironmentFaultError(f"{what}: {self}", self.name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +169,8 @@ def _checked(
             some = some[:: 1 + some.size // _CONFIRMED]
             some = some[_all_round(made, places[some], numbers[some])]
             if some.size:
-                raise EnvironmentFaultError(_fault(made, body, places[some[0]], numbers[some[0]]))
+                text = _fault(made, body, places[some[0]], numbers[some[0]])
+                raise EnvironmentFaultError(text, "not_clear_what_is_solid")
     return made
 
 
@@ -194,7 +204,7 @@ def _check_arrays(vertices: FloatArray, faces: IndexArray) -> None:
         raise EnvironmentFaultError(f"{len(faces)} triangles enclose nothing")
     if not np.isfinite(vertices).all():
         number = int(np.argwhere(~np.isfinite(vertices))[0, 0])
-        raise EnvironmentFaultError(f"vertex {number} is not finite")
+        raise EnvironmentFaultError(f"vertex {number} is not finite", "not_finite")
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise EnvironmentFaultError("a triangle has a corner that is no vertex")
     size = float(np.ptp(vertices[faces.ravel()], axis=0).max())
@@ -225,7 +235,7 @@ def _check_closed(vertices: FloatArray, faces: IndexArray) -> None:
         fault = f"not watertight: {single.size} edges have no triangle on their other side"
     else:
         fault = f"{unbalanced.size} edges are between triangles that face opposite ways"
-    raise EnvironmentFaultError(f"{fault}, one near ({x:.6g}, {y:.6g}, {z:.6g}) mm")
+    raise EnvironmentFaultError(f"{fault}, one near ({x:.6g}, {y:.6g}, {z:.6g}) mm", "not_closed")
 
 
 def _bodies(vertices: FloatArray, faces: IndexArray) -> IndexArray:

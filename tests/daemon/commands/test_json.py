@@ -50,7 +50,7 @@ WORKS = {
 
 NEEDS_A_DAEMON = (
     *("status", "lease", "arm", "home", "start", "teleoperate", "hold", "resume", "stop"),
-    *("disarm", "clear", "inject"),
+    *("disarm", "clear", "inject", "surroundings"),
 )
 """What fails in an empty folder, and is tried with a daemon in tests/daemon/remote, tests/hil."""
 

@@ -9,6 +9,7 @@ from daemon.risk import grid_cache
 from daemon.risk.grid_cache import cached_grid, default_cache_directory, fitting_spacing_mm
 from daemon.workbench.body_model.evaluation.shapes import box, turned
 from daemon.workbench.planning.clearance_slopes import distance_at
+from safety.risk.model.mixture import FloatArray
 from safety.risk.surroundings.distance_grid import DistanceGrid, distance_grid
 from safety.risk.surroundings.environment import Environment, environment
 
@@ -20,9 +21,11 @@ def made(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """The spacings of the grids that were really made."""
     spacings: list[float] = []
 
-    def counted(mesh: Environment, spacing_mm: float, exact_to_mm: float) -> DistanceGrid:
+    def counted(
+        mesh: Environment, spacing_mm: float, exact_to_mm: float, covering_mm: FloatArray | None
+    ) -> DistanceGrid:
         spacings.append(spacing_mm)
-        return distance_grid(mesh, spacing_mm, exact_to_mm)
+        return distance_grid(mesh, spacing_mm, exact_to_mm, covering_mm)
 
     monkeypatch.setattr(grid_cache, "distance_grid", counted)
     return spacings
