@@ -52,7 +52,7 @@ def test_a_chest_of_fifty_thousand_triangles_is_exchanged_while_the_arm_is_armed
             one.user.do(one.client.disarm())
         finally:
             one.leave()
-        told = seen(recorded, "/surroundings")
+        told = seen(recorded, "/surroundings_changed")
         assert told[0]["file"] == "surroundings.stl"
         assert told[-1]["sha256"] == about.counts_sha256
         assert (recorded / told[-1]["file"]).is_file()

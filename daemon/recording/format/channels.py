@@ -44,7 +44,7 @@ TOPICS: Final[dict[type[Message], str]] = {
     Event: "/event",
     InternalError: "/internal_error",
     Body: "/body",
-    SurroundingsChanged: "/surroundings",
+    SurroundingsChanged: "/surroundings_changed",
 }
 MESSAGES: Final[dict[str, type[Message]]] = {topic: kind for kind, topic in TOPICS.items()}
 assert set(TOPICS) == set(RECORDED)
