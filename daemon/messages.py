@@ -113,6 +113,8 @@ class RiskStatus(msgspec.Struct, frozen=True, kw_only=True):
     surroundings_sha256: str = ""
     """Of what counts of the surroundings: triangles, their free side, the port, and the regions.
     Empty: nothing is known of them."""
+    moving_obstacles: int = 0
+    """How many count, besides."""
 
 
 class LeaseStatus(msgspec.Struct, frozen=True, kw_only=True):
@@ -529,6 +531,40 @@ class Setpoint(Message, frozen=True, kw_only=True, tag="setpoint/1"):
     """Unit vector, where the tip shall point; None: anywhere. Refused where nothing points it."""
 
 
+class MovingObstacle(msgspec.Struct, frozen=True, kw_only=True):
+    """A ball that moves. Base sensor's frame."""
+
+    centre_mm: list[float]
+    radius_mm: float
+    velocity_mm_s: list[float] | None = None
+    """None: it stands still."""
+
+
+class Obstacles(Message, frozen=True, kw_only=True, tag="obstacles/1"):
+    """Where obstacles are that move: a stream of puts, one of each user. Each replaces the one
+    before. It counts wherever its velocity may lead it while it is valid; should nothing newer have
+    come by then, the robot holds. Needs no lease."""
+
+    sequence: int
+    """Rising."""
+    balls: list[MovingObstacle]
+    """At most 16; none: the stream has ended, and nothing of it counts any more."""
+    valid_for_s: float = 0.3
+    """For how long after they were measured they are to be believed; at most 1."""
+    age_s: float = 0.0
+    """How long ago they were measured when this is sent."""
+
+
+class ObstaclesTaken(Message, frozen=True, kw_only=True, tag="obstacles_taken/1"):
+    """Recorded: moving obstacles as they came."""
+
+    t_ns: int
+    user: str
+    valid_for_s: float
+    age_s: float
+    balls: list[MovingObstacle]
+
+
 class SetpointRefused(Message, frozen=True, kw_only=True, tag="setpoint_refused/1"):
     """Published as an event when a set-point is dropped."""
 
@@ -540,7 +576,7 @@ class SetpointRefused(Message, frozen=True, kw_only=True, tag="setpoint_refused/
 
 
 TELEMETRY = (Status, Tip, Axes, Risk, Loop, Event, Body)
-RECORDED = (*TELEMETRY, InternalError, SurroundingsChanged)
+RECORDED = (*TELEMETRY, InternalError, SurroundingsChanged, ObstaclesTaken)
 COMMANDS = (
     Acquire,
     Release,

@@ -202,6 +202,12 @@ class Cause(CauseRow):
         "look for what the body touches; take off what hangs at the tip, or train a model with it"
         " and declare it as risk.tip_load_g; then resume",
     )
+    OBSTACLES_LATE = (
+        "obstacles_late", _H, 0.0, _SELF,
+        "a stream of moving obstacles has stopped: nobody knows where they are",
+        "start what sends it, or have it end the stream, then resume; where it is gone for good, "
+        "disarm and clear",
+    )
     BODY_FAILED = (
         "body_failed", _H, 0.0, _RESUME,
         "the package that the emulated body comes from gave no body: it stays as it was",

@@ -70,9 +70,12 @@ def daemon_config(keys: Keys, users: Sequence[User], endpoints: Sequence[str]) -
     config["timestamping"] = {"enabled": True}
     config["queries_default_timeout"] = 2000
     config["access_control"] = access_control(keys, users)
-    setpoints = {"key_expr": f"{keys.root}/setpoint/*", "freq": _SETPOINTS_HZ}
+    streams = [
+        {"key_expr": f"{keys.root}/{name}/*", "freq": _SETPOINTS_HZ}
+        for name in ("setpoint", "obstacles")
+    ]
     config["downsampling"] = [
-        {"id": "setpoints", "messages": ["put"], "flows": ["ingress"], "rules": [setpoints]}
+        {"id": "streams", "messages": ["put"], "flows": ["ingress"], "rules": streams}
     ]
     config["low_pass_filter"] = [
         {
@@ -209,7 +212,7 @@ def _own(keys: Keys, user: User) -> Sequence[Json]:
         _allow(f"{user.name}_answer", "egress", ["reply"], queryables),
     ]
     if user.may_command:
-        setpoint = [keys.setpoint(user.name)]
+        setpoint = [keys.setpoint(user.name), keys.obstacles(user.name)]
         rules += [
             _allow(f"{user.name}_listen", "egress", ["declare_subscriber"], setpoint),
             _allow(f"{user.name}_setpoint", "ingress", ["put"], setpoint),

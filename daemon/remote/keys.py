@@ -91,6 +91,10 @@ class Keys:
         """Where `user` streams set-points."""
         return f"{self.root}/setpoint/{_valid(user)}"
 
+    def obstacles(self, user: str) -> str:
+        """Where `user` streams obstacles that move."""
+        return f"{self.root}/obstacles/{_valid(user)}"
+
     def whoami(self, user: str) -> str:
         """Where `user` asks what he may do."""
         return f"{self.root}/whoami/{_valid(user)}"

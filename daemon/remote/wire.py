@@ -14,6 +14,7 @@ from daemon.messages import (
     Events,
     Load,
     Message,
+    Obstacles,
     Setpoint,
     Surround,
     Teleoperate,
@@ -30,6 +31,7 @@ _MOST_BYTES: Final[dict[type[Message], int]] = {
     Upload: 67584,
     Surround: 65536,
     Setpoint: 1024,
+    Obstacles: 4096,
     Events: LARGEST_ANSWER_BYTES,
 }
 _MOST_COMMAND_BYTES: Final = 4096

@@ -19,6 +19,7 @@ from safety.risk.body_risk import Beside, BodyRisk
 from safety.risk.contact import WorstPlace
 from safety.risk.model.mixture import FloatArray
 from safety.risk.model.risk_model import RiskModelError
+from safety.risk.moving_obstacles import NOTHING_MOVES, Swept
 from safety.risk.surroundings.distance_grid import DistanceGrid
 from safety.risk.surroundings.environment import Environment, EnvironmentFaultError
 from safety.risk.tip_consistency import TipConsistency, TipModel
@@ -45,6 +46,8 @@ _NOT_AS_MODELLED: Final = (
     "the tip is not where the model of the body has it: look for what the body touches; take off "
     "what hangs at the tip, or train a model with it and declare it as risk.tip_load_g"
 )
+_MOVED: Final = "where the moving obstacles are is no longer known: their stream has stopped"
+_FOR_EVER_NS: Final = 1 << 63
 _TOO_OLD: Final = "the model is older than risk.oldest_days: see the body anew, and train another"
 
 
@@ -104,6 +107,7 @@ class BodyRiskSource:
         self._model_name = model_name
         self._name = f"{model_name}, {files.surroundings.name}"
         self._shift: FloatArray | None = None
+        self._swept, self._moving_until_ns = NOTHING_MOVES, _FOR_EVER_NS
         self._tip = tip
         self._consistency = TipConsistency()
         self._risk = risk
@@ -124,14 +128,23 @@ class BodyRiskSource:
         """Ask among other surroundings from now on: between two control steps. risk: what `among`
         has made of them."""
         risk.take_as_shifted(self._shift)
+        risk.take_moving(self._swept)
         self._risk, self._beside = risk, None
         self.files = RiskFiles(self.files.model, around)
         self._name = f"{self._model_name}, {around.name}"
 
+    def take_moving(self, swept: Swept, until_ns: int | None) -> None:
+        """Count with what moves. until_ns: on the monotonic clock; afterwards nothing is known.
+        None: nothing moves."""
+        self._swept = swept
+        self._moving_until_ns = _FOR_EVER_NS if until_ns is None else until_ns
+        self._risk.take_moving(swept)
+
     def assess(
         self, u_from: Sequence[float], u_to: Sequence[float], t_ns: int
     ) -> RiskReading | None:
-        del t_ns
+        if t_ns > self._moving_until_ns:
+            return RiskReading(1.0, None, 0.0, self.name, doubt=_MOVED)
         began_ns = self._clock.now_ns()
         if self._until_ns is not None and self._clock.wall_time_ns() >= self._until_ns:
             return RiskReading(1.0, None, 0.0, self.name, doubt=_TOO_OLD)

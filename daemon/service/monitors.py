@@ -8,6 +8,7 @@ from daemon.recording.run_folder import free_mb
 from daemon.service.dependencies import Dependencies
 from daemon.service.following import Following
 from daemon.service.lease import Lease
+from daemon.service.obstacles import MovingObstacles
 from daemon.supervision.supervisor import Supervisor
 from drivers.aurora.tracker import AuroraTracker
 
@@ -46,6 +47,7 @@ class Monitors:
         timekeeping: Timekeeping,
         lease: Lease,
         following: Following,
+        obstacles: MovingObstacles,
         dependencies: Dependencies,
     ) -> None:
         self._recording: WatchedRecording | None = None
@@ -55,6 +57,7 @@ class Monitors:
         self._timekeeping = timekeeping
         self._lease = lease
         self._following = following
+        self._obstacles = obstacles
         self._dependencies = dependencies
         self._tendons = [
             (channel, limits)
@@ -82,6 +85,7 @@ class Monitors:
         watched.lease_missing_s = self._lease.unheld_s(now_ns)
         watched.lease_held = watched.lease_missing_s <= 0.0
         watched.setpoint_age_s = self._following.setpoint_age_s(now_ns)
+        watched.obstacles_late = self._obstacles.late(now_ns)
         watched.tensions_n = [
             (channel.axis.name, channel.scale.force(channel.torque_permille), *limits)
             for channel, limits in self._tendons

@@ -18,15 +18,19 @@ from daemon.loop.timekeeping import Timekeeping, TimeSpent
 from daemon.messages import (
     LeaseStatus,
     Loop,
+    Obstacles,
+    ObstaclesTaken,
     Status,
     Verb,
 )
+from daemon.risk.body_risk_source import BodyRiskSource
 from daemon.robot.coupled_axes import count_coupling
 from daemon.robot.hardware import Hardware, Listeners
 from daemon.service.dependencies import Dependencies
 from daemon.service.following import Following
 from daemon.service.lease import Lease
 from daemon.service.monitors import Monitors
+from daemon.service.obstacles import MovingObstacles, horizon_s
 from daemon.service.telemetry.body_teller import BodyTeller
 from daemon.service.telemetry.events import EventHistory
 from daemon.service.telemetry.status import StatusReport
@@ -37,6 +41,7 @@ from drivers.cia402.drive_bus import DriveBus
 from drivers.conditions import ConditionChange
 from safety.causes import Cause
 from safety.gate import Gate
+from safety.risk.moving_obstacles import Swept
 from safety.states import OperatingState, Request
 
 _log = logging.getLogger(__name__)
@@ -46,6 +51,7 @@ _LOOP_EVERY_NS: Final = 1_000_000_000
 AT_REST_WITHIN_S: Final = 3.5
 """More than `power.py` gives the drives to stop and to switch off, one after the other: 2.5 s."""
 _LOOK_EVERY_S: Final = 0.002
+_NOBODY_COUNTS: Final = "this robot has no model of its body, and nothing counts with obstacles"
 _CHECKS_WITHIN_S: Final = 3.0
 """Some fifteen objects of each drive, all drives at once; the slowest take 0.1 s for each."""
 
@@ -84,12 +90,15 @@ class RobotService:
             dependencies.risk,
         )
         self.following = Following(self.loop, robot.workspace)
+        self.obstacles = MovingObstacles(horizon_s(robot.axes), self._obstacles_changed)
+        self._obstacles_refused: dict[str, str] = {}
         self.report = StatusReport(
             robot,
             self.hardware.tracker,
             buses,
             self.loop,
             dependencies.risk,
+            lambda: self.obstacles.count,
             self.supervisor,
             self.timekeeping,
             dependencies.real_time,
@@ -103,6 +112,7 @@ class RobotService:
             self.timekeeping,
             self.lease,
             self.following,
+            self.obstacles,
             dependencies,
         )
         self.body = BodyTeller(
@@ -175,6 +185,33 @@ class RobotService:
             self.following.status(),
             self.verbs(),
         )
+
+    def take_obstacles(self, user: str, message: Obstacles | str) -> None:
+        """Count with obstacles that move; words: they cannot be read. Why they are dropped is told
+        once."""
+        now_ns = self.clock.now_ns()
+        if isinstance(message, str):
+            why = message
+        elif isinstance(self.dependencies.risk, BodyRiskSource):
+            why = self.obstacles.take(user, message, now_ns)
+        else:
+            why = _NOBODY_COUNTS
+        if why and self._obstacles_refused.get(user) != why:
+            self.events.tell("note", "obstacles_refused", why, subject=user)
+        self._obstacles_refused[user] = why
+        if not why and isinstance(message, Obstacles):
+            taken = ObstaclesTaken(
+                t_ns=now_ns,
+                user=user,
+                valid_for_s=message.valid_for_s,
+                age_s=message.age_s,
+                balls=message.balls,
+            )
+            self.publish(taken)
+
+    def _obstacles_changed(self, swept: Swept, until_ns: int | None) -> None:
+        if isinstance(self.dependencies.risk, BodyRiskSource):
+            self.dependencies.risk.take_moving(swept, until_ns)
 
     # What the devices and the timer tell.
 

@@ -81,6 +81,8 @@ class Watched:
     lease_missing_s: float = 0.0
     setpoint_age_s: float | None = None
     """None: no set-points are being followed."""
+    obstacles_late: str = ""
+    """Whose streams of moving obstacles have stopped; empty: none."""
     tensions_n: Sequence[tuple[str, float, float, float]] = ()
     """Of each tendon: its axis, its tension, and what it must stay between."""
     recorder_failed: str = ""
@@ -160,6 +162,8 @@ class Checks:
         self._set(Cause.LOOP_SLOW, watched.cycles_missed, t_ns, "loop")
         outside = energised and not homing and watched.outside_workspace
         self._set(Cause.OUT_OF_WORKSPACE, outside, t_ns, "tip")
+        stopped = watched.obstacles_late
+        self._set(Cause.OBSTACLES_LATE, bool(stopped), t_ns, "obstacles", stopped)
 
     def gap(self, gap_s: float, t_ns: int, why: str) -> None:
         """The loop was away for `gap_s`."""

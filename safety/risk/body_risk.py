@@ -15,6 +15,7 @@ from safety.risk.body_point import BodyPointRisk
 from safety.risk.contact import ContactModel, ContactRisk, most_touching
 from safety.risk.model.mixture import FloatArray, Mixture
 from safety.risk.model.risk_model import RiskModel
+from safety.risk.moving_obstacles import Swept
 from safety.risk.part_kernels import PartSlopes
 from safety.risk.surroundings.distance_grid import DistanceGrid
 from safety.risk.surroundings.environment import Environment
@@ -89,6 +90,11 @@ class BodyRisk:
         self._begin: tuple[tuple[float, ...], Mixture] | None = None
         """Where the last way began: the gate asks for several ways from the same place."""
 
+    def take_moving(self, swept: Swept) -> None:
+        """Count with what moves, too, from now on."""
+        for contact in (self._contact, self._fewer, self._shifted):
+            contact.take_moving(swept)
+
     def among(self, environment: Environment, grid: DistanceGrid) -> "BodyRisk":
         """The same body, and the same draws of it, in another environment. Raises ValueError."""
         return BodyRisk(self._model, environment, grid, self._samples, self._seed)
@@ -108,6 +114,8 @@ class BodyRisk:
         if shift is not None:
             nodes = np.tensordot(shift, self._model.basis.modes, axes=1)
             self._shift_mm = float(np.linalg.norm(nodes, axis=1).max())
+        for contact in (self._contact, self._fewer):
+            contact.look_as_far_as(self._shift_mm + _NEAR_MM)
 
     def of_way(self, u_from: Sequence[float], u_to: Sequence[float]) -> WayRisk | str:
         """The risk of going straight from (m,) to (m,); words where it cannot be told."""
@@ -170,6 +178,8 @@ class BodyRisk:
         clearance_mm, nearest = self._clearance(here, share)
         if clearance_mm > _NEAR_MM:
             return None
+        # Parts are known of the grid alone.
+        moving = self._fewer.near_moving(nearest)
         parts = self._fewer.part_slopes(nearest, share, self._part_ends, _NEAR_MM)
         slope, changes, tip_slope = [], [], []
         for axis, scale in enumerate(self._model.scale.tolist()):
@@ -186,7 +196,7 @@ class BodyRisk:
             tuple(at.tolist()),
             clearance_mm,
             tuple(slope),
-            self._parts(parts, np.array(changes), clearance_mm),
+            () if moving else self._parts(parts, np.array(changes), clearance_mm),
             tuple(map(tuple, np.array(tip_slope).T.tolist())),
         )
 

@@ -29,6 +29,7 @@ from safety.risk.contact_kernels import (
 )
 from safety.risk.model.mixture import FloatArray, IndexArray, Mixture
 from safety.risk.model.shape_basis import ShapeBasis, SingleArray
+from safety.risk.moving_obstacles import NOTHING_MOVES, MovingClearance, Swept, longest_ways
 from safety.risk.part_kernels import Draws, PartSlopes, no_slopes, part_slopes
 from safety.risk.surroundings.distance_grid import DistanceGrid
 from safety.risk.surroundings.environment import InsertionPort
@@ -96,6 +97,8 @@ class _Measured:
     """(S,) which each draw belongs to."""
     mixture: Mixture | None = None
     """None: nothing has been measured yet."""
+    moving: SingleArray | None = None
+    """(S,) what no part of each is nearer to what moves; None: nothing that moves is near."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,6 +158,8 @@ class ContactModel:
         self._surroundings = _surroundings(grid, port)
         safe = basis.radius_mm + basis.left_out_mm
         self._skin = Skin(basis.radius_mm, safe, basis.left_out_mm.max())
+        self._moving_clearance = MovingClearance(self._skin, basis.arc_mm, samples)
+        self._swept = NOTHING_MOVES
         nowhere = np.zeros(samples, np.int64)
         self._now, self._next = (_Measured(self._buffers(samples), nowhere) for _ in range(2))
 
@@ -172,6 +177,20 @@ class ContactModel:
     def skin(self) -> Skin:
         """Of the body, as the compiled code reads it."""
         return self._skin
+
+    def take_moving(self, swept: Swept) -> None:
+        """Count with these from now on."""
+        self._swept = swept
+        self._now.mixture = self._next.mixture = None
+
+    def look_as_far_as(self, far_mm: float) -> None:
+        """At what moves: at least so far."""
+        self._moving_clearance.look_as_far_as(far_mm)
+
+    def near_moving(self, mixture: Mixture) -> bool:
+        """Whether anything that moves is near to the body at rest."""
+        self._measure(mixture)
+        return self._now.moving is not None
 
     def risk(self, mixture: Mixture) -> ContactRisk:
         """Of the body at rest."""
@@ -253,17 +272,28 @@ class ContactModel:
             )
         component = mixture.chosen(self._uniform)
         self._now.mixture = None
-        self._place(mixture, component, self._normal, self._now.shapes)
+        self._now.moving = self._place(mixture, component, self._normal, self._now.shapes)
         self._now.mixture, self._now.component = mixture, component
 
     def _place(
         self, mixture: Mixture, component: IndexArray, normal: FloatArray, shapes: Shapes
-    ) -> None:
-        """Fill `shapes` with those of the draws, and their clearances."""
+    ) -> SingleArray | None:
+        """Fill `shapes` with those of the draws, and their clearances.
+
+        Returns what no part of each is nearer to what moves; None: nothing that moves is near.
+        """
         base, modes = self._basis.base_mm.ravel(), self._modes
         means, factors = mixture.means_mm, mixture.factors_per_mm
         place_shapes(means, factors, component, normal, base, modes, shapes.positions)
         clearances(self._surroundings, self._skin, shapes)
+        found = self._moving_clearance.look(self._swept, shapes.positions)
+        if found is None:
+            return None
+        near, node, safe = found
+        shapes.node[:] = np.where(near < shapes.clearance, node, shapes.node)
+        np.minimum(shapes.clearance, near, out=shapes.clearance)
+        np.minimum(shapes.surely, safe, out=shapes.surely)
+        return safe.copy()
 
     def _sweep(
         self, start: "_Measured", end: "_Measured", swept: SingleArray, surely: SingleArray
@@ -273,15 +303,36 @@ class ContactModel:
         changed = np.flatnonzero(start.component != end.component)
         if changed.size == 0 or end.mixture is None:
             sweep(surroundings, skin, start.shapes, end.shapes, swept, surely)
+            self._pass_moving(start, end.shapes, end.moving, surely)
             return
         arriving = self._buffers(changed.size)
-        self._place(end.mixture, start.component[changed], self._normal[changed], arriving)
+        there = self._place(end.mixture, start.component[changed], self._normal[changed], arriving)
         kept = _taken(end.shapes, changed)
         _put(end.shapes, changed, arriving)
         sweep(surroundings, skin, start.shapes, end.shapes, swept, surely)
+        moving = end.moving
+        if moving is not None or there is not None:
+            far_mm = self._moving_clearance.far_mm
+            moving = np.full(surely.size, far_mm, np.float32) if moving is None else moving.copy()
+            moving[changed] = far_mm if there is None else there
+        self._pass_moving(start, end.shapes, moving, surely)
         _put(end.shapes, changed, kept)
         swept[changed] = np.minimum(swept[changed], kept.clearance)
         surely[changed] = np.minimum(surely[changed], kept.surely)
+
+    def _pass_moving(
+        self, start: _Measured, end: Shapes, after: SingleArray | None, surely: SingleArray
+    ) -> None:
+        """Lower (S,) `surely` by what no part of each shape comes nearer to what moves: no node
+        goes farther than the one that goes farthest, and all go straight. after: (S,) where they
+        arrive."""
+        if start.moving is None and after is None:
+            return
+        far = np.float32(self._moving_clearance.far_mm)
+        before = far if start.moving is None else start.moving
+        longest = longest_ways(start.shapes.positions, end.positions)
+        least = np.float32(0.5) * (before + (far if after is None else after) - longest)
+        np.minimum(surely, least, out=surely)
 
     def _worst(self, shapes: Shapes) -> WorstPlace:
         threshold = _threshold(shapes.clearance)
@@ -290,6 +341,9 @@ class ContactModel:
         mine = worst[shapes.node[worst] == node]
         place_mm = shapes.positions[mine, 3 * node : 3 * node + 3].mean(axis=0, dtype=np.float64)
         nearest_mm = _nearest_surface(self._grid, place_mm)
+        away_mm, moving_mm = self._swept.nearest(place_mm)
+        if away_mm < np.linalg.norm(nearest_mm - place_mm):
+            nearest_mm = moving_mm
         return WorstPlace(float(self._basis.arc_mm[node]), place_mm, nearest_mm, threshold)
 
     def _buffers(self, samples: int) -> Shapes:

@@ -1,11 +1,12 @@
 """Other surroundings over the wire, as processes: the loop goes on while they are prepared."""
 
+import asyncio
 import hashlib
 from pathlib import Path
 
 import pytest
 
-from daemon.messages import Upload
+from daemon.messages import MovingObstacle, Upload
 from daemon.remote.client.client_errors import RefusedError
 from daemon.risk.mesh_file import binary_stl
 from daemon.workbench.body_model.evaluation.shapes import CHEST_PORT, chest
@@ -47,6 +48,7 @@ def test_a_chest_of_fifty_thousand_triangles_is_exchanged_while_the_arm_is_armed
             assert [region["name"] for region in about.regions] == ["seed"]
             assert not one.events("cause", "loop_late")
             cut_off(one, content)
+            stream_that_stops(one)
             assert one.status().risk.surroundings_sha256 == about.counts_sha256
             recorded = Path(str(status.recording))
             one.user.do(one.client.disarm())
@@ -56,6 +58,30 @@ def test_a_chest_of_fifty_thousand_triangles_is_exchanged_while_the_arm_is_armed
         assert told[0]["file"] == "surroundings.stl"
         assert told[-1]["sha256"] == about.counts_sha256
         assert (recorded / told[-1]["file"]).is_file()
+
+
+def stream_that_stops(one: Rig) -> None:
+    """A camera's program that ends in the middle of it, and is there again."""
+    place, velocity = [80.0, 0.0, 120.0], [1.0, 0.0, 0.0]
+    ball = MovingObstacle(centre_mm=place, radius_mm=5.0, velocity_mm_s=velocity)
+
+    async def stream(seconds: float) -> None:
+        for _ in range(round(seconds / 0.05)):
+            one.client.send_obstacles([ball], valid_for_s=1.0)
+            await asyncio.sleep(0.05)
+
+    one.user.do(stream(1.0))
+    assert one.status().risk.moving_obstacles == 1
+    assert not one.events("cause", "obstacles_late")
+    one.until_told("obstacles_late")
+    one.user.do(stream(0.5))
+    one.until(lambda: "obstacles_late" not in one.causes())
+
+    async def end() -> None:
+        one.client.send_obstacles([])
+
+    one.user.do(end())
+    one.until(lambda: one.status().risk.moving_obstacles == 0)
 
 
 def cut_off(one: Rig, content: bytes) -> None:

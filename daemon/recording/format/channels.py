@@ -27,6 +27,7 @@ from daemon.messages import (
     InternalError,
     Loop,
     Message,
+    ObstaclesTaken,
     Risk,
     Status,
     SurroundingsChanged,
@@ -45,6 +46,7 @@ TOPICS: Final[dict[type[Message], str]] = {
     InternalError: "/internal_error",
     Body: "/body",
     SurroundingsChanged: "/surroundings_changed",
+    ObstaclesTaken: "/obstacles_taken",
 }
 MESSAGES: Final[dict[str, type[Message]]] = {topic: kind for kind, topic in TOPICS.items()}
 assert set(TOPICS) == set(RECORDED)

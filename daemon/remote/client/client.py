@@ -28,6 +28,8 @@ from daemon.messages import (
     Home,
     Inject,
     Load,
+    MovingObstacle,
+    Obstacles,
     Release,
     Resume,
     Setpoint,
@@ -81,7 +83,7 @@ class RobotClient:
         self._lease = LeaseKeeper(self._renew, self._on_lease_lost)
         self._subscriptions: list[Subscription] = []
         self._request = 0
-        self._setpoint = 0
+        self._setpoint = self._obstacles = 0
         self._loop = asyncio.get_running_loop()
         self._gone = False
         self._watch = self._watch_daemon()
@@ -316,6 +318,30 @@ class RobotClient:
             express=True,
         )
         return setpoint.sequence
+
+    def send_obstacles(
+        self,
+        balls: Sequence[MovingObstacle],
+        valid_for_s: float = 0.3,
+        age_s: float = 0.0,
+    ) -> None:
+        """Where obstacles are that move: again and again, sooner than `valid_for_s` is over. None
+        at all ends the stream. age_s: how long ago they were measured. Raises DisconnectedError;
+        whether they have arrived is not known."""
+        if not self.connected:
+            raise DisconnectedError("the daemon has gone")
+        self._obstacles += 1
+        message = Obstacles(
+            sequence=self._obstacles, balls=list(balls), valid_for_s=valid_for_s, age_s=age_s
+        )
+        connection = self._connection
+        connection.session.put(
+            connection.keys.obstacles(connection.address.user),
+            encode(message),
+            encoding=encoding_of(message),
+            congestion_control=zenoh.CongestionControl.DROP,
+            express=True,
+        )
 
     async def _command(self, command: Command, within_s: float = ANSWERS_WITHIN_S) -> Answer:
         signed = self._signed(command)

@@ -10,6 +10,7 @@ from daemon.messages import (
     COMMANDS,
     Answer,
     Command,
+    Obstacles,
     Refusal,
     Setpoint,
     SetpointRefused,
@@ -41,6 +42,11 @@ class CommandHandler(Protocol):
 
     def setpoint(self, user: str, setpoint: Setpoint) -> SetpointRefused | None:
         """Take a set-point; its numbers are finite, all else is to be checked."""
+        ...
+
+    def obstacles(self, user: str, obstacles: Obstacles | str) -> None:
+        """Take obstacles that move; words: what came cannot be read. What is refused is told as an
+        event."""
         ...
 
     def status(self) -> Status:
@@ -88,6 +94,17 @@ class CommandDesk:
             refused = SetpointRefused(sequence=sequence, reason=f"internal: {error!r}")
         if refused is not None:
             self._tell(user, msgspec.structs.replace(refused, user=user))
+
+    def obstacles(self, user: str, payload: bytes, encoding: str) -> None:
+        """Hand obstacles in. What cannot be read is as if it had not come: their validity ends."""
+        try:
+            try:
+                came: Obstacles | str = decode(payload, Obstacles, requested_format(encoding))
+            except WireError as error:
+                came = str(error)
+            self._handler.obstacles(user, came)
+        except Exception as error:
+            self._errors.tell(f"obstacles of {user}", error)
 
     async def close(self, within_s: float) -> None:
         """Refuse what is in hand."""

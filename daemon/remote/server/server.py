@@ -24,6 +24,7 @@ from daemon.messages import (
     Event,
     Events,
     Message,
+    Obstacles,
     Refusal,
     Setpoint,
     SetpointRefused,
@@ -51,6 +52,7 @@ _WITH_SCHEMA: Final[tuple[type[Message], ...]] = (
     *_KEY_OF,
     *COMMANDS,
     Setpoint,
+    Obstacles,
     WhoAmI,
     Answer,
     Refusal,
@@ -161,7 +163,7 @@ class RemoteServer:
     async def _open_sessions(self) -> None:
         """One for each user, so that nobody can use up what another one needs."""
         self._replies = ReplyThread()
-        self._inbox.open(lambda waiting: waiting[1](waiting[0]), self._desk.setpoint)
+        self._inbox.open(lambda waiting: waiting[1](waiting[0]), self._streamed)
         for user in self._users:
             path = self._session_path(user)
             config = daemon_config(self._keys, [user], [unix_endpoint(path)])
@@ -291,7 +293,9 @@ class RemoteServer:
         answers(keys.whoami(user.name), reader, self._whoami_teller(user))
         if user.may_command:
             answers(keys.commands(user.name), user.name, self._command_taker(user))
-            session.declare_subscriber(keys.setpoint(user.name), self._setpoint_taker(user))
+            session.declare_subscriber(keys.setpoint(user.name), self._stream_taker(user.name))
+            watcher = self._stream_taker(_watcher(user.name))
+            session.declare_subscriber(keys.obstacles(user.name), watcher)
         self._alive.append(session.liveliness().declare_token(keys.alive))
 
     # What is answered, on the loop.
@@ -344,10 +348,17 @@ class RemoteServer:
     def _command_taker(self, user: User) -> Answering:
         return lambda question: self._desk.command(user.name, question)
 
-    def _setpoint_taker(self, user: User) -> "zenoh.handlers.Callback[zenoh.Sample]":
+    def _streamed(self, asker: str, payload: bytes, encoding: str) -> None:
+        user = asker.removesuffix(_WATCHES)
+        if user == asker:
+            self._desk.setpoint(user, payload, encoding)
+        else:
+            self._desk.obstacles(user, payload, encoding)
+
+    def _stream_taker(self, asker: str) -> "zenoh.handlers.Callback[zenoh.Sample]":
         def came(sample: zenoh.Sample) -> None:
             if sample.kind == zenoh.SampleKind.PUT:
-                self._inbox.setpoint(user.name, sample.payload.to_bytes(), str(sample.encoding))
+                self._inbox.setpoint(asker, sample.payload.to_bytes(), str(sample.encoding))
 
         return zenoh.handlers.Callback(came, indirect=False)
 
@@ -359,6 +370,14 @@ class RemoteServer:
 def _reader(user: str) -> str:
     """In the inbox: the questions that only this user may ask, and that are no commands."""
     return f"{user} reads"
+
+
+_WATCHES: Final = " watches"
+
+
+def _watcher(user: str) -> str:
+    """In the inbox: the stream of obstacles that this user sends."""
+    return user + _WATCHES
 
 
 def _users(settings: Remote) -> list[User]:

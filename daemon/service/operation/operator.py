@@ -22,6 +22,7 @@ from daemon.messages import (
     Home,
     Inject,
     Load,
+    Obstacles,
     Reason,
     Refusal,
     Release,
@@ -137,6 +138,10 @@ class Operator:
         else:
             why = self._following.take(setpoint, now_ns)
         return SetpointRefused(sequence=setpoint.sequence, reason=why) if why else None
+
+    def obstacles(self, user: str, obstacles: Obstacles | str) -> None:
+        """Take obstacles that move, or tell why they are dropped."""
+        self._service.take_obstacles(user, obstacles)
 
     def status(self) -> Status:
         return self._service.status()
@@ -318,6 +323,7 @@ class Operator:
         await self._clearing.at_rest()
         self._check_lease(user, command)
         self._check_possible(Request.CLEAR)
+        self._service.obstacles.forget_late(self._service.clock.now_ns())
         if left := await self._clearing.clear():
             raise CommandRefusedError("still_wrong", "the cause has to go first", left)
         names = await self._clearing.not_yet_over()

@@ -1,6 +1,6 @@
 """The robot at a glance, put together from what the loop already knows."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 from config.robot import Robot
@@ -40,6 +40,7 @@ class StatusReport:
         buses: Sequence[DriveBus],
         loop: ControlLoop,
         risk: RiskSource,
+        moving_obstacles: Callable[[], int],
         supervisor: Supervisor,
         timekeeping: Timekeeping,
         real_time: RealTime | None,
@@ -51,6 +52,7 @@ class StatusReport:
         self._buses = buses
         self._loop = loop
         self._risk = risk
+        self._moving_obstacles = moving_obstacles
         self._supervisor = supervisor
         self._timekeeping = timekeeping
         self._real_time = real_time
@@ -147,6 +149,7 @@ class StatusReport:
             scale=1.0 if decision is None else decision.scale,
             detail="" if decision is None else decision.risk_detail,
             surroundings_sha256="" if identity is None else identity.surroundings_sha256,
+            moving_obstacles=self._moving_obstacles(),
         )
 
 

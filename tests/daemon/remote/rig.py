@@ -19,6 +19,7 @@ from daemon.messages import (
     Load,
     LoopStatus,
     Message,
+    Obstacles,
     Refusal,
     Release,
     RiskStatus,
@@ -50,6 +51,7 @@ class FakeRobot:
         self.lease = Lease(lease_s)
         self.carried_out: list[tuple[str, Command]] = []
         self.setpoints: list[tuple[str, Setpoint]] = []
+        self.seen: list[tuple[str, Obstacles | str]] = []
         self.state = "STANDBY"
         self.slow_until: asyncio.Event | None = None
         """While it is there and not set, `load` takes for ever."""
@@ -91,6 +93,9 @@ class FakeRobot:
         self._sequence = setpoint.sequence
         self.setpoints.append((user, setpoint))
         return None
+
+    def obstacles(self, user: str, obstacles: Obstacles | str) -> None:
+        self.seen.append((user, obstacles))
 
     def status(self) -> Status:
         now_ns = self.clock.now_ns()

@@ -55,13 +55,16 @@ def test_a_viewer_sends_nothing_but_questions_about_what_may_be_seen() -> None:
         "liveliness_query",
         "declare_liveliness_subscriber",
     }
-    assert not any("/cmd/" in key or "/setpoint" in key for r in sent for key in r["key_exprs"])
+    forbidden = ("/cmd/", "/setpoint", "/obstacles")
+    keys = [key for rule in sent for key in rule["key_exprs"]]
+    assert not any(word in key for key in keys for word in forbidden)
 
 
-def test_an_operator_puts_set_points_under_the_own_name_and_nothing_else() -> None:
+def test_an_operator_puts_streams_under_the_own_name_and_nothing_else() -> None:
     puts = [rule for rule in rules_of("alice") if "put" in rule["messages"]]
     sent = [rule["key_exprs"] for rule in puts if "ingress" in rule["flows"]]
-    assert sent == [["tentacled/soft_arm/setpoint/alice"]]
+    root = "tentacled/soft_arm"
+    assert sent == [[f"{root}/setpoint/alice", f"{root}/obstacles/alice"]]
 
 
 @pytest.mark.parametrize("role", ["admin", ""])

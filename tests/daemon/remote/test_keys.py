@@ -23,6 +23,7 @@ def test_keys_are_those_of_the_documentation() -> None:
     assert KEYS.surroundings_part(7) == "tentacled/soft_arm/surroundings/7"
     assert KEYS.command("alice", "arm") == "tentacled/soft_arm/cmd/alice/arm"
     assert KEYS.setpoint("alice") == "tentacled/soft_arm/setpoint/alice"
+    assert KEYS.obstacles("alice") == "tentacled/soft_arm/obstacles/alice"
     assert KEYS.whoami("alice") == "tentacled/soft_arm/whoami/alice"
     assert KEYS.schema("tip") == "tentacled/soft_arm/schema/tip"
     assert KEYS.alive == "tentacled/soft_arm/alive"
@@ -32,7 +33,7 @@ def test_keys_are_those_of_the_documentation() -> None:
 def test_what_cannot_be_part_of_a_key_is_refused(name: str) -> None:
     with pytest.raises(ValueError, match="cannot be part of a key"):
         Keys(name)
-    for make in (KEYS.setpoint, KEYS.whoami, KEYS.schema, KEYS.commands):
+    for make in (KEYS.setpoint, KEYS.obstacles, KEYS.whoami, KEYS.schema, KEYS.commands):
         with pytest.raises(ValueError, match="cannot be part of a key"):
             make(name)
     with pytest.raises(ValueError, match="cannot be part of a key"):

@@ -514,7 +514,8 @@ def test_commands_of_all_kinds_reach_the_handler(tmp_path: Path) -> None:
             assert len(robot.carried_out) == len(COMMANDS) - 1
 
     def _made(kind: type[Command], token: str) -> Command:
-        content: dict[str, Any] = {"token": token, "trajectory": {}, "fault": "x.y=1"}
+        part = {"name": "a.stl", "sha256": "", "size_bytes": 1, "offset": 0, "data": b"x"}
+        content: dict[str, Any] = {"token": token, "trajectory": {}, "fault": "x.y=1", **part}
         fields = set(kind.__struct_fields__)
         return kind(**{key: value for key, value in content.items() if key in fields})
 

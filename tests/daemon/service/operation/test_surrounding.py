@@ -78,8 +78,8 @@ def source_of(rig: Rig) -> BodyRiskSource:
     return source
 
 
-def play(scene: Any, file: RobotFile) -> Rig:
-    return on_a_rig(scene, path=file.path, risk=make_risk_source(file, StoppedClock()))
+def play(scene: Any, file: RobotFile, **more: Any) -> Rig:
+    return on_a_rig(scene, path=file.path, risk=make_risk_source(file, StoppedClock()), **more)
 
 
 def test_what_is_sent_is_what_the_gate_asks_with(file: RobotFile) -> None:
