@@ -195,6 +195,14 @@ class RiskSettings(ConfigModel):
     the tracker's accuracy and of where the sensor sits. A tip that stays further from where the
     model has the body than this and the body's own spread explain makes the risk unavailable."""
 
+    tip_accuracy_rad: Positive | None = 0.05
+    """... and its direction, of a sensor that lies along the body. None: it says nothing of the
+    body, as of a sensor that lies askew."""
+
+    given_tip: bool = True
+    """Whether the risk is told given the measured tip, while the model has nothing against it. Else
+    the model alone decides, and what the tip is off by is only added."""
+
     slide: bool = True
     """Whether a step that leads too near to something is turned aside, to go along it, before the
     gate is asked. Otherwise the robot holds there."""

@@ -260,6 +260,14 @@ class Risk(Message, frozen=True, kw_only=True, tag="risk/1"):
     """Of the test whether the measured tip is where the model has it: 1 raises its alarm."""
     tip_off_mm: float | None = None
     """How far the measured tip is from the mean of the model's."""
+    model_risk: float | None = None
+    """Of the answers that the contact risk is one of: that of the model alone, ..."""
+    given_tip_risk: float | None = None
+    """... that of its shapes given the measured tip; None: nothing was near, or there was no tip,
+    ..."""
+    decided_by: str = ""
+    """... and which one decided: `model`, `tip`, or `shifted`, of a body that is off everywhere as
+    it is seen to be."""
 
 
 class Loop(Message, frozen=True, kw_only=True, tag="loop/1"):

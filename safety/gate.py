@@ -13,7 +13,7 @@ from safety.coupled_shaping import CoupledStep
 from safety.coupling import CoupledLimit
 from safety.limits import CountLimits
 from safety.permit import PermittedHoming, PermittedStep, permit, permit_homing
-from safety.risk_source import Nearest, RiskAnswer, RiskSource, ask
+from safety.risk_source import Nearest, RiskAnswer, RiskAnswers, RiskSource, ask
 from safety.shaping import AxisMotion
 
 RISK: Final = "risk"
@@ -47,6 +47,8 @@ class Decision(NamedTuple):
     """Why nothing of the proposal is let through, and the step only brakes; empty if it is."""
     nearest: Nearest | None
     """What the risk is of; None: nobody said."""
+    answers: RiskAnswers | None = None
+    """Of which the risk is one; None: there is but one."""
 
 
 class _Start(NamedTuple):
@@ -388,4 +390,5 @@ def _decision(
     if answer is None:
         return Decision(step, scale, limits, None, None, "", refused, None)
     risk, beside, detail = answer.risk, answer.body_point_risk, answer.detail
-    return Decision(step, scale, limits, risk, beside, detail, refused, answer.nearest)
+    told = answer.nearest, answer.answers
+    return Decision(step, scale, limits, risk, beside, detail, refused, *told)

@@ -36,6 +36,23 @@ class Leaving:
     """... that something touches on the way which did not before."""
 
 
+MODEL: Final = "model"
+"""What decides: the model by itself, ..."""
+GIVEN_TIP: Final = "tip"
+"""... its shapes given where the tip is measured, ..."""
+SHIFTED: Final = "shifted"
+"""... or the body off from the model everywhere as much as it is seen to be."""
+
+
+class RiskAnswers(NamedTuple):
+    """What was known of one way: by the model alone, and given the measured tip."""
+
+    model: float
+    given_tip: float | None
+    """None: not asked, for there is no tip, or nothing is near."""
+    decided_by: str
+
+
 @dataclass(frozen=True, slots=True)
 class RiskReading:
     """What a source says about one straight way of the actuation vector."""
@@ -55,6 +72,8 @@ class RiskReading:
     can."""
     leaving: Leaving | None = None
     """None: the way does not lead away from what touches."""
+    answers: RiskAnswers | None = None
+    """For people: the contact risk is one of them. None: there is but one."""
 
 
 class PartClearance(NamedTuple):
@@ -128,11 +147,16 @@ class TipComparing(Protocol):
     """A `RiskSource` that knows where the tip should be, and can tell a body from its model."""
 
     def compare(
-        self, lately: Sequence[Sequence[float]], tip_mm: Sequence[float], t_ns: int
+        self,
+        lately: Sequence[Sequence[float]],
+        tip_mm: Sequence[float],
+        t_ns: int,
+        direction: Sequence[float] | None = None,
     ) -> TipComparison | None:
         """Take the (3,) tip of a frame, with the axes at (m,) at its time and shortly before it.
 
-        None: nothing can be told there, and the last word stands.
+        direction: (3,) unit vector along which it points; None: not measured. None: nothing can be
+        told there, and the last word stands.
         """
         ...
 
@@ -206,6 +230,7 @@ class RiskAnswer(NamedTuple):
     """Why the maximum stands here and not what was said; empty if it is what was said."""
     nearest: Nearest | None = None
     leaving: Leaving | None = None
+    answers: RiskAnswers | None = None
 
     def bearable(self, threshold: float) -> bool:
         """Whether the way may be gone: at no more risk than the threshold, or out of more."""
@@ -262,11 +287,15 @@ def clearance_of(source: RiskSource, u: Sequence[float], risk: float) -> Clearan
 
 
 def compared(
-    source: TipComparing, lately: Sequence[Sequence[float]], tip_mm: Sequence[float], t_ns: int
+    source: TipComparing,
+    lately: Sequence[Sequence[float]],
+    tip_mm: Sequence[float],
+    t_ns: int,
+    direction: Sequence[float] | None = None,
 ) -> TipComparison | None:
     """What the source makes of a measured tip; None where it makes nothing of it, or fails."""
     try:
-        found = source.compare(lately, tip_mm, t_ns)
+        found = source.compare(lately, tip_mm, t_ns, direction)
         numbers = None if found is None else (found.statistic, found.probability, found.off_mm)
         return found if numbers is None or all(map(isfinite, numbers)) else None
     except Exception:  # a model must not end the loop
@@ -298,11 +327,18 @@ def _answer(reading: RiskReading | None, latest_after_s: float) -> RiskAnswer:
     detail = doubt or str(reading.detail)
     leaving = None if doubt else reading.leaving
     nearest = reading.nearest if _is_place(reading.nearest) else None
-    return RiskAnswer(risk, beside, float(reading.took_s), detail, doubt, nearest, leaving)
+    answers = reading.answers if not doubt and _can_be_told(reading.answers) else None
+    return RiskAnswer(risk, beside, float(reading.took_s), detail, doubt, nearest, leaving, answers)
 
 
 def _is_probability(value: float) -> bool:
     return 0.0 <= value <= 1.0
+
+
+def _can_be_told(answers: RiskAnswers | None) -> bool:
+    return answers is not None and all(
+        _is_probability(one) for one in answers[:2] if one is not None
+    )
 
 
 def _is_place(nearest: Nearest | None) -> bool:

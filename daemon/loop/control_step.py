@@ -243,7 +243,8 @@ class ControlLoop:
         if tip is None or self._tip_comparing is None:
             return
         lately = [self.history.at(t_ns - ago_ns).tolist() for ago_ns in _LATELY_NS]
-        found = compared(self._tip_comparing, lately, tip.position_mm.tolist(), t_ns)
+        at_mm, along = tip.position_mm.tolist(), tip_axis(tip.quaternion).tolist()
+        found = compared(self._tip_comparing, lately, at_mm, t_ns, along)
         if found is None:
             return
         self._compared = found

@@ -13,7 +13,7 @@ from drivers.aurora.frame import TrackerFrame
 from drivers.cia402.axis_channel import AxisChannel
 from drivers.pose import Pose, Vector
 from safety.gate import Decision, Measured
-from safety.risk_source import Nearest, TipComparison
+from safety.risk_source import Nearest, RiskAnswers, TipComparison
 from safety.states import OperatingState
 
 SLIDING: Final = "sliding"
@@ -137,6 +137,7 @@ def risk_message(
         detail=decision.risk_detail,
         **_aside_details(requested.aside),
         **_risk_details(decision.nearest, asked.compared),
+        **_answers(decision.answers),
     )
 
 
@@ -159,6 +160,14 @@ def _aside_details(aside: Aside | None) -> dict[str, Any]:
         "aside_clearance_mm": aside.clearance_mm,
         "given_up_mm": aside.given_up_mm,
     }
+
+
+def _answers(answers: RiskAnswers | None) -> dict[str, Any]:
+    """As a message has it."""
+    if answers is None:
+        return {}
+    model, given_tip, decided_by = answers
+    return {"model_risk": model, "given_tip_risk": given_tip, "decided_by": decided_by}
 
 
 def _risk_details(nearest: Nearest | None, tip: TipComparison | None) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from safety.risk.contact import WorstPlace
 from safety.risk.model.mixture import FloatArray
 from safety.risk.model.risk_model import RiskModelError
 from safety.risk.moving_obstacles import NOTHING_MOVES, Swept
+from safety.risk.seen_tip import TipConditioning
 from safety.risk.surroundings.distance_grid import DistanceGrid
 from safety.risk.surroundings.environment import Environment, EnvironmentFaultError
 from safety.risk.tip_consistency import TipConsistency, TipModel
@@ -41,6 +42,8 @@ seen to be: what makes it so goes on as the body moves on. An arm of silicone th
 is off by 8 mm a second before the alarm, and by 13 mm when it comes."""
 _SAME_LOAD_G: Final = 1.0
 """Silicone sinks by 0.6 mm under it (8 to 13 mm under 14 g): less than models are off."""
+_SEEN_FOR_NS: Final = 150_000_000
+"""So long the risk is told given a tip: what keeps the robot moving without one, by default."""
 _DAY_NS: Final = 86_400_000_000_000
 _NOT_AS_MODELLED: Final = (
     "the tip is not where the model of the body has it: look for what the body touches; take off "
@@ -114,6 +117,8 @@ class BodyRiskSource:
         self._clock = clock
         self._until_ns = until_ns
         self._beside: Beside | None = None
+        self._seen_ns: int | None = None
+        """When the tip was last compared with the model; None: its last word is not to be used."""
 
     @property
     def name(self) -> str:
@@ -129,7 +134,7 @@ class BodyRiskSource:
         has made of them."""
         risk.take_as_shifted(self._shift)
         risk.take_moving(self._swept)
-        self._risk, self._beside = risk, None
+        self._risk, self._beside, self._seen_ns = risk, None, None  # until the next frame
         self.files = RiskFiles(self.files.model, around)
         self._name = f"{self._model_name}, {around.name}"
 
@@ -140,12 +145,19 @@ class BodyRiskSource:
         self._moving_until_ns = _FOR_EVER_NS if until_ns is None else until_ns
         self._risk.take_moving(swept)
 
+    @property
+    def body_risk(self) -> BodyRisk:
+        """Whom it asks."""
+        return self._risk
+
     def assess(
         self, u_from: Sequence[float], u_to: Sequence[float], t_ns: int
     ) -> RiskReading | None:
         if t_ns > self._moving_until_ns:
             return RiskReading(1.0, None, 0.0, self.name, doubt=_MOVED)
         began_ns = self._clock.now_ns()
+        if self._seen_ns is not None and not abs(t_ns - self._seen_ns) <= _SEEN_FOR_NS:
+            self._forget_tip()
         if self._until_ns is not None and self._clock.wall_time_ns() >= self._until_ns:
             return RiskReading(1.0, None, 0.0, self.name, doubt=_TOO_OLD)
         if not self._consistency.consistent:
@@ -167,23 +179,37 @@ class BodyRiskSource:
             _words(nearest),
             nearest,
             leaving=assessed.leaving,
+            answers=assessed.answers,
         )
 
     def compare(
-        self, lately: Sequence[Sequence[float]], tip_mm: Sequence[float], t_ns: int
+        self,
+        lately: Sequence[Sequence[float]],
+        tip_mm: Sequence[float],
+        t_ns: int,
+        direction: Sequence[float] | None = None,
     ) -> TipComparison | None:
         """As `TipComparing` has it."""
         if self._tip is None:
             return None
-        place = self._tip.place([np.asarray(u, np.float64) for u in lately], np.asarray(tip_mm))
+        tip = np.asarray(tip_mm, np.float64)
+        place = self._tip.place([np.asarray(u, np.float64) for u in lately], tip)
         if place is None:
+            self._forget_tip()
             return None
         fits = self._consistency.add(place.probability, t_ns)
         statistic = self._consistency.statistic
         self._shift = place.shift if statistic <= 0.0 else _GROWS * place.shift
         self._risk.take_as_shifted(self._shift)
+        along = None if direction is None else np.asarray(direction, np.float64)
+        self._risk.see(place.mixture, tip, along, agrees=statistic <= 0.0)
+        self._seen_ns = t_ns
         doubt = "" if fits else _NOT_AS_MODELLED
         return TipComparison(statistic, place.probability, place.off_mm, doubt)
+
+    def _forget_tip(self) -> None:
+        self._seen_ns = None
+        self._risk.forget_tip()
 
     def body(self, u: Sequence[float]) -> KnownBody | None:
         """As `BodyKnowing` has it."""
@@ -228,8 +254,12 @@ def make_risk_source(
         return NoModel()
     files = read_risk_files(file, tip_loads_g)
     read = files.model
+    given = None
+    if settings.given_tip:
+        accuracies = settings.tip_accuracy_mm, settings.tip_accuracy_rad
+        given = TipConditioning(read.model.basis, *accuracies)
     try:
-        risk = BodyRisk(read.model, files.environment, files.grid, settings.samples)
+        risk = BodyRisk(read.model, files.environment, files.grid, settings.samples, given=given)
     except ValueError as error:
         raise RiskFilesError(str(error)) from None
     model_path = paths[0]

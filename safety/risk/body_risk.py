@@ -12,14 +12,24 @@ from typing import Final
 import numpy as np
 
 from safety.risk.body_point import BodyPointRisk
-from safety.risk.contact import ContactModel, ContactRisk, most_touching
+from safety.risk.contact import ContactModel, ContactRisk, PathContactRisk, most_touching
 from safety.risk.model.mixture import FloatArray, Mixture
 from safety.risk.model.risk_model import RiskModel
 from safety.risk.moving_obstacles import Swept
 from safety.risk.part_kernels import PartSlopes
+from safety.risk.seen_tip import LEFT_OUT_SHARE, SeenTip, TipConditioning
 from safety.risk.surroundings.distance_grid import DistanceGrid
 from safety.risk.surroundings.environment import Environment
-from safety.risk_source import Clearance, KnownBody, Leaving, PartClearance
+from safety.risk_source import (
+    GIVEN_TIP,
+    MODEL,
+    SHIFTED,
+    Clearance,
+    KnownBody,
+    Leaving,
+    PartClearance,
+    RiskAnswers,
+)
 
 _LONGEST_SEGMENT: Final = 0.1
 """In the network's inputs. Between two mixtures shapes are taken to move straight."""
@@ -45,6 +55,8 @@ class WayRisk:
     """Anywhere along it."""
     leaving: Leaving | None
     """Where it leads away from what touches."""
+    answers: RiskAnswers
+    """Of which the contact is one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,14 +82,27 @@ class BodyRisk:
         grid: DistanceGrid,
         samples: int = 1000,
         seed: int = 0,
+        given: TipConditioning | None = None,
     ) -> None:
-        """samples: shapes that are drawn, the same ones for every question."""
+        """samples: shapes that are drawn, the same ones for every question. given: what makes of
+        them those that agree with a measured tip; None: nothing does."""
+        self.grid = grid
         self._model = model
         self._seed = seed
         self._contact = ContactModel(model.basis, grid, environment.port, samples, seed)
         thicker = model.basis.on_the_safe_side()
         self._fewer = ContactModel(thicker, grid, environment.port, samples // _FEWER, seed)
         self._shifted = ContactModel(model.basis, grid, environment.port, samples, seed)
+        self._given = given
+        thinner = model.basis.leaving_out(LEFT_OUT_SHARE)
+        around = grid, environment.port
+        self._seen_contact = ContactModel(thinner, *around, samples, seed)
+        self._seen_fewer = ContactModel(
+            thinner.on_the_safe_side(), *around, samples // _FEWER, seed
+        )
+        self._seen: SeenTip | None = None
+        self._begin_seen: tuple[Mixture, Mixture | None] | None = None
+        """Where the last way began, and the same given the tip."""
         self._shift: FloatArray | None = None
         self._shift_mm = 0.0
         self._begin_shifted: tuple[Mixture, Mixture] | None = None
@@ -92,12 +117,19 @@ class BodyRisk:
 
     def take_moving(self, swept: Swept) -> None:
         """Count with what moves, too, from now on."""
-        for contact in (self._contact, self._fewer, self._shifted):
+        alone = self._contact, self._fewer, self._shifted
+        for contact in (*alone, self._seen_contact, self._seen_fewer):
             contact.take_moving(swept)
 
     def among(self, environment: Environment, grid: DistanceGrid) -> "BodyRisk":
         """The same body, and the same draws of it, in another environment. Raises ValueError."""
-        return BodyRisk(self._model, environment, grid, self._samples, self._seed)
+        how = self._samples, self._seed, self._given
+        return BodyRisk(self._model, environment, grid, *how)
+
+    @property
+    def model(self) -> RiskModel:
+        """Of the body."""
+        return self._model
 
     @property
     def inputs(self) -> int:
@@ -117,6 +149,19 @@ class BodyRisk:
         for contact in (self._contact, self._fewer):
             contact.look_as_far_as(self._shift_mm + _NEAR_MM)
 
+    def see(
+        self, mixture: Mixture, place_mm: FloatArray, direction: FloatArray | None, agrees: bool
+    ) -> None:
+        """A (3,) tip was measured, pointing along (3,), where the model has this mixture: tell the
+        risk given that. agrees: the model has nothing against it."""
+        self.forget_tip()
+        if self._given is not None:
+            self._seen = self._given.seen(mixture, place_mm, direction, agrees)
+
+    def forget_tip(self) -> None:
+        """What was seen is too old: tell the risk of what the model knows by itself."""
+        self._seen = self._begin_seen = None
+
     def of_way(self, u_from: Sequence[float], u_to: Sequence[float]) -> WayRisk | str:
         """The risk of going straight from (m,) to (m,); words where it cannot be told."""
         for u in (u_from, u_to):
@@ -125,13 +170,39 @@ class BodyRisk:
         mixtures = self._mixtures(u_from, u_to)
         if mixtures is None:
             return f"the model gives no finite answer at {_words(u_to)}"
-        contact = self._contact.along(mixtures)
-        away_mm = contact.on_the_way.lowest_1_percent_mm
-        if self._shift is not None and away_mm < self._shift_mm + _NO_NEARER_MM:
-            shifted = self._shifted.along(self._as_seen(mixtures, self._shift))
-            if shifted.on_the_way.upper_limit > contact.on_the_way.upper_limit:
-                contact = shifted
-        return WayRisk(contact.on_the_way, contact.leaving)
+        alone = self._contact.along(mixtures)
+        told = {MODEL: alone}
+        if alone.on_the_way.lowest_1_percent_mm < self._shift_mm + _NO_NEARER_MM:
+            told |= self._of_body_as_seen(mixtures)
+        if GIVEN_TIP in told and self._seen is not None and self._seen.agrees:
+            by = GIVEN_TIP
+        else:
+            by = max(told, key=lambda one: told[one].on_the_way.upper_limit)
+        limits = {one: path.on_the_way.upper_limit for one, path in told.items()}
+        answers = RiskAnswers(limits[MODEL], limits.get(GIVEN_TIP), by)
+        return WayRisk(told[by].on_the_way, told[by].leaving, answers)
+
+    def _of_body_as_seen(self, mixtures: list[Mixture]) -> dict[str, PathContactRisk]:
+        """Given its tip; and where the model has something against that tip, or there is no such
+        answer, as much off everywhere as it is seen to be."""
+        told = {}
+        given = self._given_the_tip(mixtures)
+        if given is not None:
+            told[GIVEN_TIP] = self._seen_contact.along(given)
+            if self._seen is not None and self._seen.agrees:
+                return told
+        if self._shift is not None:
+            told[SHIFTED] = self._shifted.along(self._as_seen(mixtures, self._shift))
+        return told
+
+    def _given_the_tip(self, mixtures: list[Mixture]) -> list[Mixture] | None:
+        if self._given is None or self._seen is None:
+            return None
+        if self._begin_seen is None or self._begin_seen[0] is not mixtures[0]:
+            self._begin_seen = mixtures[0], self._given.there(self._seen, mixtures[0])
+        there = [self._given.there(self._seen, mixture) for mixture in mixtures[1:]]
+        found = [mixture for mixture in (self._begin_seen[1], *there) if mixture is not None]
+        return found if len(found) == len(mixtures) else None
 
     def _as_seen(self, mixtures: list[Mixture], shift: FloatArray) -> list[Mixture]:
         if self._begin_shifted is None or self._begin_shifted[0] is not mixtures[0]:
@@ -172,15 +243,14 @@ class BodyRisk:
         """
         share = (most_touching(risk, self._samples) + 1) / self._samples
         at = np.asarray(u, np.float64)
-        here = self._model.shapes.mixture(at)
+        here = self._as_told(self._model.shapes.mixture(at))
         if here is None:
             return None
         clearance_mm, nearest = self._clearance(here, share)
         if clearance_mm > _NEAR_MM:
             return None
-        # Parts are known of the grid alone.
-        moving = self._fewer.near_moving(nearest)
-        parts = self._fewer.part_slopes(nearest, share, self._part_ends, _NEAR_MM)
+        moving = self._drawn.near_moving(nearest)
+        parts = self._drawn.part_slopes(nearest, share, self._part_ends, _NEAR_MM)
         slope, changes, tip_slope = [], [], []
         for axis, scale in enumerate(self._model.scale.tolist()):
             ends = self._beside(at, axis, _SLOPE_STEP / scale)
@@ -205,6 +275,8 @@ class BodyRisk:
         mixture = self._model.shapes.mixture(self._model.known[0])
         if mixture is not None:
             self._fewer.part_slopes(mixture, 0.0, self._part_ends, np.inf)
+            self.see(mixture, np.zeros(3), np.zeros(3), agrees=True)
+            self.forget_tip()
 
     def _beside(self, u: FloatArray, axis: int, step: float) -> tuple[Mixture, Mixture] | None:
         """With one axis a step further, and a step back."""
@@ -212,7 +284,7 @@ class BodyRisk:
         for way in (step, -step):
             there = u.copy()
             there[axis] += way
-            ends.append(self._model.shapes.mixture(there))
+            ends.append(self._as_told(self._model.shapes.mixture(there)))
         up, down = ends
         return None if up is None or down is None else (up, down)
 
@@ -247,13 +319,30 @@ class BodyRisk:
 
     def _clearance(self, mixture: Mixture, share: float) -> tuple[float, Mixture]:
         """Of the body, or of the body as it was seen; and the one that has so little."""
-        clearance_mm = self._fewer.clearance_mm(mixture, share)
-        if self._shift is not None and clearance_mm < self._shift_mm + _NEAR_MM:
+        clearance_mm = self._drawn.clearance_mm(mixture, share)
+        shifts = self._shift is not None and not self._decides_given_tip
+        if shifts and clearance_mm < self._shift_mm + _NEAR_MM:
+            assert self._shift is not None
             shifted = _moved(mixture, self._shift)
             as_seen_mm = self._fewer.clearance_mm(shifted, share)
             if as_seen_mm < clearance_mm:
                 clearance_mm, mixture = as_seen_mm, shifted
         return clearance_mm - self._hardly_proved_mm, mixture
+
+    @property
+    def _decides_given_tip(self) -> bool:
+        return self._seen is not None and self._seen.agrees
+
+    @property
+    def _drawn(self) -> ContactModel:
+        """Few shapes, as thick as those that decide."""
+        return self._seen_fewer if self._decides_given_tip else self._fewer
+
+    def _as_told(self, mixture: Mixture | None) -> Mixture | None:
+        """Given the tip, where that decides."""
+        if mixture is None or self._given is None or self._seen is None or not self._seen.agrees:
+            return mixture
+        return self._given.there(self._seen, mixture)
 
     def _mixtures(self, u_from: Sequence[float], u_to: Sequence[float]) -> list[Mixture] | None:
         """Over the shape's coefficients, along the way."""

@@ -89,6 +89,8 @@ class TipPlace(NamedTuple):
     """How far it is from the mean."""
     shift: FloatArray
     """(d,) by which the shape's coefficients are likeliest to be off, as the tip is."""
+    mixture: Mixture
+    """Of the likeliest place of the axes."""
 
 
 class TipModel:
@@ -114,7 +116,7 @@ class TipModel:
             mixture = self._mixture(u)
             if mixture is None:
                 return None
-            beyond = self._beyond(mixture, place)
+            beyond = self.beyond(mixture, place)
             if beyond > likeliest:
                 likeliest, at = beyond, mixture
         return None if at is None else self._place(at, likeliest, place)
@@ -122,12 +124,13 @@ class TipModel:
     def probability(self, u: FloatArray, tip_mm: FloatArray) -> float | None:
         """Of a tip further out than a (3,) one, with the axes at (m,) u; None: it cannot tell."""
         mixture = self._mixture(u)
-        return None if mixture is None else self._beyond(mixture, np.asarray(tip_mm, np.float64))
+        return None if mixture is None else self.beyond(mixture, np.asarray(tip_mm, np.float64))
 
     def _mixture(self, u: FloatArray) -> Mixture | None:
         return self._model.shapes.mixture(u) if self._model.knows(u) else None
 
-    def _beyond(self, mixture: Mixture, place: FloatArray) -> float:
+    def beyond(self, mixture: Mixture, place: FloatArray) -> float:
+        """The same in a mixture over the shape's coefficients."""
         parts = mixture.weights, mixture.means_mm, mixture.factors_per_mm
         return float(tail(*parts, self._base, self._modes, self._variance, place))
 
@@ -142,4 +145,4 @@ class TipModel:
         with_tip = covariance @ self._modes
         of_tip = self._modes.T @ with_tip + np.diag(self._variance)
         shift = with_tip @ np.linalg.solve(of_tip, off)
-        return TipPlace(probability, float(np.linalg.norm(off)), shift)
+        return TipPlace(probability, float(np.linalg.norm(off)), shift, mixture)

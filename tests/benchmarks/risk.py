@@ -8,6 +8,7 @@ be made ready, once; and what a body costs that is not seen where its model has 
 
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import pairwise
@@ -32,6 +33,7 @@ from safety.risk.contact import ContactModel
 from safety.risk.model.mixture import FloatArray, Mixture
 from safety.risk.model.mixture_network import MixtureNetwork
 from safety.risk.model.risk_model import RiskModel
+from safety.risk.seen_tip import LEFT_OUT_SHARE, TipConditioning
 from safety.risk.surroundings.distance_grid import distance_grid
 from safety.risk.surroundings.environment import environment
 from tests import SOFT_ARM
@@ -194,10 +196,11 @@ def _gate(triangles: int, repeats: int) -> Figures:
 def _seen_aside(repeats: int) -> Figures:
     """The soft arm beside a ball, its tip seen 4 mm from the mean: of a load that is not declared.
 
-    The gate then sweeps the shapes as they are seen as well.
+    The gate then sweeps the shapes given that tip as well.
     """
     source, tips, outwards = _beside_a_ball()
     looking: list[float] = []
+    decided: Counter[str] = Counter()
     asking: dict[bool, list[float]] = {True: [], False: []}
     risks: dict[bool, list[float]] = {True: [], False: []}
     places = [_SOFT_BENT_MM + np.cos(number / 40.0) for number in range(repeats)]
@@ -212,11 +215,43 @@ def _seen_aside(repeats: int) -> Figures:
             reading = source.assess(before.tolist(), u.tolist(), number * _STEP_NS)
             asking[seen].append(time.perf_counter() - started)
             risks[seen].append(1.0 if reading is None else reading.contact_risk)
+            if seen and reading is not None and reading.answers is not None:
+                decided[reading.answers.decided_by] += 1
     return {
+        "given_the_tip_alone": _given_the_tip(source, places, tips, outwards),
+        "decided_by": dict(decided),
         "comparison_of_a_frame": percentiles(looking, 1e3),
         "risk_of_a_step_nothing_seen": percentiles(asking[False], 1e3),
         "risk_of_a_step_as_seen_too": percentiles(asking[True], 1e3),
         "highest_risk": [max(risks[False]), max(risks[True])],
+    }
+
+
+def _given_the_tip(
+    source: BodyRiskSource,
+    places: Sequence[FloatArray],
+    tips: Callable[[FloatArray], FloatArray],
+    outwards: FloatArray,
+) -> Figures:
+    """A thousand shapes that agree with the tip, at rest: made from the model's, and measured."""
+    model, grid = source.body_risk.model, source.body_risk.grid
+    given = TipConditioning(model.basis, 1.0, 0.05)
+    contact = ContactModel(model.basis.leaving_out(LEFT_OUT_SHARE), grid, None, 1000)
+    conditioning, all_of_it = [], []
+    for before, u in pairwise(places):
+        mixture, there = model.shapes.mixture(before), model.shapes.mixture(u)
+        assert mixture is not None
+        assert there is not None
+        seen = given.seen(mixture, tips(before) + 4.0 * outwards, None)
+        started = time.perf_counter()
+        found = given.there(seen, there)
+        conditioning.append(time.perf_counter() - started)
+        assert found is not None
+        contact.risk(found)
+        all_of_it.append(time.perf_counter() - started)
+    return {
+        "conditioning": percentiles(conditioning, 1e3),
+        "with_1000_shapes": percentiles(all_of_it, 1e3),
     }
 
 

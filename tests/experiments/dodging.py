@@ -164,9 +164,13 @@ class WholeBody:
         return self._source.assess(u_from, u_to, t_ns)
 
     def compare(
-        self, lately: Sequence[Sequence[float]], tip_mm: Sequence[float], t_ns: int
+        self,
+        lately: Sequence[Sequence[float]],
+        tip_mm: Sequence[float],
+        t_ns: int,
+        direction: Sequence[float] | None = None,
     ) -> TipComparison | None:
-        return self._source.compare(lately, tip_mm, t_ns)
+        return self._source.compare(lately, tip_mm, t_ns, direction)
 
     def body(self, u: Sequence[float]) -> KnownBody | None:
         return self._source.body(u)

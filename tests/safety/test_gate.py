@@ -9,7 +9,7 @@ from safety import gate
 from safety.gate import RISK, RISK_UNAVAILABLE, Gate, Measured
 from safety.limits import CountLimits, Violation
 from safety.permit import PermittedHoming, PermittedStep, permit
-from safety.risk_source import Leaving, NoModel, RiskReading
+from safety.risk_source import GIVEN_TIP, Leaving, NoModel, RiskAnswers, RiskReading
 from tests.safety.gate_rig import (
     LATEST_S,
     LIMITS,
@@ -640,6 +640,14 @@ def test_where_nobody_says_the_place_what_is_said_stands_for_it(detail: str, whe
     source = ToldRisk(lambda _from, _to: RiskReading(0.9, None, 0.001, "told", detail))
     refused = Rig(risk=source).gate.refuses_rest(Rig().measured(), 0)
     assert f"at any moment: {where}; the risk is 0.9" in refused
+
+
+def test_the_answers_that_the_risk_is_one_of_go_with_the_decision() -> None:
+    answers = RiskAnswers(0.3, 0.01, GIVEN_TIP)
+    told = RiskReading(0.01, None, 0.001, "told", answers=answers)
+    rig = Rig(risk=ToldRisk(lambda _from, _to: told))
+    assert rig.decide(50_100).answers is answers
+    assert rig.gate.hold(rig.measured(), 0, STEP_NS).answers is None
 
 
 def test_a_way_out_does_not_make_a_contact_at_rest_bearable() -> None:

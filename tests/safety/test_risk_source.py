@@ -6,6 +6,7 @@ from math import inf, nan
 import pytest
 
 from safety.risk_source import (
+    GIVEN_TIP,
     MAXIMUM_RISK,
     Clearance,
     KnownBody,
@@ -13,6 +14,7 @@ from safety.risk_source import (
     Nearest,
     NoModel,
     PartClearance,
+    RiskAnswers,
     RiskReading,
     RiskSource,
     TipComparison,
@@ -111,6 +113,40 @@ def test_where_something_is_near_is_passed_on() -> None:
     assert ask(Source(told), [1.0], [2.0], 0, LATEST_S).nearest is nearest
     assert ask(Source(reading()), [1.0], [2.0], 0, LATEST_S).nearest is None
     assert ask(Source(None), [1.0], [2.0], 0, LATEST_S).nearest is None
+
+
+ANSWERS = RiskAnswers(0.3, 0.1, GIVEN_TIP)
+
+
+def test_which_answers_there_were_is_passed_on() -> None:
+    told = RiskReading(0.1, None, 0.001, "a model", answers=ANSWERS)
+    assert ask(Source(told), [1.0], [2.0], 0, LATEST_S).answers is ANSWERS
+    alone = RiskReading(0.1, None, 0.001, "a model", answers=ANSWERS._replace(given_tip=None))
+    assert ask(Source(alone), [1.0], [2.0], 0, LATEST_S).answers is alone.answers
+    assert ask(Source(reading()), [1.0], [2.0], 0, LATEST_S).answers is None
+    assert ask(Source(None), [1.0], [2.0], 0, LATEST_S).answers is None
+
+
+@pytest.mark.parametrize(
+    "answers",
+    [
+        ANSWERS._replace(model=float("nan")),
+        ANSWERS._replace(model=1.1),
+        ANSWERS._replace(given_tip=-0.1),
+        ANSWERS._replace(given_tip=float("inf")),
+    ],
+)
+def test_answers_that_are_no_probabilities_are_not_told_and_decide_nothing(
+    answers: RiskAnswers,
+) -> None:
+    told = RiskReading(0.1, None, 0.001, "a model", answers=answers)
+    answer = ask(Source(told), [1.0], [2.0], 0, LATEST_S)
+    assert (answer.risk, answer.doubt, answer.answers) == (0.1, "", None)
+
+
+def test_of_what_is_not_believed_no_answers_are_told() -> None:
+    late = RiskReading(0.1, None, 1.0, "a model", answers=ANSWERS)
+    assert ask(Source(late), [1.0], [2.0], 0, LATEST_S).answers is None
 
 
 @pytest.mark.parametrize(
@@ -342,7 +378,9 @@ class Compares:
     def __init__(self, answer: TipComparison | Exception | None) -> None:
         self._answer = answer
 
-    def compare(self, lately: object, tip_mm: object, t_ns: int) -> TipComparison | None:
+    def compare(
+        self, lately: object, tip_mm: object, t_ns: int, direction: object = None
+    ) -> TipComparison | None:
         if isinstance(self._answer, Exception):
             raise self._answer
         return self._answer

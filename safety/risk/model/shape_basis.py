@@ -82,6 +82,10 @@ class ShapeBasis:
         thicker = self.radius_mm + self.left_out_mm
         return replace(self, radius_mm=thicker, left_out_mm=np.zeros_like(thicker))
 
+    def leaving_out(self, share: float) -> "ShapeBasis":
+        """The same with so much of what a true body may be off by."""
+        return replace(self, left_out_mm=(share * self.left_out_mm).astype(np.float32))
+
     @property
     def nodes(self) -> int:
         """n."""

@@ -5,7 +5,7 @@ import numpy as np
 from daemon.control.avoidance import Aside
 from daemon.loop.step_messages import SLIDING, RequestedStep, RiskAsked, risk_message
 from safety.gate import Decision
-from safety.risk_source import Nearest, TipComparison
+from safety.risk_source import GIVEN_TIP, Nearest, RiskAnswers, TipComparison
 
 NEAREST = Nearest(3.5, 80.0, (1.0, 2.0, 80.0), (4.5, 2.0, 80.0), ())
 DECISION = Decision(None, 0.4, ("velocity: a",), 0.03, 0.01, "told", "", NEAREST)
@@ -41,3 +41,11 @@ def test_what_the_gate_was_told_and_made_of_it_stands_beside() -> None:
     assert (told.clearance_mm, told.arc_mm, told.means_mm) == (3.5, 80.0, None)
     assert (told.place_mm, told.obstacle_mm) == ([1.0, 2.0, 80.0], [4.5, 2.0, 80.0])
     assert (told.tip_statistic, told.tip_off_mm) == (0.5, 1.25)
+
+
+def test_which_answer_the_risk_is_stands_beside_the_others() -> None:
+    decision = DECISION._replace(answers=RiskAnswers(0.2, 0.03, GIVEN_TIP))
+    told = risk_message(7, 1_000, RequestedStep(STEP), decision, ASKED)
+    assert (told.model_risk, told.given_tip_risk, told.decided_by) == (0.2, 0.03, "tip")
+    alone = risk_message(7, 1_000, RequestedStep(STEP), DECISION, ASKED)
+    assert (alone.model_risk, alone.given_tip_risk, alone.decided_by) == (None, None, "")

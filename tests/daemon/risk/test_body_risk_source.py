@@ -15,7 +15,7 @@ from daemon.risk.body_risk_source import RiskFilesError, make_risk_source
 from daemon.risk.mesh_file import write_mesh
 from daemon.risk.model_file import write_model
 from daemon.workbench.body_model.evaluation.shapes import box
-from safety.risk_source import NoModel, TipComparing, ask
+from safety.risk_source import GIVEN_TIP, MODEL, NoModel, TipComparing, ask
 from tests.safety.risk.test_body_risk import arrays, at
 
 ROBOT = Path(__file__).parents[3] / "config" / "robots" / "tendon_arm.yaml"
@@ -212,3 +212,84 @@ def test_a_tip_that_stays_where_the_body_cannot_be_makes_the_risk_unavailable(fo
         frames += 1
         source.compare([u], tip_mm, frames * 25_000_000)
     assert ask(source, u, u, 0, 0.02).doubt == ""
+
+
+# Given the tip.
+
+PERIOD_NS = 25_000_000
+AWAY_MM = [14.0, 0.0, 200.0]
+"""Six millimetres farther from the block than where the model has the tip at 2."""
+
+
+def test_a_tip_that_fits_decides_for_as_long_as_it_is_fresh(folder: Path) -> None:
+    source = make_risk_source(load_robot(folder / "robot.yaml"), Clock())
+    assert isinstance(source, TipComparing)
+    alone = ask(source, at(2.0), at(2.1), 0, 0.02)
+    assert alone.answers is not None
+    assert (alone.answers.given_tip, alone.answers.decided_by) == (None, MODEL)
+    source.compare([at(2.0)], AWAY_MM, 10 * PERIOD_NS)
+    fresh = ask(source, at(2.0), at(2.1), 16 * PERIOD_NS, 0.02)
+    assert fresh.answers is not None
+    assert fresh.answers.decided_by == GIVEN_TIP
+    assert fresh.risk == fresh.answers.given_tip < fresh.answers.model == alone.risk
+    late = ask(source, at(2.0), at(2.1), 16 * PERIOD_NS + 1, 0.02)
+    assert (late.risk, late.answers) == (alone.risk, alone.answers)
+    source.compare([at(2.0)], AWAY_MM, 20 * PERIOD_NS)
+    before = ask(source, at(2.0), at(2.1), 13 * PERIOD_NS, 0.02)
+    assert before.answers == alone.answers, "of a time to come, too"
+
+
+def test_a_tip_of_which_nothing_is_known_is_forgotten(folder: Path) -> None:
+    source = make_risk_source(load_robot(folder / "robot.yaml"), Clock())
+    assert isinstance(source, TipComparing)
+    alone = ask(source, at(2.0), at(2.1), 0, 0.02).answers
+    for place, tip_mm in ((at(50.0), AWAY_MM), (at(2.0), [np.nan, 0.0, 200.0])):
+        source.compare([at(2.0)], AWAY_MM, 0)
+        assert ask(source, at(2.0), at(2.1), 0, 0.02).answers != alone
+        assert source.compare([place], tip_mm, 1) is None
+        after = ask(source, at(2.0), at(2.1), 0, 0.02).answers
+        assert after is not None
+        assert after.given_tip is None
+
+
+def test_a_tip_that_the_model_has_something_against_only_adds_to_the_risk(folder: Path) -> None:
+    source = make_risk_source(load_robot(folder / "robot.yaml"), Clock())
+    assert isinstance(source, TipComparing)
+    alone = ask(source, at(2.0), at(2.1), 0, 0.02)
+    for frame in range(4):
+        answer = source.compare([at(2.0)], [-60.0, 0.0, 200.0], frame * PERIOD_NS)
+        assert answer is not None
+    assert 0.0 < answer.statistic < 1.0
+    doubted = ask(source, at(2.0), at(2.1), 4 * PERIOD_NS, 0.02)
+    assert doubted.answers is not None
+    assert doubted.answers.decided_by == MODEL
+    assert doubted.risk == alone.risk
+
+
+def test_a_robot_file_can_leave_the_tip_out_of_it(folder: Path) -> None:
+    surface = {"mesh": "block.stl", "grid_mm": 2.0}
+    write_robot(folder, {"model": "arm.npz", "surface": surface, "given_tip": False})
+    source = make_risk_source(load_robot(folder / "robot.yaml"), Clock())
+    assert isinstance(source, TipComparing)
+    alone = ask(source, at(2.0), at(2.1), 0, 0.02)
+    source.compare([at(2.0)], AWAY_MM, 0)
+    seen = ask(source, at(2.0), at(2.1), 0, 0.02)
+    assert seen.answers is not None
+    assert seen.answers.given_tip is None
+    assert seen.risk == alone.risk
+
+
+def test_a_direction_counts_where_it_is_told_and_asked_for(folder: Path) -> None:
+    risks = []
+    for accuracy in (0.02, None):
+        surface = {"mesh": "block.stl", "grid_mm": 2.0}
+        settings = {"surface": surface, "tip_accuracy_rad": accuracy, "tip_accuracy_mm": 3.0}
+        write_robot(folder, {"model": "arm.npz", **settings})
+        source = make_risk_source(load_robot(folder / "robot.yaml"), Clock())
+        assert isinstance(source, TipComparing)
+        for slope in (0.12, 0.18):
+            along = [slope / np.hypot(slope, 1.0), 0.0, 1.0 / np.hypot(slope, 1.0)]
+            source.compare([at(2.0)], [30.0, 0.0, 200.0], 0, along)
+            risks.append(ask(source, at(2.0), at(2.1), 0, 0.02).risk)
+    assert risks[0] < risks[1]
+    assert risks[2] == risks[3]

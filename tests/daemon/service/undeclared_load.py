@@ -119,9 +119,9 @@ class _Witness:
             await asyncio.sleep(0.025)
 
 
-def play(course: Course, folder: Path) -> Outcome:
-    """Once round, or until the robot holds."""
-    file = _robot_file(folder, course)
+def play(course: Course, folder: Path, given_tip: bool = True) -> Outcome:
+    """Once round, or until the robot holds. given_tip: as the robot file has it."""
+    file = _robot_file(folder, course, given_tip)
     robot = load_robot(file)
     witness = _Witness(course.balls_mm)
     found: dict[str, Any] = {}
@@ -202,7 +202,7 @@ def _outcome(rig: Rig, course: Course, witness: _Witness, found: dict[str, Any])
     )
 
 
-def _robot_file(folder: Path, course: Course) -> Path:
+def _robot_file(folder: Path, course: Course, given_tip: bool) -> Path:
     meshes = [ball(b[3], b[:3].tolist(), 600) for b in course.balls_mm]
     vertices = np.concatenate([mesh.vertices_mm for mesh in meshes])
     starts = np.cumsum([0, *(len(mesh.vertices_mm) for mesh in meshes[:-1])])
@@ -214,6 +214,7 @@ def _robot_file(folder: Path, course: Course) -> Path:
     robot["risk"] = {
         "model": "builtin:soft_arm.npz",
         "surface": {"mesh": "balls.stl", "free": "outside"},
+        "given_tip": given_tip,
     }
     path = folder / "robot.yaml"
     path.write_text(yaml.safe_dump(robot))

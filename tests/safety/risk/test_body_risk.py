@@ -6,8 +6,10 @@ import pytest
 from daemon.workbench.body_model.evaluation.shapes import box, joined
 from safety.risk.body_risk import BodyRisk, WayRisk
 from safety.risk.model.risk_model import RiskModel, risk_model
+from safety.risk.seen_tip import TipConditioning
 from safety.risk.surroundings.distance_grid import DistanceGrid, distance_grid
 from safety.risk.surroundings.environment import Environment, environment
+from safety.risk_source import GIVEN_TIP, MODEL, SHIFTED, RiskAnswers
 from tests.safety.risk.networks import Arrays, model_arrays
 
 INSIDE = (0.0, 0.0, 0.0, 0.0)
@@ -254,3 +256,140 @@ def test_far_from_everything_the_shift_is_not_asked_for(risk: BodyRisk) -> None:
     assert isinstance(far, WayRisk)
     assert isinstance(still_far, WayRisk)
     assert still_far.contact.lowest_1_percent_mm == far.contact.lowest_1_percent_mm
+
+
+# A body whose tip is measured.
+
+
+@pytest.fixture
+def seeing(model: RiskModel, block: Environment, grid: DistanceGrid) -> BodyRisk:
+    given = TipConditioning(model.basis, 0.5, 0.05)
+    return BodyRisk(model, block, grid, samples=500, given=given)
+
+
+def see(risk: BodyRisk, model: RiskModel, first: float, off_mm: float, agrees: bool) -> None:
+    """At the first input's place, so much nearer to the block than the mean is."""
+    mixture = model.shapes.mixture(at(first))
+    assert mixture is not None
+    basis = model.basis
+    mean = mixture.weights @ mixture.means_mm
+    tip = basis.base_mm[-1] + mean @ basis.modes[:, -1] + np.array([off_mm, 0.0, 0.0])
+    risk.see(mixture, tip, None, agrees)
+
+
+def test_a_tip_that_is_farther_away_than_it_might_be_lets_through_what_the_model_refuses(
+    seeing: BodyRisk, model: RiskModel
+) -> None:
+    alone = told(seeing, at(2.0), at(2.1))
+    assert alone.answers == RiskAnswers(alone.contact.upper_limit, None, MODEL)
+    assert alone.contact.upper_limit > 0.05
+    see(seeing, model, 2.0, -6.0, agrees=True)
+    given = told(seeing, at(2.0), at(2.1))
+    assert given.answers.decided_by == GIVEN_TIP
+    assert given.answers.model == alone.contact.upper_limit
+    assert given.answers.given_tip == given.contact.upper_limit < 0.05
+    assert given.contact.median_mm == pytest.approx(alone.contact.median_mm + 6.0, abs=1.0)
+
+
+def test_a_tip_that_is_nearer_makes_the_risk_higher(seeing: BodyRisk, model: RiskModel) -> None:
+    alone = told(seeing, at(1.0), at(1.1)).contact.upper_limit
+    see(seeing, model, 1.0, 26.0, agrees=True)
+    assert alone < 0.05 < 0.9 < told(seeing, at(1.0), at(1.1)).contact.upper_limit
+
+
+def test_against_the_model_a_tip_only_makes_the_risk_higher(
+    seeing: BodyRisk, model: RiskModel
+) -> None:
+    alone = told(seeing, at(2.0), at(2.1))
+    see(seeing, model, 2.0, -6.0, agrees=False)
+    away = told(seeing, at(2.0), at(2.1))
+    assert away.answers.decided_by == MODEL
+    assert away.contact.upper_limit == alone.contact.upper_limit
+    assert away.answers.given_tip is not None
+    assert away.answers.given_tip < 0.05
+    see(seeing, model, 2.0, 16.0, agrees=False)
+    nearer = told(seeing, at(2.0), at(2.1))
+    assert nearer.answers.decided_by == GIVEN_TIP
+    assert nearer.contact.upper_limit > alone.contact.upper_limit
+
+
+def test_against_the_model_the_body_that_is_off_everywhere_is_asked_for_as_well(
+    seeing: BodyRisk, model: RiskModel
+) -> None:
+    plain = told(seeing, at(1.5), at(1.5)).contact.upper_limit
+    see(seeing, model, 1.5, -3.0, agrees=True)
+    seeing.take_as_shifted(np.array([10.0, 0.0]))
+    assert told(seeing, at(1.5), at(1.5)).answers.decided_by == GIVEN_TIP
+    see(seeing, model, 1.5, -3.0, agrees=False)
+    shifted = told(seeing, at(1.5), at(1.5))
+    assert shifted.answers.decided_by == SHIFTED
+    assert shifted.contact.upper_limit > 0.05 > plain
+
+
+def test_a_tip_that_is_no_number_or_forgotten_leaves_the_model_alone(
+    seeing: BodyRisk, model: RiskModel
+) -> None:
+    alone = told(seeing, at(2.0), at(2.1))
+    see(seeing, model, 2.0, np.nan, agrees=True)
+    assert told(seeing, at(2.0), at(2.1)).answers == alone.answers
+    see(seeing, model, 2.0, -6.0, agrees=True)
+    seeing.forget_tip()
+    assert told(seeing, at(2.0), at(2.1)).answers == alone.answers
+
+
+def test_who_is_not_to_look_at_tips_does_not(
+    risk: BodyRisk, seeing: BodyRisk, model: RiskModel
+) -> None:
+    see(risk, model, 2.0, -6.0, agrees=True)
+    assert told(risk, at(2.0), at(2.1)).answers == told(seeing, at(2.0), at(2.1)).answers
+
+
+def test_far_from_everything_the_tip_is_not_asked_for(seeing: BodyRisk, model: RiskModel) -> None:
+    see(seeing, model, -5.0, 1.0, agrees=True)
+    far = told(seeing, at(-5.0), at(-4.9))
+    assert far.answers == RiskAnswers(far.contact.upper_limit, None, MODEL)
+
+
+def test_another_tip_is_another_answer_from_the_same_place(
+    seeing: BodyRisk, model: RiskModel
+) -> None:
+    """Where a way began is remembered, with the tip that it was asked for with."""
+    answers = []
+    for off_mm in (-6.0, 6.0, -6.0):
+        see(seeing, model, 2.0, off_mm, agrees=True)
+        answers.append([told(seeing, at(2.0), at(end)).contact.median_mm for end in (2.1, 2.2)])
+    assert answers[0] == answers[2] != answers[1]
+
+
+def test_the_room_is_that_of_the_body_given_its_tip(seeing: BodyRisk, model: RiskModel) -> None:
+    alone = seeing.clearance(at(3.4), THRESHOLD)
+    see(seeing, model, 3.4, -6.0, agrees=True)
+    away = seeing.clearance(at(3.4), THRESHOLD)
+    see(seeing, model, 3.4, -6.0, agrees=False)
+    against = seeing.clearance(at(3.4), THRESHOLD)
+    assert alone is not None
+    assert away is not None
+    assert away.clearance_mm > alone.clearance_mm + 3.0
+    assert away.slope[0] == pytest.approx(-10.0, rel=0.15)
+    assert away.parts[0].slope[0] == pytest.approx(-10.0, rel=0.3)
+    assert against == alone
+
+
+def test_given_the_tip_less_of_what_the_basis_leaves_out_is_added(
+    block: Environment, grid: DistanceGrid
+) -> None:
+    """It is among the shapes already; the model alone is as thick as it was."""
+    thick = arrays()
+    thick["basis/left_out_mm"][:] = 4.0
+    model = risk_model(thick, "silu", "relu")
+    given = TipConditioning(model.basis, 0.5, None)
+    risk = BodyRisk(model, block, grid, samples=500, given=given)
+    counts = []
+    for one in (risk, BodyRisk(risk_model(arrays(), "silu", "relu"), block, grid, 500, 0, given)):
+        see(one, model, 2.6, 7.0, agrees=True)
+        found = told(one, at(2.6), at(2.6))
+        assert found.answers.decided_by == GIVEN_TIP
+        assert found.answers.given_tip is not None
+        counts.append((found.answers.model, found.answers.given_tip))
+    assert counts[0][0] > counts[1][0] + 0.1
+    assert 0.0 < counts[0][1] - counts[1][1] < 0.5 * (counts[0][0] - counts[1][0])

@@ -52,7 +52,11 @@ class EmulatedBody:
         self._plant.reset()
         self._at = np.zeros(self._ranges.count)
 
-    def go(self, target: FloatArray) -> BodyState:
+    def wait(self, for_s: float) -> None:
+        """Rest where it is, and creep. Raises PlantError."""
+        self._plant.step(self._at, self._load, for_s)
+
+    def go(self, target: FloatArray, settle_s: float = _SETTLE_S) -> BodyState:
         """To (m,) target as fast as the axes can, and wait a little there: on a straight line, or
         on several where that keeps to coupled limits.
 
@@ -64,7 +68,7 @@ class EmulatedBody:
         for place in ways:
             self._go_straight(place)
         try:
-            state = self._plant.step(target, self._load, _SETTLE_S)
+            state = self._plant.step(target, self._load, settle_s)
         except PlantError as error:
             raise UnreachableError(str(error)) from None
         return state._replace(centreline_mm=evenly_spaced(state.centreline_mm, self._nodes))

@@ -1,0 +1,128 @@
+"""What a measured tip says of the whole body, now and where the body goes next.
+
+The shapes that the model has are conditioned on the tip, see `model.conditioning`. Two things are
+taken for possible that the model has not seen. The body may be another than those of its training,
+or bear a load: it is bent by as much again as the model's own spread, and by a share of what the
+tip is off. And what is seen here says less of the body elsewhere: friction and hysteresis turn, so
+the tip counts as less accurately known by a share of the way that the model has it go from here.
+"""
+
+from dataclasses import dataclass, replace
+from math import isfinite
+from typing import Final
+
+import numpy as np
+
+from safety.risk.model.conditioning import (
+    LinearObservation,
+    bending_covariance,
+    conditioned,
+    tip_direction,
+    tip_place,
+)
+from safety.risk.model.conditioning_kernels import spread
+from safety.risk.model.mixture import FloatArray, Mixture
+from safety.risk.model.shape_basis import ShapeBasis
+
+OTHER_BODY: Final = 0.5
+"""Variance of the tip by what the model has not seen, over the variance that it has."""
+OFF_SHARE: Final = 0.3
+"""... and its standard deviation, over how far the tip is from the model's mean."""
+FORGETS: Final = 0.3
+"""mm of standard deviation that the tip's place gets for each mm that it goes on."""
+LEFT_OUT_SHARE: Final = 0.25
+"""Of what the basis leaves out of the body, in the body's thickness. It is a bound on errors of fit
+and of shape, which OTHER_BODY has among the shapes already: added as variances they come to 0.2 to
+0.4 of the sum of both, at a risk of 5 % and with shapes 0.3 to 1.2 mm apart."""
+_ASKEW: Final = 4.0
+"""Standard deviations: a direction further from the model's is that of a sensor that lies askew."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenTip:
+    """A measured tip, and what the model has for the axes at its time."""
+
+    mean: FloatArray
+    """(d,) of the model's coefficients."""
+    beside: float
+    """mm², of one coordinate of the tip: the variance of what the model has not seen."""
+    place_mm: FloatArray
+    """(3,)."""
+    direction: FloatArray | None
+    """(3,) unit vector; None: not measured, or not to be believed."""
+    agrees: bool
+    """Whether the model has nothing against the tip: then what it says given the tip decides by
+    itself. Else it may only make the risk higher."""
+
+
+class TipConditioning:
+    """Of one body's model."""
+
+    def __init__(self, basis: ShapeBasis, accuracy_mm: float, accuracy_rad: float | None) -> None:
+        """accuracy_mm, accuracy_rad: standard deviation per coordinate of the tip's place and of
+        its direction, of what is measured from what the model means by them. accuracy_rad: None:
+        the direction is not asked for."""
+        self._place, self._place_offset = tip_place(basis)
+        self._direction, self._direction_offset = tip_direction(basis)
+        self._bends = bending_covariance(basis)
+        self._variance = accuracy_mm**2
+        self._direction_variance = None if accuracy_rad is None else accuracy_rad**2
+        self._length_mm = float(basis.arc_mm[-1] - basis.arc_mm[0])
+
+    def seen(
+        self,
+        mixture: Mixture,
+        place_mm: FloatArray,
+        direction: FloatArray | None,
+        agrees: bool = True,
+    ) -> SeenTip:
+        """A tip with the model's mixture for the axes at its time.
+
+        A direction that is far from where the model has it, given the place, is left out.
+        """
+        mean = _mean(mixture)
+        off = place_mm - self._place_offset - self._place @ mean
+        beside = OTHER_BODY * _spread(mixture, self._place) / 3.0 + OFF_SHARE**2 * float(off @ off)
+        seen = SeenTip(mean, beside, place_mm, None, agrees)
+        if direction is None or self._direction_variance is None:
+            return seen
+        given = self.there(seen, mixture)
+        if given is None:
+            return seen
+        turned = direction - self._direction_offset - self._direction @ _mean(given)
+        variance = 3.0 * self._direction_variance + _spread(given, self._direction)
+        near = float(turned @ turned) <= _ASKEW**2 * variance  # never of no number
+        return replace(seen, direction=direction) if near else seen
+
+    def there(self, seen: SeenTip, mixture: Mixture) -> Mixture | None:
+        """The model's mixture at another place of the axes, or at the same, given the tip.
+
+        The tip is taken to go as the mean of the model goes. None: there is no finite answer.
+        """
+        on = _mean(mixture) - seen.mean
+        went = self._place @ on
+        went_mm = float(np.linalg.norm(went))
+        if not (isfinite(seen.beside) and isfinite(went_mm)):
+            return None
+        matrix, value = self._place, seen.place_mm - self._place_offset + went
+        variance = np.full(3, self._variance + (FORGETS * went_mm) ** 2)
+        if seen.direction is not None and self._direction_variance is not None:
+            turned = self._direction @ on
+            turned_rad = max(float(np.linalg.norm(turned)), went_mm / self._length_mm)
+            along = seen.direction - self._direction_offset + turned
+            unsure = self._direction_variance + (FORGETS * turned_rad) ** 2
+            matrix = np.concatenate([matrix, self._direction])
+            value = np.concatenate([value, along])
+            variance = np.concatenate([variance, np.full(3, unsure)])
+        observation = LinearObservation(matrix, value, variance)
+        found = conditioned(mixture, observation, seen.beside * self._bends)
+        return None if found is None else found.mixture
+
+
+def _spread(mixture: Mixture, matrix: FloatArray) -> float:
+    """Sum of the variances of matrix · coefficients, of the whole mixture."""
+    return float(spread(mixture.weights, mixture.means_mm, mixture.factors_per_mm, matrix))
+
+
+def _mean(mixture: Mixture) -> FloatArray:
+    return np.asarray(mixture.weights @ mixture.means_mm)
