@@ -393,3 +393,12 @@ def test_given_the_tip_less_of_what_the_basis_leaves_out_is_added(
         counts.append((found.answers.model, found.answers.given_tip))
     assert counts[0][0] > counts[1][0] + 0.1
     assert 0.0 < counts[0][1] - counts[1][1] < 0.5 * (counts[0][0] - counts[1][0])
+
+
+def test_among_other_surroundings_the_body_can_still_be_seen(
+    seeing: BodyRisk, model: RiskModel
+) -> None:
+    farther = environment(*box((40.0, 60.0, 60.0), (62.0, 0.0, 200.0), 4))
+    other = seeing.among(farther, distance_grid(farther, 2.0, 20.0))
+    see(other, model, 3.0, -6.0, agrees=True)
+    assert told(other, at(3.0), at(3.1)).answers.decided_by == GIVEN_TIP
