@@ -90,6 +90,20 @@ class Told(NamedTuple):
     """Whether the tip is no surprise to the model: then the risk given it decides."""
 
 
+class Columns(NamedTuple):
+    """(n,) of each of `Told`."""
+
+    load_g: FloatArray
+    other: FloatArray
+    touched: FloatArray
+    clearance_mm: FloatArray
+    model: FloatArray
+    model_limit: FloatArray
+    given_tip: FloatArray
+    given_tip_limit: FloatArray
+    likely: FloatArray
+
+
 @dataclass(frozen=True)
 class Trial:
     """What is looked at."""
@@ -274,7 +288,7 @@ class Figures:
 
 def figures(rows: FloatArray) -> dict[str, Figures]:
     """Of (n, columns of `Told`): by the model alone, given the tip, and as the gate decides."""
-    told = Told(*rows.T)
+    told = Columns(*rows.T)
     touched, away, likely = told.touched, told.clearance_mm, told.likely > 0.5
     decided = np.where(likely, told.given_tip, np.maximum(told.given_tip, told.model))
     limit = np.where(
@@ -290,7 +304,7 @@ def figures(rows: FloatArray) -> dict[str, Figures]:
 def removed(rows: FloatArray) -> float:
     """Share of the false refusals of the model alone that are none as the gate decides: of bodies
     as modelled, without a load."""
-    told = Told(*rows.T)
+    told = Columns(*rows.T)
     free = (told.load_g <= 0.0) & (told.other < 0.5) & (told.touched < 0.5)
     refused = free & (told.model_limit > THRESHOLD)
     through = np.where(told.likely > 0.5, told.given_tip_limit, told.model_limit) <= THRESHOLD
@@ -299,7 +313,7 @@ def removed(rows: FloatArray) -> float:
 
 def table(arm: str, rows: FloatArray) -> str:
     """For people."""
-    told = Told(*rows.T)
+    told = Columns(*rows.T)
     groups = {
         "all": np.ones(len(rows), bool),
         "without a load": told.load_g <= 0.0,
