@@ -6,6 +6,7 @@ import pytest
 from daemon.workbench.body_model.evaluation.shapes import box, joined
 from safety.risk.body_risk import BodyRisk, WayRisk
 from safety.risk.model.risk_model import RiskModel, risk_model
+from safety.risk.moving_obstacles import MovingBall, Swept
 from safety.risk.seen_tip import TipConditioning
 from safety.risk.surroundings.distance_grid import DistanceGrid, distance_grid
 from safety.risk.surroundings.environment import Environment, environment
@@ -402,3 +403,18 @@ def test_among_other_surroundings_the_body_can_still_be_seen(
     other = seeing.among(farther, distance_grid(farther, 2.0, 20.0))
     see(other, model, 3.0, -6.0, agrees=True)
     assert told(other, at(3.0), at(3.1)).answers.decided_by == GIVEN_TIP
+
+
+def test_what_moves_counts_given_the_tip_as_well(seeing: BodyRisk, model: RiskModel) -> None:
+    ball = MovingBall((-40.0, 0.0, 190.0), 5.0, (0.0, 0.0, 0.0))
+    seeing.take_moving(Swept.of([(ball, 1.0)]))
+    see(seeing, model, -2.9, -1.0, agrees=True)
+    free = told(seeing, at(-2.0), at(-1.9))
+    assert free.answers.decided_by in (MODEL, GIVEN_TIP)
+    assert free.contact.upper_limit < 0.05
+    near = told(seeing, at(-2.9), at(-3.0))
+    assert near.answers.decided_by == GIVEN_TIP
+    assert near.contact.upper_limit > 0.1
+    clearance = seeing.clearance(at(-2.7), THRESHOLD)
+    assert clearance is not None
+    assert clearance.parts == ()
