@@ -35,6 +35,7 @@ def installed_as_it_stands(project: Path, site: Path) -> Path:
     return site
 
 
+@pytest.mark.long
 def test_the_made_controller_passes_its_own_test(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -48,9 +48,9 @@ def never_drawn_in(robot: Robot) -> Robot:
 @pytest.mark.parametrize(
     ("kind", "trajectory", "change", "mean_mm"),
     [
-        ("broyden", EIGHT, as_shipped, 10.0),
+        pytest.param("broyden", EIGHT, as_shipped, 10.0, marks=pytest.mark.long),
         ("broyden", EIGHT, never_drawn_in, 12.0),
-        ("broyden", HELIX, as_shipped, 1.5),
+        pytest.param("broyden", HELIX, as_shipped, 1.5, marks=pytest.mark.long),
         ("forward_jacobian", HELIX, never_drawn_in, 1.5),
     ],
 )

@@ -57,6 +57,7 @@ def test_it_follows_its_circle_to_a_millimetre(lab: TestLab, nearest_mm: Nearest
     assert nearest_mm(arm) < -0.5, "what stands there in the other experiment would be in the way"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("arm", POSTS)
 def test_it_goes_round_what_is_in_its_way(lab: TestLab, nearest_mm: Nearest, arm: str) -> None:
     result = lab.run(f"builtin:{arm}_past_post", trajectory=ONCE)

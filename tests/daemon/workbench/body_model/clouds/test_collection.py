@@ -82,6 +82,7 @@ def test_all_that_was_wanted_is_there(collected: Collected) -> None:
     assert made.provenance["settings"]["starts"] == 2
 
 
+@pytest.mark.long
 def test_shares_of_two_machines_put_together_are_the_same_data_set(
     collected: Collected, tmp_path: Path, worker: Executor
 ) -> None:
@@ -290,7 +291,7 @@ def test_requests_that_cannot_be_met_leave_no_file(
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_command_collects_with_processes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
