@@ -154,7 +154,7 @@ def test_the_shipped_soft_arm_with_a_load_is_told_from_one_without() -> None:
     assert alarms[LOAD_G] > 0.5 * len(u)
 
 
-@pytest.mark.parametrize("seed", [2, 38])
+@pytest.mark.parametrize("seed", [2, pytest.param(38, marks=pytest.mark.long)])
 def test_at_the_gates_edge_a_load_touches_unless_the_tip_is_compared_with_the_model(
     seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -174,7 +174,9 @@ def test_at_the_gates_edge_a_load_touches_unless_the_tip_is_compared_with_the_mo
     assert seeing.least_clearance_mm > 2.0
 
 
-@pytest.mark.parametrize(("given_tip", "least_mm"), [(False, 5.0), (True, 2.0)])
+@pytest.mark.parametrize(
+    ("given_tip", "least_mm"), [pytest.param(False, 5.0, marks=pytest.mark.long), (True, 2.0)]
+)
 def test_among_balls_an_arm_with_a_load_touches_nothing(
     given_tip: bool, least_mm: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -125,15 +125,12 @@ def test_files_are_read_in_another_thread_and_the_loop_goes_on(tmp_path: Path) -
     assert turns > 3  # read on the loop, it would have been one or two
 
 
-def test_one_thing_is_loaded_at_a_time_and_what_never_ends_is_left_behind(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr("daemon.service.motion_loader._READ_WITHIN_S", 0.2)
+def test_one_thing_is_loaded_at_a_time_and_what_never_ends_is_left_behind() -> None:
     never = threading.Event()
 
     async def for_ever(work: Callable[[], Any]) -> Any:
         del work
-        return await in_a_thread(never.wait)
+        return await in_a_thread(never.wait, 0.2)
 
     async def test() -> None:
         one = MotionLoader(ROBOT, 1, None, for_ever)
