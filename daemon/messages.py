@@ -441,8 +441,24 @@ class Load(Command, frozen=True, kw_only=True, tag="load/1"):
     """The robot that it is meant for; empty: whichever this is."""
 
 
+class Plan(Command, frozen=True, kw_only=True, tag="plan/1"):
+    """Look for a path from where the axes are to a place, that keeps the whole body away from what
+    is round it. While the robot is ready, armed or held; nothing moves by it. Refused with the
+    planner's reason where there is none."""
+
+    to_mm: list[float]
+    via_mm: list[list[float]] = []
+    """Places that the tip passes before."""
+    pointing: list[float] | None = None
+    """Which way the tip shall point there."""
+    tip_speed_mm_s: float = 8.0
+    most_risk: float = 0.05
+    """Contact risk that the whole path may have, upper limit."""
+    seed: int = 1
+
+
 class Start(Command, frozen=True, kw_only=True, tag="start/1"):
-    """Follow what was loaded, from its beginning."""
+    """Follow what was loaded, from its beginning; in a hold, what was loaded since it began."""
 
 
 class Teleoperate(Command, frozen=True, kw_only=True, tag="teleoperate/1"):
@@ -512,6 +528,10 @@ class Answer(Message, frozen=True, kw_only=True, tag="answer/1"):
     expires_in_s: float | None = None
     confirmed: bool = True
     """For stop and disarm: whether the drives have said that they did it."""
+    path: dict[str, Any] | None = None
+    """After `plan`: what its path file holds; None: it is too long for an answer."""
+    file: str = ""
+    """After `plan`: the name under which `load` takes it, as `{"kind": "planned", "file": ...}`."""
 
 
 class Refusal(Message, frozen=True, kw_only=True, tag="refusal/1"):
@@ -573,6 +593,21 @@ class ObstaclesTaken(Message, frozen=True, kw_only=True, tag="obstacles_taken/1"
     balls: list[MovingObstacle]
 
 
+class PathPlanned(Message, frozen=True, kw_only=True, tag="path_planned/1"):
+    """Recorded: a path that was planned. Its file is beside the recording."""
+
+    t_ns: int
+    file: str
+    surroundings_sha256: str
+    """Of what counted."""
+    model_sha256: str
+    duration_s: float
+    to_mm: list[float]
+    contact_risk: float | None = None
+    """Of the whole path, upper limit."""
+    clearance_mm: float | None = None
+
+
 class SetpointRefused(Message, frozen=True, kw_only=True, tag="setpoint_refused/1"):
     """Published as an event when a set-point is dropped."""
 
@@ -584,7 +619,7 @@ class SetpointRefused(Message, frozen=True, kw_only=True, tag="setpoint_refused/
 
 
 TELEMETRY = (Status, Tip, Axes, Risk, Loop, Event, Body)
-RECORDED = (*TELEMETRY, InternalError, SurroundingsChanged, ObstaclesTaken)
+RECORDED = (*TELEMETRY, InternalError, SurroundingsChanged, ObstaclesTaken, PathPlanned)
 COMMANDS = (
     Acquire,
     Release,
@@ -592,6 +627,7 @@ COMMANDS = (
     Home,
     Disarm,
     Load,
+    Plan,
     Start,
     Teleoperate,
     Hold,

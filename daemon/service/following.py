@@ -90,6 +90,14 @@ class Following:
         return _NOT_TELEOPERATED if setpoints is None else setpoints.take(setpoint, t_ns)
 
     @property
+    def loaded_anew(self) -> bool:
+        """Whether something is loaded that is not what is followed, or was before a hold."""
+        followed = self._trajectory
+        return self.loaded is not None and (
+            followed is None or followed.trajectory is not self.loaded.trajectory
+        )
+
+    @property
     def followed_path(self) -> PlannedPath | None:
         """The planned path that is being followed, or was when the motion was held."""
         followed = self._trajectory

@@ -2,17 +2,21 @@
 
 import asyncio
 import hashlib
+import math
 from pathlib import Path
+from typing import Any
 
 import pytest
+import yaml
 
+from daemon.files import models_directory
 from daemon.messages import MovingObstacle, Upload
 from daemon.remote.client.client_errors import RefusedError
-from daemon.risk.mesh_file import binary_stl
-from daemon.workbench.body_model.evaluation.shapes import CHEST_PORT, chest
+from daemon.risk.mesh_file import binary_stl, write_mesh
+from daemon.workbench.body_model.evaluation.shapes import CHEST_PORT, ball, chest
 from safety.states import OperatingState
 from tests.hil.daemon_rig import Rig, short_folder
-from tests.hil.test_tendon_arm import patient, seen
+from tests.hil.test_tendon_arm import BROYDEN, ended, patient, seen
 
 pytestmark = [pytest.mark.long, pytest.mark.hil, pytest.mark.xdist_group("tendon_arm")]
 
@@ -94,3 +98,94 @@ def cut_off(one: Rig, content: bytes) -> None:
     with pytest.raises(RefusedError, match="40000 of") as refused:
         one.user.do(one.client.surround({"mesh": f"upload:{digest}", "free": "inside"}))
     assert refused.value.refusal.name == "upload_incomplete"
+
+
+GOAL = [30.0, 5.0, 192.0]
+FOLLOWING = BROYDEN | {"posture_gain_per_s": 1.0}
+CLOSE_MM = 5.0
+
+
+def test_what_comes_in_the_way_of_a_planned_path_is_gone_round() -> None:
+    """Plan, follow; a ball comes in the way, the arm holds; plan anew from there, and arrive."""
+    with short_folder() as folder:
+        one = Rig(folder, in_the_open(folder))
+        try:
+            one.armed()
+            one.from_now_on()
+            first = one.user.do(one.client.plan(GOAL))
+            assert one.state is S.ARMED
+            assert first.path is not None
+            one.user.do(one.client.load({"kind": "planned", "file": first.file}, FOLLOWING))
+            one.user.do(one.client.start())
+            one.until(lambda: off_mm(one) < 20.0, WITHIN_S)
+            tell_of(one, in_the_way(first.path))
+            one.until(lambda: one.state is S.HOLD, 20.0)
+            assert "risk_too_high" in {why.name for why in one.status().stopped_by}
+            tell_of(one, None)
+            put = {"kind": "ball", "centre_mm": [*BESIDE_MM], "radius_mm": 6.0}
+            one.user.do(one.client.surround({"regions": [put]}, add=True))
+            with pytest.raises(RefusedError) as refused:
+                one.user.do(one.client.resume())
+            assert refused.value.refusal.name == "other_surroundings"
+            second = one.user.do(one.client.plan(GOAL))
+            assert second.path is not None
+            assert second.path["surroundings_sha256"] != first.path["surroundings_sha256"]
+            one.user.do(one.client.load({"kind": "planned", "file": second.file}, FOLLOWING))
+            one.user.do(one.client.start())
+            one.until(lambda: ended(one), WITHIN_S)
+            assert one.state is S.ARMED, one.causes()
+            assert off_mm(one) < CLOSE_MM
+            recorded = Path(str(one.status().recording))
+            one.user.do(one.client.disarm())
+        finally:
+            one.leave()
+        planned = seen(recorded, "/path_planned")
+        assert [told["file"] for told in planned] == [first.file, second.file]
+        for told in planned:
+            (models_directory() / told["file"]).unlink()
+        assert all((recorded / told["file"]).is_file() for told in planned)
+        assert len(seen(recorded, "/surroundings_changed")) == 2
+        assert seen(recorded, "/obstacles_taken")
+
+
+WITHIN_S = 150.0
+BESIDE_MM = (45.0, 45.0, 150.0)
+"""Where what came in the way has gone."""
+
+
+def in_the_open(folder: Path) -> Path:
+    """The shipped arm, with nothing near it."""
+    path = patient(folder)
+    robot = yaml.safe_load(path.read_text())
+    write_mesh(folder / "far.stl", ball(10.0, (150.0, 0.0, 0.0), 200))
+    robot["risk"] |= {"surface": {"mesh": "far.stl", "free": "outside"}, "slide": False}
+    path.write_text(yaml.safe_dump(robot))
+    return path
+
+
+def in_the_way(path: dict[str, Any]) -> list[float]:
+    """A place that the body will come to, and where it is not yet."""
+    x, y, z = path["tip_mm"][-1]
+    return [1.4 * x, 1.4 * y, z - 5.0]
+
+
+def tell_of(one: Rig, place_mm: list[float] | None) -> None:
+    """Stream a ball there for two seconds; None: it has gone."""
+
+    async def stream() -> None:
+        if place_mm is None:
+            one.client.send_obstacles([])
+            return
+        for _ in range(150):
+            seen_there = MovingObstacle(centre_mm=place_mm, radius_mm=6.0)
+            one.client.send_obstacles([seen_there], valid_for_s=1.0)
+            await asyncio.sleep(0.05)
+            if (await one.client.status()).state == S.HOLD.value:
+                return
+
+    one.user.do(stream())
+
+
+def off_mm(one: Rig) -> float:
+    tip_mm = one.status().tip_mm
+    return math.inf if tip_mm is None else math.dist(tip_mm, GOAL)

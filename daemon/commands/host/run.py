@@ -39,6 +39,7 @@ from daemon.robot.lab_connections import (
 from daemon.robot.runtime_directory import default_runtime_directory, uses_lab, with_lab_ports
 from daemon.service.dependencies import Dependencies
 from daemon.service.motion_loader import in_a_thread
+from daemon.service.operation.planning import plan_in_a_process
 from daemon.service.operation.run_recording import MakeFolder
 from daemon.service.operation.session import Session
 from daemon.service.operation.surrounding import prepare_in_a_process
@@ -120,6 +121,7 @@ async def _serve(
         inject=_injector(directory) if dependencies.simulated else None,
         files=arguments.files or models_directory(),
         off_the_loop=in_a_thread,
+        plan_path=plan_in_a_process,
     )
     service = session.service
     server = RemoteServer(

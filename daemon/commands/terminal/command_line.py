@@ -52,6 +52,7 @@ COMMANDS: Final = {
     "arm": ("client", "energise the drives where they stand"),
     "home": ("client", "let axes look for their zeros"),
     "surroundings": ("client", "say what is round the body, or replace it while it stands still"),
+    "replan": ("client", "look for a path from where the robot stands, among what is round it"),
     "load": ("client", "make a trajectory and a controller ready"),
     "start": ("client", "follow what was loaded"),
     "teleoperate": ("client", "follow set-points"),

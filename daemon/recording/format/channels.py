@@ -28,6 +28,7 @@ from daemon.messages import (
     Loop,
     Message,
     ObstaclesTaken,
+    PathPlanned,
     Risk,
     Status,
     SurroundingsChanged,
@@ -47,6 +48,7 @@ TOPICS: Final[dict[type[Message], str]] = {
     Body: "/body",
     SurroundingsChanged: "/surroundings_changed",
     ObstaclesTaken: "/obstacles_taken",
+    PathPlanned: "/path_planned",
 }
 MESSAGES: Final[dict[str, type[Message]]] = {topic: kind for kind, topic in TOPICS.items()}
 assert set(TOPICS) == set(RECORDED)

@@ -102,6 +102,10 @@ class BlockingRobotClient:
     ) -> Answer:
         return self._do(self._client.load(trajectory, controller, cycles))
 
+    def plan(self, to_mm: Sequence[float], via_mm: Sequence[Sequence[float]] = ()) -> Answer:
+        """A path from where the robot stands, among what is round it."""
+        return self._do(self._client.plan(to_mm, via_mm))
+
     def start(self) -> Answer:
         return self._do(self._client.start())
 

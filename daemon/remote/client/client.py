@@ -30,6 +30,7 @@ from daemon.messages import (
     Load,
     MovingObstacle,
     Obstacles,
+    Plan,
     Release,
     Resume,
     Setpoint,
@@ -216,6 +217,27 @@ class RobotClient:
     ) -> Answer:
         command = Load(trajectory=trajectory, controller=controller, cycles=cycles)
         return await self._command(command, ARMS_WITHIN_S)
+
+    async def plan(
+        self,
+        to_mm: Sequence[float],
+        via_mm: Sequence[Sequence[float]] = (),
+        pointing: Sequence[float] | None = None,
+        *,
+        tip_speed_mm_s: float = 8.0,
+        most_risk: float = 0.05,
+        within_s: float = PREPARES_WITHIN_S,
+    ) -> Answer:
+        """A path from where the robot stands, among what is round it: `file` of the answer is what
+        `load` takes, and `path` what stands in it. Refused with the reason where there is none."""
+        command = Plan(
+            to_mm=list(to_mm),
+            via_mm=[list(place) for place in via_mm],
+            pointing=None if pointing is None else list(pointing),
+            tip_speed_mm_s=tip_speed_mm_s,
+            most_risk=most_risk,
+        )
+        return await self._command(command, within_s)
 
     async def start(self) -> Answer:
         return await self._command(Start())

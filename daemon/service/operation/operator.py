@@ -23,6 +23,7 @@ from daemon.messages import (
     Inject,
     Load,
     Obstacles,
+    Plan,
     Reason,
     Refusal,
     Release,
@@ -46,14 +47,17 @@ from daemon.service.following import Loaded
 from daemon.service.motion_loader import CommandRefusedError, MotionLoader, OffTheLoop, at_once
 from daemon.service.operation.clearing import Clearing
 from daemon.service.operation.homing import RobotHoming
+from daemon.service.operation.planning import Planning, PlanPath
 from daemon.service.operation.run_recording import RunRecording
 from daemon.service.operation.surrounding import Surrounding
 from daemon.service.operation.verbs import Prepared, verb_states
 from daemon.service.robot_service import RobotService
 from daemon.supervision.explained import explained
-from safety.states import Request
+from safety.states import OperatingState, Request
 
 BLEND_SPEED_MM_S: Final = 5.0
+_MOST_ANSWERED: Final = 1000
+"""Places of a path: each is some hundred bytes, of the quarter of a million of an answer."""
 _LOOK_EVERY_S: Final = 0.002
 _CONTACT_REMEDY: Final = (
     "Move the body or what it touches by hand, or correct risk.surface in the robot file; or arm "
@@ -73,9 +77,10 @@ class Operator:
         files: Path | None = None,
         off_the_loop: OffTheLoop = at_once,
         robot_path: Path = Path(),
+        plan_path: PlanPath | None = None,
     ) -> None:
         """seed: of controllers. inject: makes an emulated device misbehave; raises ValueError.
-        robot_path: of the robot file.
+        robot_path: of the robot file. plan_path: how paths are planned; None: they are not.
 
         files: the folder whose files commands may name. off_the_loop: how such files are read.
         """
@@ -88,6 +93,11 @@ class Operator:
         self._homing = RobotHoming(service)
         self._clearing = Clearing(service)
         self.surrounding = Surrounding(service, recording, robot_path, off_the_loop)
+        self._planning = (
+            None
+            if plan_path is None
+            else Planning(service, recording, robot_path, files, off_the_loop, plan_path)
+        )
         self._preparing = False
         """An `arm` or `home` is under way, and nothing is energised yet."""
         self._stops = 0
@@ -100,6 +110,7 @@ class Operator:
             Home: self._home,
             Disarm: self._disarm,
             Load: self._load,
+            Plan: self._plan,
             Start: self._start,
             Teleoperate: self._teleoperate,
             Hold: self._hold,
@@ -265,20 +276,39 @@ class Operator:
         await self._load_checked(trajectory, controller, bounds)
         return self._answer(command, text=f"{trajectory.kind}, {trajectory.duration_s:g} s")
 
+    async def _plan(self, user: str, command: Plan) -> Answer:
+        del user
+        if self._planning is None:
+            raise CommandRefusedError("not_planned", "nobody plans here")
+        file, path = await self._planning.plan(command)
+        content: dict[str, Any] | None = path.model_dump(mode="json")
+        if len(path.t_s) > _MOST_ANSWERED:
+            content = None
+        text = f"{len(path.t_s)} places in {path.t_s[-1]:.1f} s"
+        return self._answer(command, text=text, path=content, file=file)
+
     async def _start(self, user: str, command: Start) -> Answer:
         del user
+        supervisor = self._service.supervisor
         if self._following.loaded is None:
             raise CommandRefusedError("nothing_loaded", "load a trajectory first")
         self.start()
+        if supervisor.state is OperatingState.HOLD:
+            raise CommandRefusedError(
+                "held", "what stopped the motion still holds", supervisor.blocking
+            )
         return self._answer(command)
 
     def start(self, blend_speed_mm_s: float = BLEND_SPEED_MM_S) -> None:
         """Follow what was loaded. Raises RefusedError."""
-        self._check_possible(Request.START)
+        # In a hold, `resume` goes on with what was held; what was loaded since is begun.
+        anew = self._service.supervisor.state is OperatingState.HOLD and self._following.loaded_anew
+        request = Request.RESUME if anew else Request.START
+        self._check_possible(request)
         assert self._following.loaded is not None
         self._check_path(self._following.loaded.trajectory.path)
         self._following.follow_loaded(blend_speed_mm_s)
-        self._service.supervisor.request(Request.START, self._service.clock.now_ns())
+        self._service.supervisor.request(request, self._service.clock.now_ns())
 
     async def _teleoperate(self, user: str, command: Teleoperate) -> Answer:
         self._check_possible(Request.START)
@@ -388,6 +418,7 @@ class Operator:
             self._service.supervisor,
             Prepared(
                 loaded=self._following.loaded is not None,
+                loaded_anew=self._following.loaded_anew,
                 resumable=self._following.can_go_on,
                 preparing=self._preparing,
                 emulated=self._inject_fault is not None,

@@ -17,6 +17,7 @@ from daemon.service.dependencies import Dependencies
 from daemon.service.motion_loader import OffTheLoop, at_once
 from daemon.service.operation.internal_errors import InternalErrors
 from daemon.service.operation.operator import Operator
+from daemon.service.operation.planning import PlanPath
 from daemon.service.operation.run_recording import MakeFolder, RunRecording
 from daemon.service.robot_service import RobotService
 from drivers.bounded import end_tasks
@@ -42,16 +43,18 @@ class Session:
         inject: Callable[[str], Awaitable[None]] | None = None,
         files: Path | None = None,
         off_the_loop: OffTheLoop = at_once,
+        plan_path: PlanPath | None = None,
     ) -> None:
         """robot: the file's, with its ports as they are to be opened. seed: of controllers.
 
-        inject, files, off_the_loop: as for `Operator` and `RunRecording`. Raises EdsError.
+        inject, files, off_the_loop, plan_path: as for `Operator` and `RunRecording`. Raises
+        EdsError.
         """
         self._off_the_loop = off_the_loop
         self.service = RobotService(file, robot, dependencies)
         self.recording = RunRecording(self.service, make_folder, seed, off_the_loop)
         self.operator = Operator(
-            self.service, self.recording, seed, inject, files, off_the_loop, file.path
+            self.service, self.recording, seed, inject, files, off_the_loop, file.path, plan_path
         )
 
     @asynccontextmanager

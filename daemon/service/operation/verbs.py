@@ -29,11 +29,16 @@ _HELPS: Final = {
 }
 
 
+_STANDS: Final = (OperatingState.READY, OperatingState.ARMED, OperatingState.HOLD)
+
+
 class Prepared(NamedTuple):
     """What commands depend on besides the state."""
 
     loaded: bool
     """There is something for `start` to follow."""
+    loaded_anew: bool
+    """... and it is another than was held."""
     resumable: bool
     """There is something that was held."""
     preparing: bool
@@ -72,7 +77,11 @@ def _why_not(name: str, supervisor: Supervisor, prepared: Prepared) -> tuple[str
         return "faults are for emulated devices only", ""
     if name in ("arm", "home") and prepared.preparing:
         return "the robot is being armed or homed already", "Wait for it"
+    if name == "plan" and supervisor.state not in _STANDS:
+        return f"the robot is {supervisor.state.value}", "Plan while it is armed or held"
     request = _REQUESTS.get(name)
+    if name == "start" and supervisor.state is OperatingState.HOLD and prepared.loaded_anew:
+        request = Request.RESUME
     if request is None:
         return "", ""
     if why := supervisor.refusal(request):

@@ -84,8 +84,10 @@ def goal_in_the_way(body: BodyInPlace, goal_mm: FloatArray) -> Blocked | None:
     if not body.in_workspace(goal_mm):
         text = f"there is none: {_point(goal_mm)} is outside the workspace of the robot file"
         return Blocked("goal_outside_workspace", text, place)
-    room_mm = abs(float(distance_at(body.grid, goal_mm[None])[0][0]))
-    if bool(body.environment.solid(goal_mm[None])[0]):
+    distance_mm = float(distance_at(body.grid, goal_mm[None])[0][0])
+    room_mm = abs(distance_mm)
+    # Regions are on the grid alone.
+    if distance_mm < 0.0 or bool(body.environment.solid(goal_mm[None])[0]):
         return Blocked(
             "goal_in_solid",
             f"there is none: the goal {_point(goal_mm)} is {room_mm:.1f} mm within something "

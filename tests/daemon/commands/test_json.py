@@ -50,9 +50,10 @@ WORKS = {
 
 NEEDS_A_DAEMON = (
     *("status", "lease", "arm", "home", "start", "teleoperate", "hold", "resume", "stop"),
-    *("disarm", "clear", "inject", "surroundings"),
+    *("disarm", "clear", "inject", "surroundings", "replan"),
 )
 """What fails in an empty folder, and is tried with a daemon in tests/daemon/remote, tests/hil."""
+MUST_BE_SAID = {"replan": "--to 1,2,3"}
 
 
 def told(words: str, capfd: pytest.CaptureFixture[str]) -> tuple[int, dict[str, Any]]:
@@ -107,7 +108,7 @@ def test_what_a_command_found_out_is_told(name: str, capfd: pytest.CaptureFixtur
 def test_without_a_daemon_every_client_says_so(
     name: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    code, content = told(name, capfd)
+    code, content = told(f"{name} {MUST_BE_SAID.get(name, '')}".strip(), capfd)
     assert code == exit_codes.EXIT_UNAVAILABLE
     assert content["error"]["kind"] == "unavailable"
     assert content["error"]["command"] == name

@@ -27,6 +27,7 @@ from daemon.robot.checked_robot import check_robot
 from daemon.robot.lab_connections import LabConnections
 from daemon.service.dependencies import Dependencies
 from daemon.service.operation.operator import Operator
+from daemon.service.operation.planning import PlanPath
 from daemon.service.operation.run_recording import RunRecording
 from daemon.service.operation.session import Session
 from daemon.service.robot_service import RobotService
@@ -153,6 +154,8 @@ def on_a_rig(
     seed: int = 1,
     begins_in: OperatingState = OperatingState.READY,
     recorder: Recorder | None = None,
+    plan_path: PlanPath | None = None,
+    files: Path | None = None,
 ) -> Rig:
     """Play `scene` with a daemon whose devices are set up. Everything is taken down afterwards."""
     with tempfile.TemporaryDirectory() as name:
@@ -167,6 +170,8 @@ def on_a_rig(
                 seed,
                 begins_in,
                 recorder or DirectRecorder(),
+                plan_path,
+                files,
             )
         )
 
@@ -180,6 +185,8 @@ async def _play(
     seed: int,
     begins_in: OperatingState,
     recorder: Recorder,
+    plan_path: PlanPath | None,
+    files: Path | None,
 ) -> Rig:
     file = check_robot(path).file
     robot = change(file.robot)
@@ -199,7 +206,16 @@ async def _play(
     async def make_folder() -> Path:
         return folder
 
-    session = Session(file, robot, dependencies, make_folder, 1, inject=_injector(lab))
+    session = Session(
+        file,
+        robot,
+        dependencies,
+        make_folder,
+        1,
+        inject=_injector(lab),
+        files=files,
+        plan_path=plan_path,
+    )
     rig = Rig(session.service, session.operator, session.recording, lab)
     dependencies.subscribers.add(rig.told.append)
     renewing = asyncio.create_task(_renew(rig))

@@ -516,6 +516,7 @@ def test_commands_of_all_kinds_reach_the_handler(tmp_path: Path) -> None:
     def _made(kind: type[Command], token: str) -> Command:
         part = {"name": "a.stl", "sha256": "", "size_bytes": 1, "offset": 0, "data": b"x"}
         content: dict[str, Any] = {"token": token, "trajectory": {}, "fault": "x.y=1", **part}
+        content["to_mm"] = [1.0, 2.0, 3.0]
         fields = set(kind.__struct_fields__)
         return kind(**{key: value for key, value in content.items() if key in fields})
 

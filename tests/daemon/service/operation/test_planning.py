@@ -1,0 +1,222 @@
+"""A path is planned while the robot stands, followed, and planned anew when things have changed."""
+
+import asyncio
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from config.loader import RobotFile
+from daemon.host.processes import ApartError
+from daemon.messages import Hold, Load, PathPlanned, Plan, Resume, Start, Surround
+from daemon.reference.planned_path import read_path
+from daemon.service.operation.planning import PlanRequest
+from daemon.workbench.planning.plan_process import answer
+from safety.states import OperatingState
+from tests.daemon.service.grazing import BROYDEN
+from tests.daemon.service.operation.test_surrounding import FAR_BALL, cache, file, play, source_of
+from tests.daemon.service.rig import SMALL_CIRCLE, Rig, on_a_rig
+
+__all__ = ["cache", "file"]
+
+S = OperatingState
+THERE = [30.0, 5.0, 192.0]
+FOLLOWING = BROYDEN | {"posture_gain_per_s": 1.0}
+
+
+async def plan_here(request: bytes) -> bytes:
+    """In virtual time nothing takes long."""
+    return answer(request)
+
+
+async def followed(rig: Rig, **trajectory: Any) -> None:
+    """Until it has come to the path's end."""
+    await rig.do(Load, trajectory={"kind": "planned", **trajectory}, controller=FOLLOWING)
+    await rig.do(Start)
+    assert rig.in_state(S.RUNNING)
+    await rig.until(lambda: not rig.in_state(S.RUNNING), within_s=120.0)
+    assert rig.in_state(S.ARMED), rig.causes
+
+
+def off_mm(rig: Rig) -> float:
+    tip = rig.service.loop.tip
+    assert tip is not None
+    return float(np.linalg.norm(tip.position_mm - THERE))
+
+
+def test_a_path_is_planned_from_where_it_stands_and_leads_there(
+    file: RobotFile, tmp_path: Path
+) -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.armed()
+        shafts = rig.shafts()
+        answered = await rig.do(Plan, to_mm=THERE)
+        assert rig.in_state(S.ARMED) and rig.shafts() == pytest.approx(shafts, abs=2.0)
+        assert answered.path is not None
+        kept = read_path(tmp_path / "files" / answered.file)
+        assert kept.model_dump(mode="json") == answered.path
+        assert kept.surroundings_sha256 == rig.status.risk.surroundings_sha256
+        assert kept.u[0] == pytest.approx([0.0] * 4, abs=0.1)
+        assert kept.tip_mm[-1] == pytest.approx(THERE, abs=2.0)
+        assert kept.figures["contact_risk_upper_limit"] <= 0.05
+        await followed(rig, file=answered.file)
+        assert off_mm(rig) < 4.0
+        assert (tmp_path / answered.file).is_file(), "beside the recording"
+
+    rig = play(scene, file, plan_path=plan_here, files=tmp_path / "files", folder=tmp_path)
+    (told,) = [message for message in rig.told if isinstance(message, PathPlanned)]
+    assert told.to_mm == pytest.approx(THERE, abs=2.0)
+    assert told.contact_risk is not None and told.clearance_mm is not None
+
+
+def test_held_on_its_way_it_is_planned_anew_among_what_is_there_then(file: RobotFile) -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.armed()
+        first = await rig.do(Plan, to_mm=THERE)
+        await rig.do(Load, trajectory={"kind": "planned", "path": first.path}, controller=FOLLOWING)
+        await rig.do(Start)
+        await rig.until(lambda: off_mm(rig) < 15.0, within_s=60.0)
+        await rig.do(Hold)
+        moved = {**FAR_BALL, "centre_mm": [50.0, 40.0, 150.0], "radius_mm": 8.0}
+        await rig.do(Surround, surface={"regions": [moved]}, add=True)
+        refused = await rig.refused(Resume)
+        assert refused.name == "other_surroundings"
+        again = await rig.refused(
+            Load, trajectory={"kind": "planned", "path": first.path}, controller=FOLLOWING
+        )
+        assert again.name == "other_surroundings"
+        assert (await rig.refused(Start)).name != "", "what is loaded is what was held"
+        assert rig.in_state(S.HOLD)
+        second = await rig.do(Plan, to_mm=THERE)
+        assert second.path is not None and first.path is not None
+        assert second.path["surroundings_sha256"] != first.path["surroundings_sha256"]
+        verbs = {verb.name: verb for verb in rig.status.verbs}
+        assert not verbs["start"].possible
+        await rig.do(
+            Load, trajectory={"kind": "planned", "path": second.path}, controller=FOLLOWING
+        )
+        verbs = {verb.name: verb for verb in rig.status.verbs}
+        assert verbs["start"].possible, "in a hold, what was loaded since"
+        await rig.do(Start)
+        assert rig.in_state(S.RUNNING)
+        await rig.until(lambda: not rig.in_state(S.RUNNING), within_s=120.0)
+        assert rig.in_state(S.ARMED), rig.causes
+        assert off_mm(rig) < 4.0
+
+    play(scene, file, plan_path=plan_here)
+
+
+def test_what_was_loaded_among_others_is_not_started(file: RobotFile) -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.armed()
+        made = await rig.do(Plan, to_mm=THERE)
+        await rig.do(Load, trajectory={"kind": "planned", "path": made.path}, controller=FOLLOWING)
+        await rig.do(Surround, surface={"regions": [FAR_BALL]}, add=True)
+        assert (await rig.refused(Start)).name == "other_surroundings"
+        await rig.do(Surround)
+        await rig.do(Start)
+        assert rig.in_state(S.RUNNING)
+
+    play(scene, file, plan_path=plan_here)
+
+
+NONE_THERE = {
+    "out of reach": ("goal_out_of_reach", {"to_mm": [0.0, 0.0, 205.0]}),
+    "outside the workspace": ("goal_outside_workspace", {"to_mm": [0.0, 0.0, 500.0]}),
+    "two numbers": ("bad_goal", {"to_mm": [1.0, 2.0]}),
+    "no direction": ("bad_goal", {"to_mm": THERE, "pointing": [0.0, 0.0, 0.0]}),
+    "no speed": ("bad_goal", {"to_mm": THERE, "tip_speed_mm_s": 0.0}),
+    "no probability": ("bad_goal", {"to_mm": THERE, "most_risk": 1.5}),
+    "too many places": ("bad_goal", {"to_mm": THERE, "via_mm": [THERE] * 17}),
+}
+
+
+@pytest.mark.parametrize(("name", "asked"), NONE_THERE.values(), ids=NONE_THERE)
+def test_where_there_is_no_path_the_reason_is_told_and_nothing_moves(
+    file: RobotFile, name: str, asked: dict[str, Any]
+) -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.armed()
+        shafts = rig.shafts()
+        refused = await rig.refused(Plan, **asked)
+        assert refused.name == name and refused.text
+        assert rig.shafts() == pytest.approx(shafts, abs=2.0)
+
+    play(scene, file, plan_path=plan_here)
+
+
+def test_a_goal_inside_what_was_added_is_refused_with_its_place(file: RobotFile) -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.armed()
+        there = {**FAR_BALL, "centre_mm": THERE, "radius_mm": 8.0}
+        await rig.do(Surround, surface={"regions": [there]}, add=True)
+        assert (await rig.refused(Plan, to_mm=THERE)).name == "goal_in_solid"
+
+    play(scene, file, plan_path=plan_here)
+
+
+def test_while_it_moves_nothing_is_planned(file: RobotFile) -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.running(SMALL_CIRCLE | {"radius_mm": 5.0}, BROYDEN)
+        refused = await rig.refused(Plan, to_mm=THERE)
+        assert (refused.name, refused.text) == (
+            "wrong_state",
+            "the robot is running: plan while it is armed or held",
+        )
+        verbs = {verb.name: verb for verb in rig.status.verbs}
+        assert not verbs["plan"].possible
+
+    play(scene, file, plan_path=plan_here)
+
+
+def test_one_path_is_planned_at_a_time_and_among_what_is_there_at_its_end(
+    file: RobotFile,
+) -> None:
+    waiting = asyncio.Event()
+
+    async def slowly(request: bytes) -> bytes:
+        await waiting.wait()
+        return answer(request)
+
+    async def scene(rig: Rig) -> None:
+        await rig.armed()
+        asked = asyncio.create_task(rig.ask(Plan(token=rig.token, to_mm=THERE)))
+        await asyncio.sleep(0.1)
+        assert (await rig.refused(Plan, to_mm=THERE)).name == "busy"
+        await rig.do(Surround, surface={"regions": [FAR_BALL]}, add=True)
+        waiting.set()
+        assert getattr(await asked, "name", "") == "other_surroundings"
+        assert len(source_of(rig).files.surroundings.regions) == 1
+
+    play(scene, file, plan_path=slowly)
+
+
+@pytest.mark.parametrize("failing", [ApartError("it took more than 90 s"), TimeoutError(), b"{]"])
+def test_a_planner_that_gives_no_answer_is_told(
+    file: RobotFile, failing: Exception | bytes
+) -> None:
+    async def fails(request: bytes) -> bytes:
+        asked = json.loads(request)
+        assert set(asked) == set(PlanRequest.__struct_fields__)
+        if isinstance(failing, bytes):
+            return failing
+        raise failing
+
+    async def scene(rig: Rig) -> None:
+        await rig.armed()
+        refused = await rig.refused(Plan, to_mm=THERE)
+        assert refused.name == "not_planned"
+        assert "the planner gives no answer: " in refused.text
+        assert (await rig.refused(Plan, to_mm=THERE)).name == "not_planned"
+
+    play(scene, file, plan_path=fails)
+
+
+def test_a_robot_without_a_model_plans_nothing() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.armed()
+        assert (await rig.refused(Plan, to_mm=THERE)).name == "no_model"
+
+    on_a_rig(scene, plan_path=plan_here)
