@@ -68,6 +68,7 @@ class _Region(ConfigModel):
     """Base of what is drawn and not scanned."""
 
     name: str = ""
+    """For people: it is told again with the surroundings."""
     keep: Literal["out", "in"] = "out"
     """Whether the body must not get into it, or not out of it."""
 
@@ -77,7 +78,9 @@ class BallRegion(_Region):
 
     kind: Literal["ball"]
     centre_mm: Vector3
+    """In the base sensor's frame, as every place here."""
     radius_mm: Positive
+    """From the centre to its surface."""
 
 
 class BoxRegion(_Region):
@@ -85,27 +88,34 @@ class BoxRegion(_Region):
 
     kind: Literal["box"]
     centre_mm: Vector3
+    """Where its diagonals meet."""
     size_mm: Annotated[tuple[Positive, Positive, Positive], Field(strict=False)]
+    """From side to side, along its own x, y and z."""
     turned: Quaternion = (1.0, 0.0, 0.0, 0.0)
     """Round its centre."""
 
 
-class CapsuleRegion(_Region):
+class _RegionRoundALine(_Region):
+    """Base of what is round a straight line."""
+
+    from_mm: Vector3
+    """Where the line begins."""
+    to_mm: Vector3
+    """Where it ends."""
+    radius_mm: Positive
+    """From the line to the surface."""
+
+
+class CapsuleRegion(_RegionRoundALine):
     """Everything within a radius of a straight line."""
 
     kind: Literal["capsule"]
-    from_mm: Vector3
-    to_mm: Vector3
-    radius_mm: Positive
 
 
-class CylinderRegion(_Region):
+class CylinderRegion(_RegionRoundALine):
     """Round a straight line, and flat at its ends."""
 
     kind: Literal["cylinder"]
-    from_mm: Vector3
-    to_mm: Vector3
-    radius_mm: Positive
 
 
 class HalfSpaceRegion(_Region):

@@ -23,7 +23,7 @@ from tests import SOFT_ARM
 from tests.hil.daemon_rig import PATIENT, Rig, S, bus_watch, rig, short_folder
 from tests.hil.processes import PATIENCE_S, command, lab, run
 
-pytestmark = [pytest.mark.hil, pytest.mark.xdist_group("hil")]
+pytestmark = [pytest.mark.hil, pytest.mark.long, pytest.mark.xdist_group("hil")]
 
 LOOP_TIMES = {"loop_hold_after_s": 0.5, "loop_fault_after_s": 1.5}
 """A busy machine is not what is asked about here."""

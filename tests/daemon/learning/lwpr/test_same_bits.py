@@ -38,7 +38,7 @@ def _learnt(cache: Path) -> str:
     return done.stdout
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_kernels_from_a_cache_give_the_same_bits_as_new_ones(tmp_path: Path) -> None:
     """And so does a kernel that is compiled where those which it calls are in the cache already."""
     fresh = _learnt(tmp_path)
