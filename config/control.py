@@ -213,6 +213,14 @@ class RiskSettings(ConfigModel):
     """Whether the risk is told given the measured tip, while the model has nothing against it. Else
     the model alone decides, and what the tip is off by is only added."""
 
+    most_in_a_minute: Probability | None = None
+    """The motion is held where the body has touched something within the last minute with a higher
+    probability. None: it is told, and nothing else."""
+
+    most_on_path: Probability | None = None
+    """A planned path is refused, or held, where the body touches something on all that is left of
+    it with a higher probability. None: it is told, and nothing else."""
+
     slide: bool = True
     """Whether a step that leads too near to something is turned aside, to go along it, before the
     gate is asked. Otherwise the robot holds there."""

@@ -110,6 +110,10 @@ class RiskStatus(msgspec.Struct, frozen=True, kw_only=True):
     scale: float
     """Share of the last proposal that was let through, 0 to 1."""
     detail: str = ""
+    minute_risk: float | None = None
+    """Probability that something was touched in the last minute, one body for all of its steps."""
+    path_risk: float | None = None
+    """... and that something is touched on the rest of the planned path that is followed."""
     surroundings_sha256: str = ""
     """Of what counts of the surroundings: triangles, their free side, the port, and the regions.
     Empty: nothing is known of them."""
@@ -240,6 +244,10 @@ class Risk(Message, frozen=True, kw_only=True, tag="risk/1"):
     reasons: list[str]
     """Which limits made it reduce the step."""
     detail: str = ""
+    minute_risk: float | None = None
+    """Probability that something was touched in the last minute, one body for all of its steps."""
+    path_risk: float | None = None
+    """... and that something is touched on the rest of the planned path that is followed."""
     clearance_mm: float | None = None
     """One in twenty of the shapes that the body may have has no more."""
     arc_mm: float | None = None

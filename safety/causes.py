@@ -191,6 +191,17 @@ class Cause(CauseRow):
         "going on would probably touch something",
         "follow another reference; or move what is in the way, load its new place, and resume",
     )
+    MINUTE_RISK_TOO_HIGH = (
+        "minute_risk_too_high", _H, 0.0, _RESUME,
+        "the steps of the last minute together have probably enough touched something",
+        "see whether something is touched; wait until the minute is over, then resume, or follow"
+        " another reference",
+    )
+    PATH_RISK_TOO_HIGH = (
+        "path_risk_too_high", _H, 0.0, _SELF,
+        "what is left of the planned path would probably enough touch something",
+        "take off what hangs at the tip, or plan another path from here and load it",
+    )
     RISK_UNAVAILABLE = (
         "risk_unavailable", _H, 0.1, _RESUME,
         "the risk of collision is not known: its model is missing, late or outside what it knows",

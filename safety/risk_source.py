@@ -1,6 +1,7 @@
 """The risk of touching something, as the gate asks for it, and when an answer is believed."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
 from math import isfinite
@@ -159,6 +160,35 @@ class TipComparing(Protocol):
         told there, and the last word stands.
         """
         ...
+
+
+@runtime_checkable
+class WayCounting(Protocol):
+    """A `RiskSource` that knows what was risked lately."""
+
+    def went(self, t_ns: int) -> None:
+        """The way that was asked about last is gone."""
+        ...
+
+    def minute_risk(self, t_ns: int) -> float:
+        """How likely the body has touched something since a minute before."""
+        ...
+
+
+def minute_risk_of(source: WayCounting, t_ns: int) -> float:
+    """What the source says of the minute behind; the maximum where it fails or says no
+    probability."""
+    try:
+        risk = float(source.minute_risk(t_ns))
+    except Exception:  # a model must not end the loop
+        return MAXIMUM_RISK
+    return risk if _is_probability(risk) else MAXIMUM_RISK
+
+
+def count_way(source: WayCounting, t_ns: int) -> None:
+    """Tell the source that the way asked about last is gone, whatever goes wrong with that."""
+    with suppress(Exception):  # it then says what it says of the minute, which is asked for
+        source.went(t_ns)
 
 
 class KnownBody(NamedTuple):

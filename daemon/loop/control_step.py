@@ -42,8 +42,11 @@ from safety.risk_source import (
     RiskSource,
     TipComparing,
     TipComparison,
+    WayCounting,
     clearance_of,
     compared,
+    count_way,
+    minute_risk_of,
     name_of,
 )
 from safety.states import Request
@@ -91,6 +94,8 @@ class ControlLoop:
         self.outside_workspace = False
         """Whether the tip is where no reference may lead it."""
         self.aim: Aim | None = None
+        self.path_risk: float | None = None
+        """Of what is left of a planned path; None: none is followed, or nobody knows."""
         self.note = ""
         """What the controller says that it is doing."""
         self.part: int | None = None
@@ -121,6 +126,7 @@ class ControlLoop:
         self._risk = risk
         self._limit_reasons = {COUPLED + one.name: one.reason for one in robot.coupled_limits}
         self._tip_comparing = risk if isinstance(risk, TipComparing) else None
+        self._way_counting = risk if isinstance(risk, WayCounting) else None
         self._compared: TipComparison | None = None
         """The last word on whether the tip is where the model of the body has it."""
         self._last_step: PermittedStep | None = None
@@ -182,6 +188,13 @@ class ControlLoop:
     def commanded_counts(self, now_ns: int) -> Sequence[int] | None:
         """Where each axis is told to be; None while they are told nothing."""
         return self.target_counts(now_ns) if self._supervisor.state.follows else None
+
+    @property
+    def minute_risk(self) -> float | None:
+        """How likely something was touched in the last minute; None: nobody knows."""
+        if self._way_counting is None:
+            return None
+        return minute_risk_of(self._way_counting, self._clock.now_ns())
 
     @property
     def error_mm(self) -> float | None:
@@ -342,6 +355,8 @@ class ControlLoop:
         ]
         decision = self._gate.decide(targets, sensed.measured, now_ns, self._duration_ns)
         self._tell_supervisor(decision, requested, now_ns)
+        if self._way_counting is not None and decision.step is not None and not decision.refused:
+            count_way(self._way_counting, now_ns)
         return decision
 
     def _act(self, decision: Decision | None) -> None:
@@ -427,7 +442,13 @@ class ControlLoop:
         tell(tip_message(sequence, state, sensed.frame, self.tip, self.aim, believed))
         tell(axes_message(sequence, sensed, self.channels, requested, decision))
         if decision is not None and requested is not None:
-            about = RiskAsked(name_of(self._risk), self._threshold, self._compared)
+            about = RiskAsked(
+                name_of(self._risk),
+                self._threshold,
+                self._compared,
+                self.minute_risk,
+                self.path_risk,
+            )
             tell(risk_message(sequence, sensed.frame.t_ns, requested, decision, about))
 
 

@@ -47,6 +47,8 @@ class RiskAsked(NamedTuple):
     threshold: float
     compared: TipComparison | None
     """The last word on whether the tip is where the model of the body has it."""
+    minute_risk: float | None = None
+    path_risk: float | None = None
 
 
 def tip_message(
@@ -135,6 +137,8 @@ def risk_message(
         scale=decision.scale,
         reasons=[*decision.limits, *([SLIDING] if requested.aside is not None else [])],
         detail=decision.risk_detail,
+        minute_risk=asked.minute_risk,
+        path_risk=asked.path_risk,
         **_aside_details(requested.aside),
         **_risk_details(decision.nearest, asked.compared),
         **_answers(decision.answers),

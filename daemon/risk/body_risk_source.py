@@ -7,16 +7,19 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from config.control import RiskSettings, Surface
 from config.loader import RobotFile
 from config.paths import risk_paths
 from daemon.risk.mesh_file import binary_stl
 from daemon.risk.model_file import ModelFile, read_model
+from daemon.risk.path_ahead import PathAhead
 from daemon.risk.surroundings import BodySize, RiskSurroundings, read_surroundings
 from drivers.clock import WallClock
 from safety.risk.body_risk import Beside, BodyRisk
 from safety.risk.contact import WorstPlace
+from safety.risk.minute_behind import MinuteBehind
 from safety.risk.model.mixture import FloatArray
 from safety.risk.model.risk_model import RiskModelError
 from safety.risk.moving_obstacles import NOTHING_MOVES, Swept
@@ -117,6 +120,9 @@ class BodyRiskSource:
         self._clock = clock
         self._until_ns = until_ns
         self._beside: Beside | None = None
+        self._minute = MinuteBehind(risk.samples)
+        self._touching: NDArray[np.bool_] | None = None
+        """On the way that was asked about last; None: it is not known who does."""
         self._seen_ns: int | None = None
         """When the tip was last compared with the model; None: its last word is not to be used."""
 
@@ -153,6 +159,7 @@ class BodyRiskSource:
     def assess(
         self, u_from: Sequence[float], u_to: Sequence[float], t_ns: int
     ) -> RiskReading | None:
+        self._touching = None
         if t_ns > self._moving_until_ns:
             return RiskReading(1.0, None, 0.0, self.name, doubt=_MOVED)
         began_ns = self._clock.now_ns()
@@ -168,6 +175,7 @@ class BodyRiskSource:
             _log.exception("the model of the risk has failed")
             raise
         took_s = (self._clock.now_ns() - began_ns) * 1e-9
+        self._touching = None if isinstance(assessed, str) else assessed.touching
         if isinstance(assessed, str):
             return RiskReading(1.0, None, took_s, self.name, doubt=assessed)
         nearest = _nearest(assessed.contact.worst, self._beside)
@@ -206,6 +214,20 @@ class BodyRiskSource:
         self._seen_ns = t_ns
         doubt = "" if fits else _NOT_AS_MODELLED
         return TipComparison(statistic, place.probability, place.off_mm, doubt)
+
+    def went(self, t_ns: int) -> None:
+        """As `WayCounting` has it."""
+        touching = np.ones(self._risk.samples, np.bool_)
+        self._minute.add(touching if self._touching is None else self._touching, t_ns)
+
+    def minute_risk(self, t_ns: int) -> float:
+        """As `WayCounting` has it."""
+        return self._minute.risk(t_ns)
+
+    def path_ahead(self, t_s: Sequence[float], u: Sequence[Sequence[float]]) -> PathAhead:
+        """Of a path among the present surroundings, and nothing that moves; not looked at yet."""
+        around = self.files
+        return PathAhead(self._risk.among(around.environment, around.grid), t_s, u)
 
     def _forget_tip(self) -> None:
         self._seen_ns = None

@@ -9,8 +9,10 @@ from daemon.loop.control_step import ControlLoop
 from daemon.messages import ReferenceStatus, Setpoint
 from daemon.reference.reference import Aim, TrajectoryReference
 from daemon.reference.trajectories import Trajectory
+from daemon.risk.path_ahead import PathAhead
 from daemon.service.setpoints import Setpoints
 from drivers.pose import Vector
+from safety.risk.body_risk import BodyRisk
 
 _AXES_TO_POINT: Final = 5
 """Three degrees of freedom of a place, two of a direction."""
@@ -49,6 +51,8 @@ class Loaded(NamedTuple):
 
     trajectory: Trajectory
     controller: Controller
+    ahead: PathAhead | None = None
+    """The risk of a planned path; None: it is no path, or nobody knows."""
 
 
 class Following:
@@ -61,11 +65,12 @@ class Following:
         self._workspace = workspace
         self._trajectory: TrajectoryReference | None = None
         self._setpoints: Setpoints | None = None
+        self._ahead: PathAhead | None = None
 
     def follow_loaded(self, blend_speed_mm_s: float) -> None:
         """The trajectory that is loaded, from its beginning on."""
         assert self.loaded is not None
-        trajectory, controller = self.loaded
+        trajectory, controller, self._ahead = self.loaded
         if trajectory.path is not None and isinstance(controller, PostureDrawn):
             self._trajectory = PostureReference(trajectory, blend_speed_mm_s, controller)
         else:
@@ -104,6 +109,14 @@ class Following:
         if followed is None or self._loop.reference is not followed:
             return None
         return followed.trajectory.path
+
+    def look_ahead(self, seeing: BodyRisk) -> float | None:
+        """At a piece of the planned path that is followed; the risk of what is left of it. None:
+        there is none, or nobody knows. seeing: whom the gate asks, who has seen the tip."""
+        if self._ahead is None or self.followed_path is None or self.finished:
+            return None
+        self._ahead.look(seeing)
+        return self._ahead.left(self.elapsed_s)
 
     @property
     def can_go_on(self) -> bool:

@@ -1,7 +1,9 @@
 """The monitors keep what the watchdogs look at up to date, from all that the service knows."""
 
+from math import floor
 from typing import Final, NamedTuple, Protocol
 
+from config.control import RiskSettings
 from daemon.loop.control_step import ControlLoop
 from daemon.loop.timekeeping import Timekeeping
 from daemon.recording.run_folder import free_mb
@@ -49,7 +51,9 @@ class Monitors:
         following: Following,
         obstacles: MovingObstacles,
         dependencies: Dependencies,
+        risk: RiskSettings,
     ) -> None:
+        """risk: what may be risked in a minute, and on a path."""
         self._recording: WatchedRecording | None = None
         self._tracker = tracker
         self._loop = loop
@@ -59,6 +63,7 @@ class Monitors:
         self._following = following
         self._obstacles = obstacles
         self._dependencies = dependencies
+        self._risk = risk
         self._tendons = [
             (channel, limits)
             for channel in loop.channels
@@ -85,6 +90,9 @@ class Monitors:
         watched.lease_missing_s = self._lease.unheld_s(now_ns)
         watched.lease_held = watched.lease_missing_s <= 0.0
         watched.setpoint_age_s = self._following.setpoint_age_s(now_ns)
+        risk = self._risk
+        watched.minute_risk = _beyond(loop.minute_risk, risk.most_in_a_minute)
+        watched.path_risk = _beyond(loop.path_risk, risk.most_on_path)
         watched.obstacles_late = self._obstacles.late(now_ns)
         watched.tensions_n = [
             (channel.axis.name, channel.scale.force(channel.torque_permille), *limits)
@@ -106,3 +114,10 @@ class Monitors:
         self._missed_before = missed
         runs = self._dependencies.runs
         self._free_mb = None if runs is None else free_mb(runs)
+
+
+def _beyond(risk: float | None, most: float | None) -> str:
+    """In words; empty: it is not. In tenths, so that not every step is news."""
+    if risk is None or most is None or risk <= most:
+        return ""
+    return f"more than {max(most, floor(10.0 * risk) / 10.0):g}, and {most:g} is allowed"

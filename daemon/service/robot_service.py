@@ -47,6 +47,7 @@ from safety.states import OperatingState, Request
 _log = logging.getLogger(__name__)
 
 _STATUS_EVERY_NS: Final = 100_000_000
+_AHEAD_EVERY_NS = 25_000_000
 _LOOP_EVERY_NS: Final = 1_000_000_000
 AT_REST_WITHIN_S: Final = 3.5
 """More than `power.py` gives the drives to stop and to switch off, one after the other: 2.5 s."""
@@ -114,6 +115,7 @@ class RobotService:
             self.following,
             self.obstacles,
             dependencies,
+            robot.risk,
         )
         self.body = BodyTeller(
             dependencies.risk, self.loop.channels, self.publish, self._body_snapped
@@ -122,7 +124,7 @@ class RobotService:
         self.at_rest: list[Callable[[], None]] = [self.relax]
         """Called whenever the drives have come to rest and are off."""
         self._was_at_rest = True
-        self._status_due_ns = self._loop_due_ns = 0
+        self._status_due_ns = self._loop_due_ns = self._ahead_due_ns = 0
         self._synced_ns = 0
         self._healthy = True
 
@@ -242,9 +244,18 @@ class RobotService:
     def _use_spare_time(self) -> None:
         try:
             self.loop.use_spare_time()
-            self.body.use_spare_time(self.clock.now_ns())
+            now_ns = self.clock.now_ns()
+            self.body.use_spare_time(now_ns)
+            self._look_ahead(now_ns)
         except Exception as error:
             self._broken("learning or looking round", error)
+
+    def _look_ahead(self, now_ns: int) -> None:
+        """Along the planned path that is followed, a piece with each frame."""
+        source = self.dependencies.risk
+        if now_ns >= self._ahead_due_ns and isinstance(source, BodyRiskSource):
+            self._ahead_due_ns = now_ns + _AHEAD_EVERY_NS
+            self.loop.path_risk = self.following.look_ahead(source.body_risk)
 
     def _supervise(self, now_ns: int) -> bool:
         """Whether the supervision itself is sound."""

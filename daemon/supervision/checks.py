@@ -85,6 +85,10 @@ class Watched:
     """Whose streams of moving obstacles have stopped; empty: none."""
     tensions_n: Sequence[tuple[str, float, float, float]] = ()
     """Of each tendon: its axis, its tension, and what it must stay between."""
+    minute_risk: str = ""
+    """How much more was risked in the last minute than may be; empty: it was not."""
+    path_risk: str = ""
+    """How much more is risked on the rest of a planned path than may be; empty: it is not."""
     recorder_failed: str = ""
     recording_lost: str = ""
     """Why nothing is recorded, and will not be; empty: it is, or will be in a moment."""
@@ -162,6 +166,11 @@ class Checks:
         self._set(Cause.LOOP_SLOW, watched.cycles_missed, t_ns, "loop")
         outside = energised and not homing and watched.outside_workspace
         self._set(Cause.OUT_OF_WORKSPACE, outside, t_ns, "tip")
+        for cause, words in (
+            (Cause.MINUTE_RISK_TOO_HIGH, watched.minute_risk if energised else ""),
+            (Cause.PATH_RISK_TOO_HIGH, watched.path_risk if energised else ""),
+        ):
+            self._set(cause, bool(words), t_ns, "gate", words)
         stopped = watched.obstacles_late
         self._set(Cause.OBSTACLES_LATE, bool(stopped), t_ns, "obstacles", stopped)
 

@@ -7,9 +7,10 @@ body touches something. The body_point_risk of the paper, its printed bound, is 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from safety.risk.body_point import BodyPointRisk
 from safety.risk.contact import ContactModel, ContactRisk, PathContactRisk, most_touching
@@ -57,6 +58,8 @@ class WayRisk:
     """Where it leads away from what touches."""
     answers: RiskAnswers
     """Of which the contact is one."""
+    touching: NDArray[np.bool_]
+    """(S,) which draws are not proved to be clear on it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,6 +70,13 @@ class Beside:
     """Printed bound (equation 9)."""
     means_mm: FloatArray
     """(K, 3) where the mixture over the body's points has its components."""
+
+
+class Sight(NamedTuple):
+    """What is seen of a body."""
+
+    shift: FloatArray | None
+    tip: SeenTip | None
 
 
 class BodyRisk:
@@ -132,6 +142,11 @@ class BodyRisk:
         return self._model
 
     @property
+    def samples(self) -> int:
+        """S, the shapes that are drawn."""
+        return self._samples
+
+    @property
     def inputs(self) -> int:
         """m, the actuation vector's length."""
         return self._model.inputs
@@ -158,6 +173,16 @@ class BodyRisk:
         if self._given is not None:
             self._seen = self._given.seen(mixture, place_mm, direction, agrees)
 
+    @property
+    def sight(self) -> Sight:
+        """What was seen of the body, for another one of the same body."""
+        return Sight(self._shift, self._seen)
+
+    def see_as(self, sight: Sight) -> None:
+        """What another one has seen of the body."""
+        self.take_as_shifted(sight.shift)
+        self._seen, self._begin_seen = sight.tip, None
+
     def forget_tip(self) -> None:
         """What was seen is too old: tell the risk of what the model knows by itself."""
         self._seen = self._begin_seen = None
@@ -180,7 +205,8 @@ class BodyRisk:
             by = max(told, key=lambda one: told[one].on_the_way.upper_limit)
         limits = {one: path.on_the_way.upper_limit for one, path in told.items()}
         answers = RiskAnswers(limits[MODEL], limits.get(GIVEN_TIP), by)
-        return WayRisk(told[by].on_the_way, told[by].leaving, answers)
+        found = told[by]
+        return WayRisk(found.on_the_way, found.leaving, answers, found.touching)
 
     def _of_body_as_seen(self, mixtures: list[Mixture]) -> dict[str, PathContactRisk]:
         """Given its tip; and where the model has something against that tip, or there is no such

@@ -86,6 +86,8 @@ class PathContactRisk:
     """The estimate at each."""
     leaving: Leaving | None
     """None: the way does not lead away from what touches."""
+    touching: NDArray[np.bool_]
+    """(S,) which draws are not proved to be clear anywhere on it."""
 
 
 @dataclass(slots=True, eq=False)
@@ -255,7 +257,8 @@ class ContactModel:
                 worst = self._worst(before.shapes)
         leaving = start.left(self._now.shapes, surely) if start.count else None
         worst = worst or self._worst(self._now.shapes)
-        return PathContactRisk(_figures(swept, surely, worst), tuple(estimates), leaving)
+        figures, touching = _figures(swept, surely, worst), ~(surely > 0.0)
+        return PathContactRisk(figures, tuple(estimates), leaving, touching)
 
     def _measure(self, mixture: Mixture) -> None:
         """Have the mixture's shapes now. Those of the last two mixtures are kept."""

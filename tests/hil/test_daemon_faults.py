@@ -71,6 +71,10 @@ NOT_FROM_OUTSIDE: Final = {
     "not_referenced": "the soft arm's encoders keep their zeros: see service/test_homing.py",
     "body_not_as_modelled": "the soft arm has no model of its body; "
     "tests/daemon/service/test_body_not_as_modelled.py has it",
+    "minute_risk_too_high": "the soft arm has no model of its body; "
+    "tests/daemon/service/test_risk_of_the_path.py has it",
+    "path_risk_too_high": "the soft arm has no model of its body; "
+    "tests/daemon/service/test_risk_of_the_path.py has it",
     "obstacles_late": "the soft arm has no model of its body; "
     "tests/hil/test_changing_surroundings.py has it",
     "tendon_slack": "the soft arm has no tendons",

@@ -10,7 +10,8 @@ BY_SEVERITY = {
     Severity.NOT_READY: "tracker_not_ready node_not_ready not_referenced "
     "drive_settings_changed bus_not_open recorder_failed disk_low",
     Severity.HOLD: "tracker_late tracker_quality bus_queue_full drive_emergency loop_late "
-    "lease_lost setpoint_late risk_too_high risk_unavailable body_not_as_modelled "
+    "lease_lost setpoint_late risk_too_high minute_risk_too_high path_risk_too_high "
+    "risk_unavailable body_not_as_modelled "
     "obstacles_late body_failed "
     "gate_refused controller_failed tracking_diverges tip_jumped out_of_workspace tendon_slack "
     "not_recorded disk_full operator_hold",
@@ -22,6 +23,7 @@ BY_SEVERITY = {
 ARE_OVER_BEFORE_ANYBODY_LOOKS = {
     "drive_emergency",
     "risk_too_high",
+    "minute_risk_too_high",
     "risk_unavailable",
     "body_failed",
     "gate_refused",

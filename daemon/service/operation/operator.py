@@ -42,7 +42,8 @@ from daemon.messages import (
 from daemon.recording.flight_recorder import RecordingError
 from daemon.reference.planned_path import misfit
 from daemon.reference.trajectories import Trajectory
-from daemon.risk.body_risk_source import identity_of
+from daemon.risk.body_risk_source import BodyRiskSource, identity_of
+from daemon.risk.path_ahead import PathAhead
 from daemon.service.following import Loaded
 from daemon.service.motion_loader import CommandRefusedError, MotionLoader, OffTheLoop, at_once
 from daemon.service.operation.clearing import Clearing
@@ -170,9 +171,29 @@ class Operator:
             if why is not None:
                 raise CommandRefusedError("unreachable", why)
             await asyncio.sleep(0)  # the bus cycle goes on in between
+        ahead = await self._look_ahead(trajectory.path)
         if self._service.supervisor.running:
             raise CommandRefusedError("wrong_state", "the robot was started meanwhile")
-        self._following.loaded = Loaded(trajectory, controller)
+        self._check_path(trajectory.path)  # the surroundings may have changed meanwhile
+        self._following.loaded = Loaded(trajectory, controller, ahead)
+
+    async def _look_ahead(self, path: PlannedPath | None) -> PathAhead | None:
+        """Along all of a planned path, before it is gone. Raises CommandRefusedError."""
+        source = self._service.dependencies.risk
+        if path is None or not isinstance(source, BodyRiskSource):
+            return None
+        ahead = source.path_ahead(path.t_s, path.u)
+        for _ in range(ahead.pieces):
+            ahead.look()
+            await asyncio.sleep(0)  # the bus cycle goes on in between
+        most, risk = self._service.robot.risk.most_on_path, ahead.left(0.0)
+        if most is not None and risk > most:
+            raise CommandRefusedError(
+                "path_risk",
+                f"the risk of touching something on the path is {risk:.3g}, and {most:g} is "
+                f"allowed (risk.most_on_path): {ahead.worst()}",
+            )
+        return ahead
 
     def _check_path(self, path: PlannedPath | None) -> None:
         """A planned path is gone only as it was planned. Raises CommandRefusedError."""

@@ -148,6 +148,8 @@ class StatusReport:
             threshold=self._robot.risk.threshold,
             scale=1.0 if decision is None else decision.scale,
             detail="" if decision is None else decision.risk_detail,
+            minute_risk=self._loop.minute_risk,
+            path_risk=self._loop.path_risk,
             surroundings_sha256="" if identity is None else identity.surroundings_sha256,
             moving_obstacles=self._moving_obstacles(),
         )

@@ -11,11 +11,21 @@ from config.documents.problems import ConfigError
 from config.loader import load_robot
 from daemon.commands.outcome.exit_codes import EXIT_CONFIGURATION
 from daemon.commands.terminal.command_line import main
-from daemon.risk.body_risk_source import RiskFilesError, make_risk_source
+from daemon.risk.body_risk_source import BodyRiskSource, RiskFilesError, make_risk_source
 from daemon.risk.mesh_file import write_mesh
 from daemon.risk.model_file import write_model
 from daemon.workbench.body_model.evaluation.shapes import box
-from safety.risk_source import GIVEN_TIP, MODEL, NoModel, TipComparing, ask
+from safety.risk.moving_obstacles import NOTHING_MOVES
+from safety.risk_source import (
+    GIVEN_TIP,
+    MODEL,
+    NoModel,
+    TipComparing,
+    WayCounting,
+    ask,
+    count_way,
+    minute_risk_of,
+)
 from tests.safety.risk.test_body_risk import arrays, at
 
 ROBOT = Path(__file__).parents[3] / "config" / "robots" / "tendon_arm.yaml"
@@ -293,3 +303,36 @@ def test_a_direction_counts_where_it_is_told_and_asked_for(folder: Path) -> None
             risks.append(ask(source, at(2.0), at(2.1), 0, 0.02).risk)
     assert risks[0] < risks[1]
     assert risks[2] == risks[3]
+
+
+# The minute behind.
+
+
+def test_only_ways_that_were_gone_count_for_the_minute(folder: Path) -> None:
+    source = make_risk_source(load_robot(folder / "robot.yaml"), Clock())
+    assert isinstance(source, WayCounting)
+    touching = ask(source, at(0.0), at(2.9), 0, 0.02).risk
+    assert touching > 0.05
+    assert minute_risk_of(source, 0) < 0.01
+    ask(source, at(0.0), at(0.1), 0, 0.02)
+    count_way(source, 0)
+    assert minute_risk_of(source, 0) < 0.01
+    ask(source, at(0.0), at(2.9), 0, 0.02)
+    count_way(source, 1)
+    assert minute_risk_of(source, 1) == touching
+    assert minute_risk_of(source, 60_000_000_001) < 0.01
+
+
+def test_a_way_of_which_nothing_was_known_is_certain(folder: Path) -> None:
+    for nobody_knows in (at(50.0), None):
+        source = make_risk_source(load_robot(folder / "robot.yaml"), Clock())
+        assert isinstance(source, WayCounting)
+        ask(source, at(0.0), at(0.1), 0, 0.02)
+        if nobody_knows is not None:
+            ask(source, at(0.0), nobody_knows, 0, 0.02)
+        else:
+            assert isinstance(source, BodyRiskSource)
+            source.take_moving(NOTHING_MOVES, 5)
+            ask(source, at(0.0), at(0.1), 6, 0.02)
+        count_way(source, 0)
+        assert minute_risk_of(source, 0) == 1.0
