@@ -2,8 +2,8 @@
 
 The shapes are drawn with the same draws at every step, so each draw is one body. It counts as
 having touched from the step at which it is not proved to be clear until a minute later, however
-often it does so in between: steps that are risky for the same bodies do not add up, and those that are
-risky for others do. A product over the steps, as if each met another body, would be 1 soon.
+often it does so in between: steps that are risky for the same bodies do not add up, and those that
+are risky for others do. A product over the steps, as if each met another body, would be 1 soon.
 """
 
 from functools import lru_cache
