@@ -101,6 +101,8 @@ class _Measured:
     """None: nothing has been measured yet."""
     moving: SingleArray | None = None
     """(S,) what no part of each is nearer to what moves; None: nothing that moves is near."""
+    looked_mm: float = 0.0
+    """So far it was looked for."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -275,6 +277,7 @@ class ContactModel:
             )
         component = mixture.chosen(self._uniform)
         self._now.mixture = None
+        self._now.looked_mm = self._moving_clearance.far_mm
         self._now.moving = self._place(mixture, component, self._normal, self._now.shapes)
         self._now.mixture, self._now.component = mixture, component
 
@@ -332,7 +335,7 @@ class ContactModel:
         if start.moving is None and after is None:
             return
         far = np.float32(self._moving_clearance.far_mm)
-        before = far if start.moving is None else start.moving
+        before = np.float32(start.looked_mm) if start.moving is None else start.moving
         longest = longest_ways(start.shapes.positions, end.positions)
         least = np.float32(0.5) * (before + (far if after is None else after) - longest)
         np.minimum(surely, least, out=surely)

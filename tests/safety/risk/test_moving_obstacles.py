@@ -200,6 +200,15 @@ def test_a_draw_that_changes_its_component_is_swept_as_what_it_was() -> None:
     assert model.along([one, other]).on_the_way.upper_limit == 1.0
 
 
+def test_where_a_way_begins_is_known_as_far_as_it_was_looked_for() -> None:
+    """What was asked of the beginning before it was looked farther is no more than it was."""
+    model, here = ContactModel(rod(), wall(), None), at(-26.0)
+    model.take_moving(moving(-3.0))  # 13 mm off
+    assert model.along([at(-26.5), here]).on_the_way.upper_limit < 0.01
+    model.look_as_far_as(60.0)
+    assert model.along([here, at(20.0)]).on_the_way.upper_limit == 1.0
+
+
 def test_what_moves_is_a_reason_to_turn_aside_by_the_whole_body() -> None:
     model, here = ContactModel(rod(), wall(), None), at(0.0)
     assert not model.near_moving(here)
