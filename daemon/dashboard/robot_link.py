@@ -153,8 +153,21 @@ class RobotLink:
         self.events_heard += len(self.events)
         self._take(await client.status())
         self._client, self.problem = client, ""
-        async for message in subscription:
-            self._take(message)
+        asked, looking = self.surroundings[0].counts_sha256, None
+        try:
+            async for message in subscription:
+                self._take(message)
+                if isinstance(message, Status) and message.risk.surroundings_sha256 != asked:
+                    asked = message.risk.surroundings_sha256
+                    looking = asyncio.create_task(self._look_round(client))
+        finally:
+            if looking is not None:
+                looking.cancel()
+
+    async def _look_round(self, client: RobotClient) -> None:
+        """Others have taken their place. Their mesh comes in many parts: telemetry goes on."""
+        with suppress(ClientError):
+            self.surroundings = await client.surroundings()
 
     def _take(self, message: Message) -> None:
         if isinstance(message, Event):

@@ -14,7 +14,7 @@ const STALE_S = 0.5, RUNS_EVERY_MS = 15000, PLOT_EVERY_MS = 60, SHOWN_WITHIN_MS 
 const replayed = new URLSearchParams(location.search).get("replay");
 const look = {
   frames: 0, status: null, risk: null, tip: null, body: null, heard: 0, age: Infinity, number: 0, drawnNumber: 0, drawnHeard: -Infinity,
-  inControl: false, role: "", workspace: null, hand: "",
+  inControl: false, role: "", workspace: null, room: "", roomAsked: 0, hand: "",
   age_s: () => look.age + (performance.now() - look.heard) / 1000,
   pictureAge: () => look.drawnAge + (performance.now() - look.drawnHeard) / 1000,
 };
@@ -58,6 +58,7 @@ function draw(frame) {
     const status = look.status = frame.status;
     makePlots(status);
     showState(status, frame.risk || look.risk);
+    followRoom(status.risk && status.risk.surroundings_sha256);
     put($("stopstate"), replayed ? "" : `${$("state").textContent}: ${$("headline").textContent}`);
     put($("holder"), replayed ? "" : status.lease.holder ? `in control: ${look.inControl ? "this page" : status.lease.holder}` : "nobody is in control");
   }
@@ -152,8 +153,20 @@ async function choose() {
 
 async function showRoom(about, mesh) {
   look.workspace = about.workspace_mm;
+  look.room = about.counts_sha256;
   scene.setWorkspace(about.workspace_mm);
   if (about.parts) scene.setMesh(await (await fetch(mesh)).arrayBuffer());
+}
+
+// Other surroundings may take their place while the robot stands; the server gets them a little later.
+async function followRoom(sha256) {
+  if (replayed || !sha256 || sha256 === look.room || Date.now() - look.roomAsked < 1000) return;
+  look.roomAsked = Date.now();
+  const query = `robot=${encodeURIComponent($("robot").value)}`;
+  try {
+    const about = await told(`api/surroundings?${query}`);
+    if (about.counts_sha256 === sha256) await showRoom(about, `api/surroundings.stl?${query}`);
+  } catch { /* the server is away: the age of the data says so */ }
 }
 
 // STOP is for the robot that is picked: said in the same moment in which it is picked.

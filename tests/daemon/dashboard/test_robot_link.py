@@ -1,6 +1,15 @@
 """Only the page in control keeps the lease alive, and only while it is heard."""
 
-from daemon.dashboard.robot_link import HEARD_WITHIN_S, PageControl
+import asyncio
+from pathlib import Path
+
+import msgspec
+
+from daemon.dashboard.robot_link import HEARD_WITHIN_S, PageControl, RobotLink
+from daemon.host.clock import run_in_real_time
+from daemon.messages import Status
+from daemon.remote.surroundings import cut_surroundings
+from tests.daemon.remote.rig import FakeRobot, publish_until, serving, until
 
 
 def test_a_page_that_is_not_heard_is_no_operator() -> None:
@@ -25,3 +34,32 @@ def test_who_takes_over_has_it_alone() -> None:
     assert control.take("b", 0.2) == "a"
     assert not control.heard("a", 0.3) and not control.give("a") and control.heard("b", 0.3)
     assert control.give("b") and not control.alive(0.3) and not control.give("")
+
+
+def test_other_surroundings_are_fetched_when_the_state_tells_of_them(tmp_path: Path) -> None:
+    class Surrounded(FakeRobot):
+        sha256 = "a" * 64
+
+        def status(self) -> Status:
+            status = super().status()
+            risk = msgspec.structs.replace(status.risk, surroundings_sha256=self.sha256)
+            return msgspec.structs.replace(status, risk=risk)
+
+    async def test() -> None:
+        robot = Surrounded()
+        first = cut_surroundings("a.stl", b"first", None, "a" * 64)
+        async with serving(tmp_path, robot, surroundings=first) as (server, _):
+            link = RobotLink("little_arm", tmp_path)
+            running = asyncio.create_task(link.run())
+            await until(lambda: link.surroundings[1] == b"first")
+            await publish_until(server, robot.status(), lambda: link.status is not None)
+            robot.sha256 = "b" * 64
+            server.show(cut_surroundings("b.stl", b"second" * 20_000, None, "b" * 64))
+            await publish_until(
+                server, robot.status(), lambda: link.surroundings[1] == b"second" * 20_000
+            )
+            assert link.surroundings[0].mesh == "b.stl"
+            running.cancel()
+            await asyncio.gather(running, return_exceptions=True)
+
+    run_in_real_time(test())
