@@ -23,6 +23,8 @@ from safety.risk_source import (
     body_of,
     clearance_of,
     compared,
+    count_way,
+    minute_risk_of,
     name_of,
 )
 
@@ -404,6 +406,44 @@ def test_a_comparison_that_fails_or_is_no_number_is_none(
 ) -> None:
     assert compared(Compares(answer), [[0.0]], [0.0, 0.0, 0.0], 0) is None
     assert compared(Compares(GOOD), [[0.0]], [0.0, 0.0, 0.0], 0) is GOOD
+
+
+# The minute behind.
+
+
+class Counts:
+    def __init__(self, minute: object) -> None:
+        self._minute = minute
+        self.gone: list[int] = []
+
+    def went(self, t_ns: int) -> None:
+        if isinstance(self._minute, Exception):
+            raise self._minute
+        self.gone.append(t_ns)
+
+    def minute_risk(self, t_ns: int) -> float:
+        if isinstance(self._minute, Exception):
+            raise self._minute
+        return self._minute if t_ns == 7 else 0.5  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize("minute", [0.0, 0.03, 1.0])
+def test_the_risk_of_the_minute_is_what_the_source_says(minute: float) -> None:
+    assert minute_risk_of(Counts(minute), 7) == minute
+
+
+@pytest.mark.parametrize(
+    "minute", [RuntimeError("a model"), "low", None, float("nan"), -0.1, 1.1, float("inf")]
+)
+def test_a_minute_of_which_nothing_can_be_said_is_the_maximum(minute: object) -> None:
+    assert minute_risk_of(Counts(minute), 7) == MAXIMUM_RISK
+
+
+def test_a_way_that_was_gone_is_told_whatever_goes_wrong_with_that() -> None:
+    counts = Counts(0.0)
+    count_way(counts, 5)
+    assert counts.gone == [5]
+    count_way(Counts(RuntimeError("a model")), 5)
 
 
 # Bodies that are known.
