@@ -12,6 +12,7 @@ It decides nothing: what comes out is a proposal, which the gate judges as any.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from daemon.control.avoidance_kernels import UNSOLVED, Wanted, nearest_step, roo
 from daemon.control.task import POSITION
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
-from safety.risk_source import Clearance
+from safety.risk_source import Clearance, PartClearance
 
 _RESERVE_MM: Final = 0.5
 """h₀: the gate counts the way there too, and braking."""
@@ -55,6 +56,54 @@ class Aside(NamedTuple):
     """How far it leads the tip from where it was to go in this step; None: not known."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Near:
+    """A clearance as the step needs it: whatever does not depend on the step."""
+
+    u: Vector
+    """(m,) where it is of."""
+    slope: Vector
+    """(P, m) of its parts."""
+    here_mm: Vector
+    """(P,) there."""
+    steep: Vector
+    """(P,) whether there is a way along."""
+    place: Vector
+    """(3, m) of the tip's place."""
+    tasks: tuple[tuple[Vector, Vector], tuple[Vector, Vector]]
+    """Of a tip that may point anywhere, and of one that may not: (k, m), and the same as it counts
+    beside the axes."""
+    nearest: PartClearance
+
+    @classmethod
+    def of(cls, clearance: Clearance, speeds: Vector) -> "_Near | None":
+        """None: only the whole body is known."""
+        if not clearance.parts or not clearance.tip_slope:
+            return None
+        parts = clearance.parts[:_MOST_PARTS]
+        slope = np.array([part.slope for part in parts])
+        steep = ((slope * speeds) ** 2).sum(axis=1) >= _LEAST_SLOPE_MM_S**2
+        both = np.array(clearance.tip_slope)
+        place = both[:POSITION]
+        pointing = np.concatenate([place, _POINTING_MM_PER_RAD * both[POSITION:]])
+        here = [part.clearance_mm for part in clearance.parts]
+        return cls(
+            np.array(clearance.u),
+            slope,
+            np.array(here[:_MOST_PARTS]),
+            steep,
+            place,
+            ((place, _counted(place, speeds)), (pointing, _counted(pointing, speeds))),
+            clearance.parts[int(np.argmin(here))],
+        )
+
+
+def _counted(task: Vector, speeds: Vector) -> Vector:
+    """(k, m) of a task as it counts beside the axes."""
+    reach = float(((task * speeds) ** 2).sum() / len(task))
+    return np.ascontiguousarray(task * np.sqrt(_TASK_COUNTS / max(reach, 1e-9)))
+
+
 class Avoidance:
     """Of one robot. Not for several threads."""
 
@@ -69,6 +118,7 @@ class Avoidance:
         self._slack_n, self._tight_n = low + kept, high - kept
         self._coupled = _CoupledRows(axes)
         self._room = room_for(axes.count, _MOST_PARTS + 2 * len(axes.coupled.limits))
+        self._prepared: tuple[Clearance, _Whole, _Near | None] | None = None
 
     def warm_up(self) -> None:
         """Compile the kernel, or load it from numba's cache."""
@@ -76,6 +126,11 @@ class Avoidance:
         rows = np.zeros((1, none.size))
         wanted = Wanted(none, none, none, self._axes.max_velocity, rows, np.zeros(1), rows)
         nearest_step(wanted, self._room, none.copy())
+
+    def prepare(self, clearance: Clearance) -> None:
+        """Work out in spare time what `aside` needs of a clearance; it does so itself otherwise."""
+        speeds = self._axes.max_velocity
+        self._prepared = clearance, _Whole.of(clearance, speeds), _Near.of(clearance, speeds)
 
     def aside(
         self,
@@ -90,24 +145,27 @@ class Avoidance:
 
         points: whether the tip's direction is part of its task. tensions_n: as measured.
         """
-        whole = avoid(delta_u, targets, clearance, self._axes.max_velocity, dt_s)
-        if not clearance.parts or not clearance.tip_slope:
+        if self._prepared is None or self._prepared[0] is not clearance:
+            self.prepare(clearance)
+        assert self._prepared is not None
+        _, whole_body, near = self._prepared
+        whole = _avoid(delta_u, targets, whole_body, dt_s)
+        if near is None:
             return None if whole is None else Aside(whole, None, clearance.clearance_mm, None)
-        task = np.array(clearance.tip_slope)
-        place = task[:POSITION]
-        task = np.concatenate([place, _POINTING_MM_PER_RAD * task[POSITION:]]) if points else place
+        task, counted = near.tasks[points]
         limits = self._limits(targets, dt_s, tensions_n)
-        parts = self._by_parts(delta_u, targets, clearance, dt_s, task, limits)
+        parts = self._by_parts(delta_u, targets, near, dt_s, counted, limits)
         if whole is None and parts is None:
             return None
         chosen = self._cheaper(delta_u, whole, parts, task)
         if chosen is None:
             return None
-        here = [part.clearance_mm for part in clearance.parts]
-        nearest = clearance.parts[int(np.argmin(here))]
-        given_up = place @ (chosen - delta_u)
+        given_up = near.place @ (chosen - delta_u)
         return Aside(
-            chosen, nearest.arc_mm, nearest.clearance_mm, float(np.sqrt(given_up @ given_up))
+            chosen,
+            near.nearest.arc_mm,
+            near.nearest.clearance_mm,
+            float(np.sqrt(given_up @ given_up)),
         )
 
     def _limits(
@@ -128,26 +186,20 @@ class Avoidance:
         self,
         delta_u: Vector,
         targets: Vector,
-        clearance: Clearance,
+        near: _Near,
         dt_s: float,
         task: Vector,
         limits: tuple[Vector, Vector],
     ) -> Vector | None:
-        """(m,) None: it may stay as it is, or there is none."""
-        parts = clearance.parts[:_MOST_PARTS]
-        slope = np.array([part.slope for part in parts])
-        here_mm = np.array([part.clearance_mm for part in parts])
-        here_mm += slope @ (targets - np.array(clearance.u))
+        """(m,) None: it may stay as it is, or there is none. task: as it counts beside the axes."""
+        slope, steep, speeds = near.slope, near.steep, self._axes.max_velocity
+        here_mm = near.here_mm + slope @ (targets - near.u)
         allowed_mm = -min(1.0, _CLOSER_PER_S * dt_s) * (here_mm - _RESERVE_MM)
-        speeds = self._axes.max_velocity
-        steep = ((slope * speeds) ** 2).sum(axis=1) >= _LEAST_SLOPE_MM_S**2
         if not ((slope @ delta_u < allowed_mm) & steep).any():
             return None
         rows, least = self._coupled.near(targets, dt_s)
         slope = np.concatenate([slope[steep], rows])
         allowed = np.concatenate([allowed_mm[steep], least])
-        reach = float(((task * speeds) ** 2).sum() / len(task))
-        task = np.ascontiguousarray(task * np.sqrt(_TASK_COUNTS / max(reach, 1e-9)))
         wanted = Wanted(
             np.ascontiguousarray(delta_u, np.float64),
             *limits,
@@ -200,17 +252,40 @@ class _CoupledRows:
         return rows, np.minimum(np.concatenate([low[falls], high[rises]]), 0.0)
 
 
+class _Whole(NamedTuple):
+    """The clearance of the whole body as the step needs it."""
+
+    clearance_mm: float
+    u: Vector
+    slope: Vector
+    square: float
+    """Of the steepest."""
+    steepest: Vector
+    """(m,) the slope with all axes at full speed."""
+    speeds: Vector
+
+    @classmethod
+    def of(cls, clearance: Clearance, speeds: Vector) -> "_Whole":
+        slope = np.array(clearance.slope)
+        steepest = slope * speeds
+        square = float(steepest @ steepest)
+        u = np.array(clearance.u)
+        return cls(clearance.clearance_mm, u, slope, square, steepest, speeds)
+
+
 def avoid(
     delta_u: Vector, targets: Vector, clearance: Clearance, max_velocity: Vector, dt_s: float
 ) -> Vector | None:
     """The (m,) step by the clearance of the whole body alone; None: it may stay as it is."""
-    slope = np.array(clearance.slope)
-    here_mm = clearance.clearance_mm + float(slope @ (targets - np.array(clearance.u)))
-    change_mm = float(slope @ delta_u)
+    return _avoid(delta_u, targets, _Whole.of(clearance, max_velocity), dt_s)
+
+
+def _avoid(delta_u: Vector, targets: Vector, whole: _Whole, dt_s: float) -> Vector | None:
+    here_mm = whole.clearance_mm + float(whole.slope @ (targets - whole.u))
+    change_mm = float(whole.slope @ delta_u)
     allowed_mm = -min(1.0, _CLOSER_PER_S * dt_s) * (here_mm - _RESERVE_MM)
-    steepest = slope * max_velocity
-    square = float(steepest @ steepest)
-    if change_mm >= allowed_mm or square < _LEAST_SLOPE_MM_S**2:
+    if change_mm >= allowed_mm or whole.square < _LEAST_SLOPE_MM_S**2:
         return None
-    aside: Vector = delta_u + (allowed_mm - change_mm) / square * steepest * max_velocity
+    share = (allowed_mm - change_mm) / whole.square
+    aside: Vector = delta_u + share * whole.steepest * whole.speeds
     return aside

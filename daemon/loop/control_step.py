@@ -157,6 +157,8 @@ class ControlLoop:
             self._look_round = False
             clearance = self._clearance_now()
             self._clearance = clearance if self._slide else None
+            if self._clearance is not None:
+                self._avoidance.prepare(self._clearance)
         elif self.controller is not None and self._begun:
             self.controller.learn()
 

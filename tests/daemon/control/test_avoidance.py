@@ -281,3 +281,28 @@ def test_far_from_everything_no_part_asks_for_anything() -> None:
 
 def test_a_part_that_no_axis_moves_asks_for_nothing() -> None:
     assert taken([0.1, 0.0, 0.0], near((10.0, -1.0, (-0.05, 0.0, 0.0)))) is None
+
+
+@given(st.integers(0, 10_000))
+def test_what_was_prepared_in_spare_time_is_the_same_to_the_last_bit(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    parts = tuple(
+        PartClearance(float(arc), float(random.normal(1.0)), tuple(random.normal(size=3).tolist()))
+        for arc in range(int(random.integers(0, 7)))
+    )
+    slopes = random.normal(size=(6, 3)).tolist()
+    one, other = (
+        Clearance((0.0,) * 3, float(random.normal(1.0)), tuple(random.normal(size=3).tolist()))
+        for _ in range(2)
+    )
+    near = replace(one, parts=parts, tip_slope=tuple(map(tuple, slopes)))
+    step, points = random.normal(scale=0.1, size=3), bool(random.random() < 0.5)
+    fresh, prepared = Avoidance(THREE), Avoidance(THREE)
+    prepared.prepare(near)
+    for clearance in (near, other, near):
+        found = [a.aside(step, np.zeros(3), clearance, DT_S, points) for a in (fresh, prepared)]
+        assert (found[0] is None) == (found[1] is None)
+        if found[0] is not None and found[1] is not None:
+            assert found[0].delta_u.tolist() == found[1].delta_u.tolist()
+            assert found[0][1:] == found[1][1:]
+        fresh = Avoidance(THREE)
