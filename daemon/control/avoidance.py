@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from daemon.control.avoidance_kernels import UNSOLVED, Wanted, nearest_step, room_for
 from daemon.control.task import POSITION
@@ -66,7 +67,7 @@ class _Near:
     """(P, m) of its parts."""
     here_mm: Vector
     """(P,) there."""
-    steep: Vector
+    steep: NDArray[np.bool_]
     """(P,) whether there is a way along."""
     place: Vector
     """(3, m) of the tip's place."""
