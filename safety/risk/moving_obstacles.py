@@ -35,6 +35,7 @@ _TINY = np.float32(1e-6)
 SingleArray = NDArray[np.float32]
 
 _kernel = njit(cache=True, error_model="numpy", nogil=True)
+_inlined = njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
 _placing = njit(
     cache=True, error_model="numpy", nogil=True, fastmath={"contract", "reassoc", "nnan", "nsz"}
 )
@@ -199,14 +200,19 @@ def clearances_of(capsules, skin, positions, limits, near, node, safe):  # type:
                     near[s], node[s] = at_node[i] - skin.radius[i], i
                 safe[s] = min(safe[s], at_node[i] - skin.safe[i])
             for i in range(first, last):
+                thick = max(skin.radius[i], skin.radius[i + 1])
                 thicker = max(skin.safe[i], skin.safe[i + 1])
                 # No place between two nodes is farther than half of their distance from one.
-                if min(at_node[i], at_node[i + 1]) - _HALF * apart - thicker < safe[s]:
-                    thick = max(skin.radius[i], skin.radius[i + 1])
-                    away = _from_segment(capsules, k, positions, s, i)
-                    if away - thick < near[s]:
-                        near[s], node[s] = away - thick, i
-                    safe[s] = min(safe[s], away - thicker)
+                least = min(at_node[i], at_node[i + 1]) - _HALF * apart
+                if least - thick >= near[s] and least - thicker >= safe[s]:
+                    continue
+                least = _HALF * (at_node[i] + at_node[i + 1] - _length(positions, s, i))
+                if least - thick >= near[s] and least - thicker >= safe[s]:
+                    continue
+                away = _from_segment(capsules, k, positions, s, i)
+                if away - thick < near[s]:
+                    near[s], node[s] = away - thick, i
+                safe[s] = min(safe[s], away - thicker)
 
 
 @_placing
@@ -235,6 +241,15 @@ def longest_ways(before, after):  # type: ignore[no-untyped-def]
             most = max(most, x * x + y * y + z * z)
         longest[s] = np.sqrt(most)
     return longest
+
+
+@_inlined
+def _length(positions, s, i):  # type: ignore[no-untyped-def]
+    """From node i to the next."""
+    x = positions[s, 3 * i + 3] - positions[s, 3 * i]
+    y = positions[s, 3 * i + 4] - positions[s, 3 * i + 1]
+    z = positions[s, 3 * i + 5] - positions[s, 3 * i + 2]
+    return np.float32(sqrt(x * x + y * y + z * z))
 
 
 @_kernel

@@ -23,7 +23,7 @@ from tests.safety.risk.test_contact import at, phi, rod, wall
 
 NODES, SPACING_MM = 9, 12.0
 RADIUS = np.linspace(6.0, 3.0, NODES).astype(np.float32)
-SAFE = (RADIUS + 1.0).astype(np.float32)
+SAFE = (RADIUS + np.linspace(0.2, 1.0, NODES)).astype(np.float32)
 SKIN = Skin(RADIUS, SAFE, np.float32(1.0))
 ARC: FloatArray = np.arange(0.0, SPACING_MM * NODES, SPACING_MM)
 
