@@ -29,6 +29,7 @@ _SPAN_S = 0.4
 _KEPT_S = _DEAD_SHARE * LONGEST_S + _SPAN_S
 _MEMORY_S = 12.0
 """Of motion. Then a third is left of what was seen."""
+_GAIN_MEMORY_S = 6.0
 _MOVED_MM = 0.3
 """A span in which the tip was neither told to move so far nor did tells nothing but noise."""
 _SPANS_AT_LEAST = 120.0
@@ -39,6 +40,15 @@ _CLEARER, _AT_LEAST = 0.05, 2e-3
 So a slow circle does not tell a tenth of a second, which there makes no difference either."""
 _GAINS = 0.5, 2.0
 """Beyond these the Jacobian is wrong otherwise than by a gain."""
+_ONE_MM2 = 50.0
+"""As much motion with a gain of 1 as is taken for seen before anything is: 0.3 mm of noise and
+hysteresis in a span, against gains that differ by a quarter, and sixteen spans that overlap."""
+_GAIN_PRICE = 0.2
+"""Share of all motion as which a gain of 2 or 0 counts where delays are compared. A straight way
+that begins slowly is explained as well by any lag with a gain to it."""
+_ALIKE = 0.1
+"""... and this share of all motion with the gain of all of it: a coordinate in which the tip hardly
+goes shows little but noise, which would make its gain too small."""
 _APPROACH_S = 1.0
 """Time constant of the way to what was found: nothing jumps."""
 
@@ -56,6 +66,8 @@ class BodyLag:
         """Times, what was told, what of it had arrived by each delay, and where the tip was."""
         self._sums = np.zeros((3, len(self._delays), 3))
         """xx, xy and yy by delay and coordinate, mm²."""
+        self._gain_sums = np.zeros((2, len(self._delays), 3))
+        """xx and xy, which forget faster: a gain differs from place to place, and a lag hardly."""
         self._spans = 0.0
 
     def break_off(self) -> None:
@@ -85,6 +97,9 @@ class BodyLag:
             return
         kept = exp(-dt_s / _MEMORY_S)
         self._spans = kept * self._spans + 1.0
+        self._gain_sums *= exp(-dt_s / _GAIN_MEMORY_S)
+        self._gain_sums[0] += moved**2
+        self._gain_sums[1] += moved * seen
         self._sums *= kept
         self._sums[0] += moved**2
         self._sums[1] += moved * seen
@@ -98,15 +113,17 @@ class BodyLag:
         if self._spans < _SPANS_AT_LEAST:
             return np.ones(3)
         here = int(np.argmin(np.abs(self._delays - self.lag_s)))
-        xx, xy, _ = self._sums[:, here]
-        return np.asarray(np.clip(xy / np.maximum(xx, 1e-12), *_GAINS))
+        xx, xy = self._gain_sums[:, here]
+        whole = (xy.sum() + _ONE_MM2) / (xx.sum() + _ONE_MM2)
+        alike = _ONE_MM2 + _ALIKE * xx.sum()
+        return np.asarray(np.clip((xy + alike * whole) / (xx + alike), *_GAINS))
 
     def _approach(self, dt_s: float) -> None:
         xx, xy, yy = self._sums
         whole = float(yy[0].sum())
         if self._spans < _SPANS_AT_LEAST or not whole > 0.0:
             return
-        left = (yy - np.maximum(xy, 0.0) ** 2 / np.maximum(xx, 1e-12)).sum(axis=1) / whole
+        left = _unexplained(xx, xy, yy).sum(axis=1) / whole
         best = int(np.argmin(left))
         here = float(np.interp(self.lag_s, self._delays, left))
         if best == len(left) - 1 or left[best] > 1.0 - _EXPLAINED:
@@ -150,6 +167,17 @@ def _between(times: Vector, values: Vector, at: Vector) -> Vector:
     share = np.clip((at - times[right - 1]) / (times[right] - times[right - 1]), 0.0, 1.0)
     before = values[right - 1]
     return np.asarray(before + share[:, None] * (values[right] - before))
+
+
+def _unexplained(xx: Vector, xy: Vector, yy: Vector) -> Vector:
+    """(k, 3) mm² of motion that each delay leaves, with its best gains d + 1, and what these cost.
+
+    d is xz / (xx + λ) where z is what the tip went more than it was told.
+    """
+    xz = xy - xx
+    zz = yy - 2.0 * xy + xx
+    dear = _ONE_MM2 + _GAIN_PRICE * xx.sum(axis=1, keepdims=True)
+    return np.asarray(zz - xz**2 / (xx + dear))
 
 
 def _lowest(delays: Vector, left: Vector, best: int) -> float:

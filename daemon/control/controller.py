@@ -19,6 +19,15 @@ Ahead = Callable[[float], tuple[Vector, Vector] | None]
 """(3,) mm and (3,) mm/s of the reference so many seconds from now; None: nobody knows."""
 
 
+class Phase(NamedTuple):
+    """Where a reference is along a path that it repeats."""
+
+    seconds: float
+    """Since the cycle began."""
+    cycle_s: float
+    """How long one lasts."""
+
+
 class Observation(NamedTuple):
     """What is known at one control step. Axes in mm or rad, tip in the base sensor's frame."""
 
@@ -44,6 +53,8 @@ class Observation(NamedTuple):
     """(3,) where the tip should point. None: anywhere."""
     reference_turn: Vector | None = None
     """(3,) 1/s by which that changes."""
+    phase: Phase | None = None
+    """Where along its cycle the reference is. None: nothing is repeated."""
 
 
 class Proposal(NamedTuple):

@@ -13,19 +13,12 @@ import numpy as np
 from config.robot import Robot
 from config.tasks.controllers import TipFollowing
 from daemon.control import jacobian_kernels as kernels
-from daemon.control.body_lag import BodyLag, Underway, parts
 from daemon.control.controller import ControllerError, Observation
 from daemon.control.jacobian_kernels import in_rows
+from daemon.control.leading import Leading
 from daemon.control.task import POSITION, points, turn_between
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
-
-_SHORT_S, _LONG_S = 0.2, 0.4
-"""Up to the one a lag is led by the reference alone, from the other on also by prediction."""
-_AVERAGED_S = 0.15
-"""To either side: a corner is rounded for the prediction, which a lag would do as well."""
-_GAIN_BY_LAG = 2.0
-"""Gain times lag, at most, where the tip is predicted: more rings where the prediction is wrong."""
 
 LONGEST_STEP_S = 0.1
 """A step that took longer counts as this long: the tip does not leap after a gap."""
@@ -42,8 +35,8 @@ class TipFollower:
         self._posture = self._fixed_posture()
         self.unit = self.axes.scale / np.sqrt(self._weights())
         """(m,) how far each axis goes for the price of 1."""
-        self.lag = BodyLag()
-        self._underway = Underway()
+        self.leading = Leading(options.gain_per_s, options.by_cycles)
+        self._leads = options.lead and options.feed_forward
         self._told: tuple[Matrix, Vector] | None = None
         """The last Jacobian, and the targets that it was used at."""
 
@@ -60,11 +53,22 @@ class TipFollower:
 
     def reset(self, observation: Observation) -> None:
         """Motion begins: the posture may be the one of this moment."""
-        self.lag.break_off()
-        self._underway.begin()
+        self.leading.begin()
         self._told = None
         if self._options.posture == "start":
             self._posture = np.clip(observation.targets, self.axes.lowest, self.axes.highest)
+
+    @property
+    def predicts(self) -> bool:
+        """Whether the body is so late that it is led by prediction alone."""
+        return self._leads and self.leading.predicted >= 1.0
+
+    def due_mm(self, observation: Observation) -> Vector:
+        """(3,) where the tip will be when all that was told has arrived, which is where the axes'
+        places belong to. Without leading: where it is."""
+        if not self._leads:
+            return observation.tip_mm
+        return np.asarray(observation.tip_mm + self.leading.left_mm)
 
     def task_step(self, observation: Observation) -> Vector:
         """(3,) mm that the tip shall move in this step, or (6,) as it shall turn as well.
@@ -92,9 +96,9 @@ class TipFollower:
     def tip_step(self, observation: Observation) -> Vector:
         """(3,) mm that the tip shall move in this step. Raises ControllerError for no number."""
         options, dt_s = self._options, step_time(observation)
-        if options.lead and options.feed_forward:
+        if self._leads:
             self._take_stock(observation, dt_s)
-            step = self._leading_step(observation, dt_s)
+            step = self.leading.step(observation, dt_s)
         else:
             step = self._plain_step(observation, dt_s)
         if not _all_finite(step):
@@ -109,32 +113,15 @@ class TipFollower:
             step = step + observation.reference_velocity_mm_s * dt_s
         return np.asarray(step)
 
-    def _leading_step(self, observation: Observation, dt_s: float) -> Vector:
-        """(3,) mm. A short lag is led by the reference's velocity alone. Across a long one, the tip
-        as it will be when all that was told has arrived is led to where it should be then: errors
-        of the Jacobian come in with what is under way, but the loop does not wait for the body."""
-        lag_s = self.lag.lag_s
-        velocity, there = _ahead(observation, lag_s)
-        gain = self._options.gain_per_s
-        error = observation.reference_mm - observation.tip_mm
-        predicted = (lag_s - _SHORT_S) / (_LONG_S - _SHORT_S)
-        if predicted > 0.0:
-            share = min(predicted, 1.0)
-            gain += share * (min(gain, _GAIN_BY_LAG / lag_s) - gain)
-            missing = there - observation.tip_mm - self._underway.left_mm
-            error = error + share * (missing - error)
-        return np.asarray(min(gain * dt_s, 1.0) * error + velocity * dt_s)
-
     def _take_stock(self, observation: Observation, dt_s: float) -> None:
         """What was told since the last step, and what the tip made of all before."""
         if self._told is None or not _all_finite(observation.targets):
             return
+        if not _all_finite(observation.tip_mm):
+            return
         jacobian, targets = self._told
         moved_mm = jacobian[:POSITION] @ (observation.targets - targets)
-        t_s = observation.t_ns * 1e-9
-        self._underway.tell(t_s, dt_s, moved_mm, self.lag.lag_s)
-        if observation.believed and _all_finite(observation.tip_mm):
-            self.lag.add(t_s, dt_s, self._underway.told_mm, observation.tip_mm)
+        self.leading.take_stock(observation, dt_s, moved_mm)
 
     def drawn(self, observation: Observation) -> Vector:
         """(m,) change of the targets that the posture asks for."""
@@ -200,23 +187,6 @@ class TipFollower:
 def step_time(observation: Observation) -> float:
     """Seconds that this step may make up for."""
     return min(max(observation.dt_s, 0.0), LONGEST_STEP_S)
-
-
-def _ahead(observation: Observation, lag_s: float) -> tuple[Vector, Vector]:
-    """(3,) mm/s that the reference will have after the lag, and (3,) mm where all that is told
-    should have led to by then: after the dead time, and as far on as the first-order lag is."""
-    dead_s, first_order_s = parts(lag_s)
-    earlier_s, later_s = max(dead_s - _AVERAGED_S, 0.0), dead_s + _AVERAGED_S
-    aims = [
-        None if observation.ahead is None else observation.ahead(lead_s)
-        for lead_s in (lag_s, dead_s, earlier_s, later_s)
-    ]
-    told, due, earlier, later = aims
-    if told is None or due is None or earlier is None or later is None:
-        velocity = observation.reference_velocity_mm_s
-        return velocity, observation.reference_mm + lag_s * velocity
-    mean_velocity = (later[0] - earlier[0]) / (later_s - earlier_s)
-    return told[1], due[0] + first_order_s * mean_velocity
 
 
 def bounded_step(

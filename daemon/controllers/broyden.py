@@ -265,7 +265,7 @@ class BroydenController:
             return
         u = observation.u
         if self._options.lead:
-            u = self._axes.after(observation.t_ns * 1e-9, u, self._follower.lag.lag_s)
+            u = self._axes.after(observation.t_ns * 1e-9, u, self._follower.leading.lag.lag_s)
         coordinates = len(self._estimate.jacobian)
         seen = task_of(observation, coordinates, self._options.pointing_mm_per_rad)
         if seen is None:
@@ -301,7 +301,7 @@ class BroydenController:
             self._first_lag.add(t_s, t_s - self._last_seen_s, told_mm, seen[:POSITION])
             self._last_seen_s = t_s
             if not self._seen:
-                self._follower.lag.lag_s = self._first_lag.lag_s
+                self._follower.leading.lag.lag_s = self._first_lag.lag_s
                 better = self._first.copy()
                 better[:POSITION] *= self._first_lag.gains[:, None]
                 self._begin(better, np.eye(len(self._scale)) * FIRST_STD_MM**2)

@@ -32,7 +32,7 @@ class ForwardJacobianController(LearningController):
             jacobian.forward = with_memory(jacobian.forward, self._memory_samples)
 
     def _follow(self, observation: Observation) -> Proposal:
-        jacobian = self._jacobian.at(observation.tip_mm, observation.u)
+        jacobian = self._jacobian.at(self._follower.due_mm(observation), observation.u)
         step, jacobian = self._task(observation, jacobian)
         return Proposal(self._follower.axis_step(jacobian, step, observation))
 
@@ -46,6 +46,9 @@ class ForwardJacobianController(LearningController):
 
     def _go_on(self) -> None:
         """Nothing waits but samples."""
+
+    def _forget_samples(self) -> None:
+        """There is nothing of them but in the Jacobian."""
 
     def draw_to(self, posture: Vector) -> None:
         """Draw the axes to (m,) a posture from now on. Raises ValueError for no numbers."""

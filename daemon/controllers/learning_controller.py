@@ -171,6 +171,9 @@ _WITHOUT_MODEL = 0.5
 """So much shorter are samples where nothing but they tells how the Jacobian changes on the way: on
 the soft arm's figure of eight and rectangle, with and without a load, errors are a third less."""
 _FIT_RIDGE = 1e-3
+_SHORTEST_LED_S = 0.2
+"""Of a sample where the lag is found on the way, to some hundredths of a second: at 40 mm/s one of
+2 mm would tell more of those than of the axes, and cycles of 0.3 mm would now and then be 10 mm."""
 
 
 class LearningController(ABC):
@@ -196,6 +199,7 @@ class LearningController(ABC):
         self._samples = self._sampler(_UNKNOWN_BODY)
         self._waiting: deque[MotionSample] = deque()
         self._axes = LaggedAxes()
+        self._was_late = False
         if options.model is not None:
             self._load_first(controller_model(options.model))
         elif not options.learning:
@@ -235,11 +239,13 @@ class LearningController(ABC):
         if self.ready and not self._options.learning:
             return
         if self._options.lead and observation.believed:
-            lag_s = self._follower.lag.lag_s
+            lag_s = self._follower.leading.lag.lag_s
             shown = self._axes.after(observation.t_ns * 1e-9, observation.u, lag_s)
             observation = observation._replace(u=shown)
         if self._points and observation.believed:
             self._pointing.observe(observation)
+        if self._too_late():
+            return
         sample = self._samples.add(observation)
         if sample is None or not self._options.learning:
             return
@@ -284,6 +290,21 @@ class LearningController(ABC):
         except (ValueError, KeyError) as error:
             raise ModelError(f"{path} does not fit: {error}") from None
 
+    def _too_late(self) -> bool:
+        """Whether the body answers too late to learn a Jacobian from it that was not known before.
+
+        What a sample tells is then of where the axes were a lag ago, and of a hysteresis that has
+        turned since: a model that was learnt at rest is better than one that is corrected by it.
+        """
+        late = self._model is not None and self._follower.predicts
+        if late and not self._was_late:
+            self._waiting.clear()
+            self._samples.break_off()
+            self._jacobian.forget_correction()
+            self._forget_samples()
+        self._was_late = late
+        return late
+
     # What the kinds of controllers differ in.
 
     @abstractmethod
@@ -302,6 +323,10 @@ class LearningController(ABC):
     @abstractmethod
     def _work_in(self, sample: MotionSample) -> None:
         """Learn from it."""
+
+    @abstractmethod
+    def _forget_samples(self) -> None:
+        """What was learnt of them besides the Jacobian was wrong."""
 
     @abstractmethod
     def _learnt_arrays(self) -> Arrays:
@@ -352,9 +377,9 @@ class LearningController(ABC):
         sampling = _UNKNOWN_BODY if model is None else model.sampling
         self._samples = self._sampler(sampling)
         if self._options.lag_s is None:
-            self._follower.lag.lag_s = sampling.lag_s
+            self._follower.leading.lag.lag_s = sampling.lag_s
         else:
-            self._follower.lag.lag_s = self._options.lag_s
+            self._follower.leading.lag.lag_s = self._options.lag_s
         self._waiting.clear()
 
     def _end_babbling(self) -> None:
@@ -382,7 +407,7 @@ class LearningController(ABC):
         if self._model is None:
             sampling = replace(sampling, tip_mm=_WITHOUT_MODEL * sampling.tip_mm)
         if options.lead:  # the axes come as the tip shows them
-            sampling = replace(sampling, lag_s=0.0)
+            sampling = replace(sampling, lag_s=0.0, shortest_s=_SHORTEST_LED_S)
         return LearningSamples(sampling, self._range, options.sample_noise_mm, self._jacobian)
 
 

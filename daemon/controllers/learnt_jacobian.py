@@ -133,6 +133,10 @@ class LearntJacobian:
         """The Jacobian here."""
         return self._at(tip_mm, u, self.covered(tip_mm, u)) / self._travel
 
+    def forget_correction(self) -> None:
+        """Go by the forward model as pre-training left it, where it is."""
+        self._correction = self._no_correction()
+
     def learn(self, sample: MotionSample) -> None:
         """Take a motion."""
         middle_mm = sample.tip_mm + 0.5 * sample.delta_tip_mm

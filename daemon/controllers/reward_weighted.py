@@ -213,13 +213,14 @@ class RewardWeightedController(LearningController):
 
     def _follow(self, observation: Observation) -> Proposal:
         follower, options = self._follower, self._law_options
-        jacobian = self._jacobian.at(observation.tip_mm, observation.u)
+        tip_mm = self._follower.due_mm(observation)
+        jacobian = self._jacobian.at(tip_mm, observation.u)
         task_step, task_jacobian = self._task(observation, jacobian)
         tip_step = task_step[:POSITION]
         part = step_time(observation) / options.motion_s
         if not part > 0.0:
             return Proposal(np.zeros_like(observation.targets))
-        command = self._command(tip_step / part, observation)
+        command = self._command(tip_step / part, tip_mm, observation)
         local = part * command.delta_u
         if not options.fallback:
             return Proposal(follower.within_limits(local, observation), _note(command))
@@ -231,9 +232,11 @@ class RewardWeightedController(LearningController):
         step = follower.axis_step(task_jacobian, wanted, observation, near)
         return Proposal(step, "" if trust > 0.0 else "follows by the forward model alone")
 
-    def _command(self, tip_motion: Vector, observation: Observation) -> InverseAnswer:
+    def _command(
+        self, tip_motion: Vector, tip_mm: Vector, observation: Observation
+    ) -> InverseAnswer:
         assert self._local is not None
-        return self._local.command(tip_motion, observation.tip_mm, observation.u)
+        return self._local.command(tip_motion, tip_mm, observation.u)
 
     def _work_in(self, sample: MotionSample) -> None:
         assert self._local is not None
@@ -247,6 +250,12 @@ class RewardWeightedController(LearningController):
     def _posture_changed(self) -> None:
         if self._local is not None:
             self._local.set_posture(self._follower.posture)
+
+    def _forget_samples(self) -> None:
+        if isinstance(self._local, GrowingControllers):
+            return  # it has nothing else to go by
+        if self._local is not None:
+            self._local.refill([])
 
     def _learnt_arrays(self) -> Arrays:
         if isinstance(self._local, GrowingControllers):

@@ -8,7 +8,7 @@ import numpy as np
 
 from config.robot import Robot
 from daemon.control.avoidance import Avoidance
-from daemon.control.controller import Controller, ControllerError, Observation
+from daemon.control.controller import Controller, ControllerError, Observation, Phase
 from daemon.control.task import tip_axis
 from daemon.estimation.pose_filter import PoseFilter, TipEstimate
 from daemon.loop.actuation_history import ActuationHistory
@@ -303,6 +303,7 @@ class ControlLoop:
             direction,
             aim.direction,
             aim.turn,
+            None if aim.in_cycle_s is None else Phase(aim.in_cycle_s, aim.cycle_s),
         )
         self.aim = aim if running else None
         try:

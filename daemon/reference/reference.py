@@ -164,6 +164,10 @@ class Aim(NamedTuple):
     """(3,) unit vector along the tip's axis. None: it may point anywhere."""
     turn: Vector | None = None
     """(3,) 1/s by which that changes."""
+    in_cycle_s: float | None = None
+    """Since the cycle began, where it is repeated; None: it is not."""
+    cycle_s: float = 0.0
+    """How long one lasts."""
 
 
 class Reference(Protocol):
@@ -239,7 +243,9 @@ class TrajectoryReference:
         at_s = min(self.elapsed_s, self.trajectory.duration_s)
         position, velocity = self.trajectory.at(at_s)
         pointing = self.trajectory.pointing_at(at_s) or (None, None)
-        return Aim(position, velocity, self.trajectory.cycle_of(at_s), *pointing)
+        cycle, cycle_s = self.trajectory.cycle_of(at_s), self.trajectory.cycle_s
+        in_cycle_s = at_s - cycle * cycle_s if self.trajectory.cycles > 1 else None
+        return Aim(position, velocity, cycle, *pointing, in_cycle_s, cycle_s)
 
     def ahead(self, lead_s: float) -> tuple[Vector, Vector]:
         along_s = self.elapsed_s + lead_s

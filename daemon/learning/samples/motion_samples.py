@@ -20,7 +20,7 @@ _FROZEN_FRAMES = 3
 """In a row, in which the axes move and the tip does not: by chance that happens once. Chosen."""
 _AVERAGED_AT_MOST = 8
 _MOST_AVERAGED_SHARE = 0.5
-_MAY_BE_ZERO = ("lag_s", "averaged_share", "confirm_s")
+_MAY_BE_ZERO = ("lag_s", "shortest_s", "averaged_share", "confirm_s")
 _TINY = 1e-12
 
 
@@ -37,6 +37,9 @@ class SamplingSettings:
     averaged_share: float = 0.5
     """Each end of a motion is the mean of so much of its frames: a slow one has many of them. Noise
     that is left in Δp makes the gains that are learnt from it too small."""
+    shortest_s: float = 0.0
+    """No motion ends sooner, however fast it is: where the lag is only known roughly, a motion that
+    takes less time than it is unsure by tells of the lag, and not of the axes."""
     longest_s: float = 1.0
     """A motion that took longer is none: it stood still, or only crept. A new one begins."""
     gap_s: float = 0.1
@@ -93,6 +96,7 @@ class MotionSampler:
         """When the motion began that the last sample given is of."""
         self._settings = settings
         self._travel = np.array(travel, dtype=np.float64)
+        self._shortest_ns = round(settings.shortest_s * _NS_PER_S)
         self._longest_ns = round(settings.longest_s * _NS_PER_S)
         self._gap_ns = round(settings.gap_s * _NS_PER_S)
         self._confirm_ns = round(settings.confirm_s * _NS_PER_S)
@@ -170,6 +174,8 @@ class MotionSampler:
         moved_mm = float(np.linalg.norm(delta_tip))
         share = float(np.linalg.norm(delta_u / self._travel))
         if moved_mm < settings.tip_mm and share < settings.travel_share:
+            return
+        if here.t_ns - begin.t_ns < self._shortest_ns:
             return
         if moved_mm <= settings.most_mm * share:
             sample = MotionSample(begin.tip_mm, begin.u, delta_u, delta_tip)

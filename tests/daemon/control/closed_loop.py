@@ -13,7 +13,7 @@ from config.loader import load_robot
 from config.robot import Robot
 from config.tasks.exploration import WaypointExploration
 from config.tasks.trajectory import Circle, Lissajous, Rectangle
-from daemon.control.controller import Ahead, Controller, Observation
+from daemon.control.controller import Ahead, Controller, Observation, Phase
 from daemon.controllers.waypoint_exploration import WaypointExplorationController
 from daemon.estimation.pose_filter import PoseFilter
 from daemon.learning.forward.pretrained_model import PretrainedModel
@@ -124,7 +124,11 @@ class ClosedLoop:
         return estimate.position_mm
 
     def observation(
-        self, reference_mm: Vector, velocity_mm_s: Vector, ahead: Ahead | None = None
+        self,
+        reference_mm: Vector,
+        velocity_mm_s: Vector,
+        ahead: Ahead | None = None,
+        phase: Phase | None = None,
     ) -> Observation:
         estimate = self.filter.estimate(self.t_ns)
         assert estimate is not None
@@ -139,6 +143,7 @@ class ClosedLoop:
             velocity_mm_s,
             self.believed,
             ahead,
+            phase=phase,
         )
 
     def fill(self, to_g: float, g_s: float) -> None:
@@ -149,11 +154,15 @@ class ClosedLoop:
         self.controller.reset(self.observation(self.tip_mm, np.zeros(3)))
 
     def step(
-        self, reference_mm: Vector, velocity_mm_s: Vector, ahead: Ahead | None = None
+        self,
+        reference_mm: Vector,
+        velocity_mm_s: Vector,
+        ahead: Ahead | None = None,
+        phase: Phase | None = None,
     ) -> Vector:
         """One frame. Returns the step that was proposed."""
         self.measure()
-        observation = self.observation(reference_mm, velocity_mm_s, ahead)
+        observation = self.observation(reference_mm, velocity_mm_s, ahead, phase)
         self.controller.observe(observation)
         step = self.controller.propose(observation).delta_u
         for _ in range(LEARN_CALLS):
@@ -185,7 +194,8 @@ class ClosedLoop:
         errors, true_errors, u = [], [], []
         for k in range(round(trajectory.duration_s / DT_S)):
             reference, velocity = trajectory.at(k * DT_S)
-            self.step(reference, velocity, _from(trajectory.at, k * DT_S))
+            phase = Phase((k * DT_S) % trajectory.cycle_s, trajectory.cycle_s)
+            self.step(reference, velocity, _from(trajectory.at, k * DT_S), phase)
             errors.append(float(np.linalg.norm(self.tip_mm - reference)))
             true_errors.append(float(np.linalg.norm(self.body.tip.position_mm - reference)))
             u.append(self.u)

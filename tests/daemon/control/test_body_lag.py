@@ -66,7 +66,7 @@ def test_a_jacobian_that_is_off_by_gains_does_not_hide_the_lag() -> None:
     gains = np.array([1.5, 0.7, 1.2])
     lag = found(told, gains * late(told, 0.25, 0.5))
     assert lag.lag_s == pytest.approx(0.75, abs=0.12)
-    np.testing.assert_allclose(lag.gains, gains, rtol=0.1)
+    np.testing.assert_allclose(lag.gains, gains, rtol=0.15)  # drawn together a little
 
 
 def test_what_is_no_answer_to_what_was_told_changes_nothing() -> None:

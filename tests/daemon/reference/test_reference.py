@@ -132,6 +132,23 @@ def test_what_is_seen_ahead_is_what_comes_from_the_way_to_the_start_on() -> None
     np.testing.assert_allclose(seen[-1][:3], came[-1][:3], atol=1e-6)
 
 
+@pytest.mark.parametrize("cycles", [1, 3])
+def test_only_a_path_that_is_repeated_says_where_along_its_cycle_it_is(cycles: int) -> None:
+    reference = rectangle(cycles=cycles)
+    reference.begin(TIP)
+    along = []
+    while not reference.finished:
+        aim = reference.advance(0, 0.025)
+        along.append((aim.cycle, aim.in_cycle_s, aim.cycle_s))
+    followed = [one for one in along if one[0] >= 0]
+    assert all(one[1] is None for one in along if one[0] < 0)
+    if cycles == 1:
+        assert all(one[1] is None for one in followed)
+        return
+    total_s = [cycle * cycle_s + (in_cycle_s or 0.0) for cycle, in_cycle_s, cycle_s in followed]
+    np.testing.assert_allclose(np.diff(total_s)[:-1], 0.025)
+
+
 def test_nobody_sees_ahead_what_a_hand_will_do() -> None:
     reference: Reference = TeleoperationReference(10.0, 0)
     reference.begin(TIP)

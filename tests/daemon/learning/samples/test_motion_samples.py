@@ -77,6 +77,17 @@ def test_a_larger_threshold_makes_fewer_and_longer_samples() -> None:
     assert min(np.linalg.norm(sample.delta_tip_mm) for sample in few) >= 3.0
 
 
+def test_no_motion_is_shorter_than_it_may_be_however_far_it_goes() -> None:
+    u = back_and_forth(400)
+    quick = samples_of(u, tips_of(u), replace(AT_ONCE, tip_mm=0.5))
+    patient = samples_of(u, tips_of(u), replace(AT_ONCE, tip_mm=0.5, shortest_s=0.5))
+    assert 2 * len(patient) < len(quick)
+    lengths = [np.linalg.norm(sample.delta_tip_mm) for sample in patient]
+    assert np.median(lengths) > 2.0 * np.median(
+        [np.linalg.norm(sample.delta_tip_mm) for sample in quick]
+    )
+
+
 def test_axes_that_move_and_leave_the_tip_where_it_is_are_a_sample_too() -> None:
     u = back_and_forth(200)
     tips = np.array([0.0, 0.0, 180.0]) + 0.1 * np.random.default_rng(0).normal(size=(200, 3))

@@ -1,0 +1,248 @@
+"""Leading a body that answers late: what is under way, how much of it comes, and repeated paths.
+
+Three things are found while the body is followed. How late it answers (`BodyLag`) and how much more
+or less than told its tip goes along each axis of space. Both come from the same motions, so that
+what is told and has not arrived counts with what it will come to. And where a path is repeated,
+what the tip was off by at each of its places: there it is led the other way (`CycleCorrection`).
+
+A short lag is led by the reference's velocity alone. Across a long one the tip as it will be when
+all that was told has arrived is led to where it should be then (Smith's predictor, with the inverse
+of dead time and lag before it): errors of the Jacobian come in with what is under way, but the loop
+does not wait for the body.
+"""
+
+from collections import deque
+from math import ceil, exp, sqrt
+from typing import Final
+
+import numpy as np
+
+from daemon.control.body_lag import BodyLag, Underway, parts
+from daemon.control.controller import Observation, Phase
+from drivers.pose import Vector
+
+_SHORT_S, _LONG_S = 0.2, 0.4
+"""Up to the one a lag is led by the reference alone, from the other on by prediction alone."""
+_AVERAGED_S: Final = 0.15
+"""To either side: a corner is rounded for the prediction, which a lag would do as well."""
+_GAIN_BY_LAG: Final = 3.0
+"""Gain times lag, at most, where the tip is predicted: more rings where the prediction is wrong."""
+_GAIN_APPROACH_S: Final = 1.0
+"""Time constant of the way to the gains that were found: nothing jumps."""
+
+_JUMP_S: Final = 0.3
+_JUMP_MM: Final = 4.0
+_JUMP_SHARE: Final = 0.6
+"""A tip that within this time goes so far, and so much of what it was told to go, otherwise than
+told has been pushed or loaded. Its way back is not the path's."""
+_AFTER_JUMP_S: Final = 1.0
+_AFTER_JUMP_LAGS: Final = 2.0
+"""For so long, and so many lags, it is on its way."""
+
+
+class Leading:
+    """Takes what was told and seen, step by step; gives the motion to ask for."""
+
+    def __init__(self, gain_per_s: float, by_cycles: bool) -> None:
+        self.lag = BodyLag()
+        self._gain_per_s = gain_per_s
+        self._by_cycles = by_cycles
+        self._underway = Underway()
+        self._told_mm = np.zeros(3)
+        """All that was told, as the Jacobian has it."""
+        self._gains = np.ones(3)
+        self._cycles: CycleCorrection | None = None
+        self._off: deque[tuple[float, Vector, Vector]] = deque()
+        """Lately: times, where the tip was beyond what was told, and what was told."""
+        self._on_its_way_s = 0.0
+        """Until then nothing is learnt of the path."""
+
+    @property
+    def predicted(self) -> float:
+        """How far the lag is led by prediction, 0 to 1."""
+        return min(max((self.lag.lag_s - _SHORT_S) / (_LONG_S - _SHORT_S), 0.0), 1.0)
+
+    @property
+    def left_mm(self) -> Vector:
+        """(3,) that the tip will go without being told more."""
+        return self._underway.left_mm
+
+    def begin(self) -> None:
+        """Motion begins: everything has arrived."""
+        self.lag.break_off()
+        self._underway.begin()
+        self._off.clear()
+        self._on_its_way_s = 0.0
+        if self._cycles is not None:
+            self._cycles.break_off()
+
+    def take_stock(self, observation: Observation, dt_s: float, moved_mm: Vector) -> None:
+        """(3,) was told since the last step; the tip is seen to have made this of all before."""
+        t_s = observation.t_ns * 1e-9
+        self._told_mm = self._told_mm + moved_mm
+        self._underway.tell(t_s, dt_s, self._gains * moved_mm, self.lag.lag_s)
+        if not observation.believed:
+            return
+        arrived_mm = self._underway.told_mm - self._underway.left_mm
+        self._look_for_jump(t_s, observation.tip_mm - arrived_mm, arrived_mm)
+        self.lag.add(t_s, dt_s, self._told_mm, observation.tip_mm)
+        share = 1.0 - exp(-dt_s / _GAIN_APPROACH_S)
+        self._gains = self._gains + share * (self.lag.gains - self._gains)
+
+    def step(self, observation: Observation, dt_s: float) -> Vector:
+        """(3,) mm to ask for in this step."""
+        error = observation.reference_mm - observation.tip_mm
+        self._learn_cycle(observation, dt_s, error)
+        lag_s, gain, share = self.lag.lag_s, self._gain_per_s, self.predicted
+        velocity, there = self._ahead(observation)
+        error = error + self._correction(observation.phase, 0.0)[0]
+        if share > 0.0:
+            gain += share * (min(gain, _GAIN_BY_LAG / lag_s) - gain)
+            missing = there - observation.tip_mm - self._underway.left_mm
+            error = error + share * (missing - error)
+        return np.asarray((min(gain * dt_s, 1.0) * error + velocity * dt_s) / self._gains)
+
+    def _look_for_jump(self, t_s: float, off_mm: Vector, arrived_mm: Vector) -> None:
+        """(3,) that the tip is beyond what has arrived of what was told, and (3,) that."""
+        off = self._off
+        off.append((t_s, off_mm, arrived_mm))
+        while t_s - off[0][0] > _JUMP_S:
+            off.popleft()
+        jumped, told = off_mm - off[0][1], arrived_mm - off[0][2]
+        if float(jumped @ jumped) > max(_JUMP_MM**2, _JUMP_SHARE**2 * float(told @ told)):
+            self._on_its_way_s = t_s + _AFTER_JUMP_S + _AFTER_JUMP_LAGS * self.lag.lag_s
+
+    def _learn_cycle(self, observation: Observation, dt_s: float, error_mm: Vector) -> None:
+        phase = observation.phase
+        if not self._by_cycles or phase is None:
+            if self._cycles is not None:
+                self._cycles.break_off()
+            return
+        if self._cycles is None or not self._cycles.fits(phase, observation.reference_mm):
+            self._cycles = CycleCorrection(phase.cycle_s)
+        if not observation.believed or observation.t_ns * 1e-9 < self._on_its_way_s:
+            self._cycles.break_off()
+            return
+        self._cycles.add(phase, dt_s, self.lag.lag_s, error_mm, observation.reference_mm)
+
+    def _correction(self, phase: Phase | None, lead_s: float) -> tuple[Vector, Vector]:
+        if self._cycles is None or phase is None:
+            return np.zeros(3), np.zeros(3)
+        return self._cycles.at(phase.seconds + lead_s)
+
+    def _ahead(self, observation: Observation) -> tuple[Vector, Vector]:
+        """(3,) mm/s that the reference will have after the lag, and (3,) mm where all that is told
+        should have led to by then: after the dead time, and as far on as the first-order lag is."""
+        lag_s = self.lag.lag_s
+        dead_s, first_order_s = parts(lag_s)
+        earlier_s, later_s = max(dead_s - _AVERAGED_S, 0.0), dead_s + _AVERAGED_S
+        aims = []
+        for lead_s in (lag_s, dead_s, earlier_s, later_s):
+            aim = None if observation.ahead is None else observation.ahead(lead_s)
+            if aim is None:  # a hand leads, and nobody knows where
+                velocity = observation.reference_velocity_mm_s
+                return velocity, observation.reference_mm + lag_s * velocity
+            correction, changes = self._correction(observation.phase, lead_s)
+            aims.append((aim[0] + correction, aim[1] + changes))
+        told, due, earlier, later = aims
+        mean_velocity = (later[0] - earlier[0]) / (later_s - earlier_s)
+        return told[1], due[0] + first_order_s * mean_velocity
+
+
+# What a repeated path taught.
+#
+# Along one cycle there are places, evenly in time, each with a correction c of the reference, which
+# is led like the reference itself: so the tip shows c without delay, and an error e that is seen at
+# a place belongs to that place. c becomes Q(0.98 c + 0.5 e), a step of iterative learning control
+# (Bristow, Tharayil and Alleyne, IEEE Control Systems 26, 2006). Q, a triangle, keeps noise out of
+# it, and what the body is too slow for. Every place is renewed once in a cycle, shortly after the
+# tip has shown what became of it and long before the path comes there again: nothing jumps where
+# one cycle goes over into the next.
+
+
+_SPACING_S: Final = 0.05
+_MOST_PLACES: Final = 4000
+_HALF_WIDTH_S: Final = 0.2
+_KEPT, _TAKEN = 0.98, 0.5
+_MOST_TAKEN_MM: Final = 5.0
+"""No error counts as more: whatever made it was hardly the path."""
+_FARTHEST_MM: Final = 15.0
+_SET_OUT_S: Final = 0.5
+"""... and two lags after the path begins, the tip still comes from rest, which no cycle repeats."""
+_SAME_MM: Final = 1.0
+"""... beyond what the reference goes between two places, where it passed in the last cycle."""
+
+
+class CycleCorrection:
+    """Takes errors by phase, gives corrections by phase. For one path."""
+
+    def __init__(self, cycle_s: float) -> None:
+        self.cycle_s = cycle_s
+        count = max(1, min(_MOST_PLACES, ceil(cycle_s / _SPACING_S)))
+        self._spacing_s = cycle_s / count
+        self._half = max(1, round(_HALF_WIDTH_S / self._spacing_s))
+        weights = self._half - np.abs(np.arange(1 - self._half, self._half))
+        self._weights = weights / weights.sum()
+        self._corrections = np.zeros((count, 3))
+        self._next = np.zeros((count, 3))
+        """0.98 c + 0.5 e of each place, when e was seen last."""
+        self._path = np.full((count, 3), np.nan)
+        """Where the reference was."""
+        self._place: int | None = None
+        self._errors: list[Vector] = []
+        self._along_s = 0.0
+
+    def fits(self, phase: Phase, reference_mm: Vector) -> bool:
+        """Whether this is the path that was learnt: as long, and along the same places."""
+        if phase.cycle_s != self.cycle_s:
+            return False
+        count, place = len(self._path), self._at_place(phase)
+        known = self._path[place]
+        if np.isnan(known[0]):
+            return True
+        ways = [self._path[k % count] - known for k in (place - 1, place + 1)]
+        between_mm = max((sqrt(way @ way) for way in ways if not np.isnan(way[0])), default=0.0)
+        away = reference_mm - known
+        return float(away @ away) <= (_SAME_MM + 2.0 * between_mm) ** 2
+
+    def at(self, phase_s: float) -> tuple[Vector, Vector]:
+        """(3,) mm to add to the reference, and (3,) mm/s by which that changes."""
+        where = phase_s / self._spacing_s
+        left, count = int(np.floor(where)), len(self._corrections)
+        here, there = self._corrections[left % count], self._corrections[(left + 1) % count]
+        return here + (where - left) * (there - here), (there - here) / self._spacing_s
+
+    def break_off(self) -> None:
+        """What comes next does not go on from here. What was learnt stays."""
+        self._place, self._along_s = None, 0.0
+        self._errors.clear()
+
+    def add(
+        self, phase: Phase, dt_s: float, lag_s: float, error_mm: Vector, reference_mm: Vector
+    ) -> None:
+        """(3,) from the tip to its reference."""
+        self._along_s += dt_s
+        place = self._at_place(phase)
+        self._path[place] = reference_mm
+        if self._along_s < _SET_OUT_S + 2.0 * lag_s:
+            return
+        if place != self._place:
+            if self._place is not None:
+                self._take(self._place, np.mean(self._errors, axis=0))
+            self._place = place
+            self._errors.clear()
+        size_mm = sqrt(error_mm @ error_mm)
+        self._errors.append(error_mm * min(1.0, _MOST_TAKEN_MM / max(size_mm, 1e-9)))
+
+    def _at_place(self, phase: Phase) -> int:
+        return round(phase.seconds / self._spacing_s) % len(self._corrections)
+
+    def _take(self, place: int, error_mm: Vector) -> None:
+        """The error at a place is known; so is all that the one half a width before needs."""
+        count = len(self._corrections)
+        self._next[place] = _KEPT * self._corrections[place] + _TAKEN * error_mm
+        middle = place - self._half + 1
+        around = np.arange(middle - self._half + 1, middle + self._half) % count
+        found = self._weights @ self._next[around]
+        far_mm = sqrt(found @ found)
+        self._corrections[middle % count] = found * min(1.0, _FARTHEST_MM / max(far_mm, 1e-9))

@@ -1,0 +1,157 @@
+"""A late body is led, a repeated path is learnt, and what was no part of the path is not."""
+
+import numpy as np
+import pytest
+
+from config.emulation import SoftArmPlant
+from config.tasks.controllers import ForwardJacobian
+from config.tasks.trajectory import Circle
+from daemon.control.controller import Phase
+from daemon.control.leading import CycleCorrection
+from daemon.controllers.forward_jacobian import ForwardJacobianController
+from drivers.pose import Vector
+from sim_backends.plants.soft_arm.soft_arm import SoftArm
+from tests.daemon.control import closed_loop
+from tests.daemon.control.closed_loop import (
+    DT_S,
+    PISTON_MM2,
+    ROBOT,
+    ClosedLoop,
+    pretrained,
+    started,
+)
+
+CYCLE_S = 8.0
+START_MM = np.array([30.0, 0.0, 185.0])
+
+
+def path(t_s: float) -> Vector:
+    angle = 2.0 * np.pi * t_s / CYCLE_S
+    return 20.0 * np.array([np.cos(angle), np.sin(angle), 0.0])
+
+
+def disturbance(t_s: float) -> Vector:
+    return np.array([2.0, 1.0, 0.0]) * np.sin(4.0 * np.pi * t_s / CYCLE_S)
+
+
+def go_round(cycles: CycleCorrection, rounds: int, off: float = 1.0) -> list[float]:
+    """The largest error of each round: the tip shows what it is led by, and is pushed aside."""
+    worst = []
+    for _ in range(rounds):
+        errors = []
+        for k in range(round(CYCLE_S / DT_S)):
+            t_s = k * DT_S
+            error = off * disturbance(t_s) - cycles.at(t_s)[0]
+            cycles.add(Phase(t_s, CYCLE_S), DT_S, 0.0, error, path(t_s))
+            errors.append(float(np.linalg.norm(error)))
+        worst.append(max(errors))
+    return worst
+
+
+def test_what_comes_back_in_every_cycle_is_led_the_other_way() -> None:
+    worst = go_round(CycleCorrection(CYCLE_S), rounds=8)
+    assert worst[0] > 2.0
+    assert worst[-1] < 0.15 * worst[0]
+
+
+def test_a_correction_goes_over_from_one_cycle_into_the_next_without_a_jump() -> None:
+    cycles = CycleCorrection(CYCLE_S)
+    go_round(cycles, rounds=4)
+    times = np.arange(-1.0, 1.0, 0.01)
+    places = np.array([cycles.at(t_s)[0] for t_s in times])
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    assert steps.max() < 2.0 * np.linalg.norm(disturbance(0.01))
+    rates = np.array([cycles.at(t_s)[1] for t_s in times])
+    np.testing.assert_allclose(
+        np.cumsum(rates[:-1] * 0.01, axis=0), places[1:] - places[0], atol=0.05
+    )
+
+
+def test_a_single_large_error_is_not_believed_in_full() -> None:
+    cycles = CycleCorrection(CYCLE_S)
+    for k in range(round(CYCLE_S / DT_S)):
+        error = np.array([40.0, 0.0, 0.0]) if 3.0 < k * DT_S < 3.4 else np.zeros(3)
+        cycles.add(Phase(k * DT_S, CYCLE_S), DT_S, 0.0, error, path(k * DT_S))
+    assert max(np.linalg.norm(cycles.at(t_s)[0]) for t_s in np.arange(2.5, 4.0, 0.05)) <= 2.5
+
+
+def test_another_path_of_the_same_length_is_not_taken_for_the_one_that_was_learnt() -> None:
+    cycles = CycleCorrection(CYCLE_S)
+    go_round(cycles, rounds=2)
+    assert all(cycles.fits(Phase(t_s, CYCLE_S), path(t_s)) for t_s in np.arange(0.0, 8.0, 0.06))
+    assert not cycles.fits(Phase(1.0, CYCLE_S), path(1.0) + np.array([0.0, 8.0, 0.0]))
+    assert not cycles.fits(Phase(1.0, CYCLE_S + 1.0), path(1.0))
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("model") / "arm.npz"
+    pretrained(60, epochs=8).save(path)
+    return str(path)
+
+
+def loop_on(body: str, model: str, monkeypatch: pytest.MonkeyPatch) -> ClosedLoop:
+    plant = SoftArmPlant.model_validate({"kind": "soft_arm", "body": body})
+    monkeypatch.setattr(closed_loop, "soft_arm", lambda _: SoftArm(plant, [PISTON_MM2] * 6))
+    options = ForwardJacobian(
+        kind="forward_jacobian",
+        model=model,
+        lead=True,
+        gain_per_s=6.0,
+        max_tip_speed_mm_s=80.0,
+    )
+    return started(ForwardJacobianController(options, ROBOT, 1), START_MM)
+
+
+def circle(speed_mm_s: float, cycles: int) -> Circle:
+    return Circle(
+        kind="circle",
+        center_mm=(0.0, 0.0, 185.0),
+        radius_mm=30.0,
+        cycle_s=60.0 * np.pi / speed_mm_s,
+        cycles=cycles,
+    )
+
+
+def by_cycle(loop: ClosedLoop, speed_mm_s: float, cycles: int) -> list[float]:
+    errors = loop.follow(circle(speed_mm_s, cycles)).errors_mm
+    return [float(part.mean()) for part in np.array_split(errors, cycles)]
+
+
+def test_a_fast_circle_is_followed_to_the_tracker_s_noise_in_a_few_cycles(
+    model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    means = by_cycle(loop_on("as_made", model, monkeypatch), 20.0, 4)
+    assert means[0] < 0.8
+    assert means[-1] < 0.35
+
+
+def test_a_body_a_second_late_is_followed_as_well_after_some_cycles(
+    model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    means = by_cycle(loop_on("slow", model, monkeypatch), 20.0, 4)
+    assert means[0] < 8.0
+    assert means[-1] < 2.0
+
+
+def test_a_load_is_caught_within_a_second_and_is_not_there_in_the_next_cycle(
+    model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loop = loop_on("as_made", model, monkeypatch)
+    options = circle(20.0, 5)
+    at = round(2.5 * options.cycle_s / DT_S)
+    count = [0]
+    measure = loop.measure
+
+    def measured() -> None:
+        count[0] += 1
+        if count[0] == at:
+            loop.load_g = 30.0
+        measure()
+
+    monkeypatch.setattr(loop, "measure", measured)
+    errors = loop.follow(options).errors_mm
+    cycle = round(options.cycle_s / DT_S)
+    assert errors[at : at + 40].max() > 8.0
+    assert errors[at + 40 : at + cycle - 40].mean() < 0.6
+    assert errors[at + cycle - 20 : at + cycle + 100].max() < 2.0
