@@ -242,10 +242,10 @@ class TrajectoryReference:
         self.finished = self.elapsed_s >= self.trajectory.duration_s
         at_s = min(self.elapsed_s, self.trajectory.duration_s)
         position, velocity = self.trajectory.at(at_s)
-        pointing = self.trajectory.pointing_at(at_s) or (None, None)
+        direction, turn = self.trajectory.pointing_at(at_s) or (None, None)
         cycle, cycle_s = self.trajectory.cycle_of(at_s), self.trajectory.cycle_s
         in_cycle_s = at_s - cycle * cycle_s if self.trajectory.cycles > 1 else None
-        return Aim(position, velocity, cycle, *pointing, in_cycle_s, cycle_s)
+        return Aim(position, velocity, cycle, direction, turn, in_cycle_s, cycle_s)
 
     def ahead(self, lead_s: float) -> tuple[Vector, Vector]:
         along_s = self.elapsed_s + lead_s

@@ -27,11 +27,11 @@ START_MM = np.array([30.0, 0.0, 185.0])
 
 def path(t_s: float) -> Vector:
     angle = 2.0 * np.pi * t_s / CYCLE_S
-    return 20.0 * np.array([np.cos(angle), np.sin(angle), 0.0])
+    return np.asarray(20.0 * np.array([np.cos(angle), np.sin(angle), 0.0]))
 
 
 def disturbance(t_s: float) -> Vector:
-    return np.array([2.0, 1.0, 0.0]) * np.sin(4.0 * np.pi * t_s / CYCLE_S)
+    return np.asarray(np.array([2.0, 1.0, 0.0]) * np.sin(4.0 * np.pi * t_s / CYCLE_S))
 
 
 def go_round(cycles: CycleCorrection, rounds: int, off: float = 1.0) -> list[float]:
