@@ -3,7 +3,7 @@
 Places are drawn evenly from the axes' travel. Many of them may bring the tip out of its workspace:
 a place that, by what was seen so far, does so is drawn again. Where the tip comes near a wall all
 the same, the axes go back the way they came, until it is well inside, and from there on to another
-place.
+place. So they do where something stands in the way and a line comes to no end.
 """
 
 from collections import deque
@@ -131,6 +131,9 @@ _ALONG = np.linspace(0.25, 1.0, 4)[:, None]
 _AHEAD_S = 0.4
 """The tip goes on for so long, at most, after the axes were told to turn back."""
 _TRAIL_STEPS = 2000
+_GIVEN_UP = 3.0
+_GIVEN_UP_S = 2.0
+"""A line that takes so many times what it takes at full speed, and so much more, is given up."""
 _WELL_INSIDE = 0.1
 """Of the workspace's width, from its walls."""
 _INSIDE_AT_LEAST = 0.5
@@ -153,6 +156,8 @@ class WaypointExplorationController:
         self._start = self._goal = np.zeros(self._axes.count)
         self._trail: deque[Vector] = deque(maxlen=_TRAIL_STEPS)
         self._turning_back = False
+        self._left_s = 0.0
+        """Until the line is given up."""
 
     @property
     def ready(self) -> bool:
@@ -174,12 +179,14 @@ class WaypointExplorationController:
             self._guess.add(observation.u, observation.tip_mm)
 
     def propose(self, observation: Observation) -> Proposal:
-        if not self.ready and self._line_ends(observation):
+        self._left_s -= step_time(observation)
+        if not self.ready and (self._left_s <= 0.0 or self._line_ends(observation)):
             self._next_line(observation)
         if self.ready:
             return Proposal(np.zeros(self._axes.count))
         if not self._turning_back and self._leaving(observation):
             self._turning_back = True
+            self._left_s = self._longest_s()  # as much again, for the way back
         if self._turning_back:
             return Proposal(self._step_back(observation), self.note, self._line)
         self._trail.append(observation.targets.copy())
@@ -199,6 +206,10 @@ class WaypointExplorationController:
         self._turning_back = False
         self._start = observation.targets.copy()
         self._goal = self._draw()
+        self._left_s = self._longest_s()
+
+    def _longest_s(self) -> float:
+        return _GIVEN_UP_S + _GIVEN_UP * self._walk.line_time_s(self._start, self._goal)
 
     def _line_ends(self, observation: Observation) -> bool:
         if not self._turning_back:

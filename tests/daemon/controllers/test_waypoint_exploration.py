@@ -170,6 +170,24 @@ def test_a_hold_interrupts_a_line_and_does_not_end_it() -> None:
     assert np.abs(control.propose(still(u, tip)).delta_u).max() < 0.1
 
 
+def test_a_line_that_something_stands_in_the_way_of_is_given_up_and_others_are_gone() -> None:
+    """What lets no step through beyond a place of one axis, as a gate beside an obstacle does."""
+    control, u = controller(waypoints=8), np.full(6, 25.0)
+    tip = np.array([0.0, 0.0, 185.0])
+    control.reset(still(u, tip))
+    stood_s, places = 0.0, [u]
+    for _ in range(FRAMES_AT_MOST):
+        step = control.propose(still(u, tip)).delta_u
+        if control.ready:
+            break
+        if (u + step)[0] > 30.0:
+            stood_s, step = stood_s + DT_S, np.zeros(6)
+        u = u + step
+        places.append(u)
+    assert control.ready and stood_s > 1.0, "some lines lead there, and all come to an end"
+    assert (np.ptp(places, axis=0)[1:] > 0.4 * TRAVEL_MM).all(), "and the others are gone"
+
+
 def test_a_robot_without_a_workspace_uses_all_of_its_travel() -> None:
     free = ROBOT.model_copy(update={"workspace": None})
     places = walked(controller(robot=free, waypoints=30, dither_share=0.0), frames=12_000)
