@@ -22,9 +22,14 @@ def broken() -> Figures:
     raise ValueError("the drives are on strike")
 
 
+LONG = ("risk", "concentric_tubes", "daemon", "start_up", "memory")
+"""However short they are asked to be, what they measure takes its time to be made."""
+
+
 def _marks(name: str) -> list[pytest.MarkDecorator]:
     """What opens a browser goes with the other tests that do."""
-    return [pytest.mark.hil] * (name in REAL_TIME) + [pytest.mark.page] * (name == "page")
+    marks = [pytest.mark.hil] * (name in REAL_TIME) + [pytest.mark.page] * (name == "page")
+    return marks + [pytest.mark.long] * (name in LONG)
 
 
 @pytest.mark.slow
