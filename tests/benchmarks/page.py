@@ -213,8 +213,9 @@ def _usable_ms(page: "Page") -> float:
 
 def _rss_mb(pid: int) -> float:
     """Of a process and those that it has made."""
-    children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-    return _own_rss_mb(pid) + sum(_rss_mb(int(child)) for child in children)
+    threads = Path(f"/proc/{pid}/task").iterdir()
+    children = [int(one) for task in threads for one in (task / "children").read_text().split()]
+    return _own_rss_mb(pid) + sum(_rss_mb(child) for child in children)
 
 
 def _own_rss_mb(pid: int) -> float:
