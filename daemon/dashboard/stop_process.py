@@ -12,7 +12,7 @@ import msgspec
 from aiohttp import web
 
 from daemon.dashboard.stop_lines import Line, Robots
-from daemon.host.kept_process import KeptProcess
+from daemon.host.processes import KeptProcess
 
 _HEADERS: Final = (
     "Host",

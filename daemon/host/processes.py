@@ -1,4 +1,4 @@
-"""Commands of tentacled's own as processes: started one after the other, ended the other way."""
+"""Processes of our own: commands in order, one that is made again, and workers."""
 
 import asyncio
 import ctypes
@@ -17,6 +17,9 @@ from typing import Final
 _STARTS_WITHIN_S: Final = 60.0
 _ENDS_WITHIN_S: Final = 10.0
 _KILLED_WITHIN_S: Final = 5.0
+_KEPT_ENDS_WITHIN_S: Final = 1.0
+_LOOK_EVERY_S: Final = 0.25
+_LOOK_AT_ENDING_S: Final = 0.01
 _PR_SET_PDEATHSIG: Final = 1
 _PRCTL: Final = ctypes.CDLL(None).prctl
 
@@ -104,6 +107,77 @@ class OwnProcesses:
             raise ProcessError(f"`tentacled {name}` did not get ready in time") from None
         if not line:
             raise ProcessError(f"`tentacled {name}` ended at once; see above for why")
+
+
+class KeptProcess:
+    """Serves ours: made again should it end, and gone when we are.
+
+    `python -m MODULE ARGUMENTS`: its standard input ends when it shall, and when we have died.
+    Sockets stay ours: they are there while the process is made again.
+    """
+
+    def __init__(
+        self,
+        module: str,
+        arguments: Sequence[str],
+        descriptors: Sequence[int],
+        told: Callable[[Exception], None],
+    ) -> None:
+        """descriptors: of sockets that it gets, by the same numbers. told: why it is made again."""
+        self._command = [sys.executable, "-m", module, *arguments]
+        self._descriptors = tuple(descriptors)
+        self._told = told
+        self._process: subprocess.Popen[bytes] | None = None
+        self._watching: asyncio.Task[None] | None = None
+
+    async def start(self) -> None:
+        """Returns when it runs. Raises OSError."""
+        self._process = await asyncio.to_thread(self._made)
+        self._watching = asyncio.get_running_loop().create_task(self._watch())
+
+    async def close(self) -> None:
+        """Takes a second at most. May be repeated."""
+        if self._watching is not None:
+            self._watching.cancel()
+            await asyncio.gather(self._watching, return_exceptions=True)
+        process, self._process = self._process, None
+        if process is None:
+            return
+        _let_go(process)
+        with suppress(TimeoutError):
+            async with asyncio.timeout(_KEPT_ENDS_WITHIN_S):
+                while process.poll() is None:
+                    await asyncio.sleep(_LOOK_AT_ENDING_S)
+        process.kill()
+        process.wait()
+
+    def _made(self) -> subprocess.Popen[bytes]:
+        return subprocess.Popen(
+            self._command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            pass_fds=self._descriptors,
+            start_new_session=True,
+        )
+
+    async def _watch(self) -> None:
+        while True:
+            await asyncio.sleep(_LOOK_EVERY_S)
+            process = self._process
+            if process is None or process.poll() is None:
+                continue
+            self._told(RuntimeError(f"it ended with {process.returncode} and is started again"))
+            _let_go(process)
+            try:
+                self._process = await asyncio.to_thread(self._made)
+            except OSError as error:
+                self._told(error)
+
+
+def _let_go(process: subprocess.Popen[bytes]) -> None:
+    assert process.stdin is not None
+    with suppress(OSError):
+        process.stdin.close()
 
 
 def end_with_parent() -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from daemon.commands.outcome.result import Result
-from daemon.commands.terminal.number_lists import place, take_negative_numbers
+from daemon.commands.terminal.place_arguments import add_goal_arguments, take_negative_numbers
 from daemon.commands.terminal.remote_arguments import (
     add_target_arguments,
     answer_result,
@@ -30,16 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog, parser.formatter_class = _EXPLAINED, argparse.RawDescriptionHelpFormatter
     take_negative_numbers(parser)
     add_target_arguments(parser)
-    parser.add_argument(
-        "--to", type=place, required=True, metavar="X,Y,Z", help="where the tip shall be, mm"
-    )
-    parser.add_argument(
-        "--pointing", type=place, metavar="X,Y,Z", help="which way the tip shall point there"
-    )
-    parser.add_argument(
-        "--via", type=place, action="append", default=[], metavar="X,Y,Z",
-        help="a place that the tip passes before; may be said again",
-    )  # fmt: skip
+    add_goal_arguments(parser)
     parser.add_argument(
         "--tip-speed", type=float, default=8.0, metavar="X", help="mm/s, at most (default: 8)"
     )

@@ -10,7 +10,11 @@ from config.paths import shipped_or_beside
 from daemon.commands.outcome.exit_codes import EXIT_FAILED
 from daemon.commands.outcome.failures import UsageError
 from daemon.commands.outcome.result import Result
-from daemon.commands.terminal.number_lists import numbers, place, take_negative_numbers
+from daemon.commands.terminal.place_arguments import (
+    add_goal_arguments,
+    numbers,
+    take_negative_numbers,
+)
 from daemon.robot.checked_robot import add_robot_argument, robot_with_warnings_told
 
 if TYPE_CHECKING:
@@ -40,16 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog, parser.formatter_class = _EXPLAINED, argparse.RawDescriptionHelpFormatter
     take_negative_numbers(parser)
     add_robot_argument(parser)
-    parser.add_argument(
-        "--to", type=place, required=True, metavar="X,Y,Z", help="where the tip shall be, mm"
-    )
-    parser.add_argument(
-        "--pointing", type=place, metavar="X,Y,Z", help="which way the tip shall point there"
-    )
-    parser.add_argument(
-        "--via", type=place, action="append", default=[], metavar="X,Y,Z",
-        help="a place that the tip passes before; may be said again",
-    )  # fmt: skip
+    add_goal_arguments(parser)
     parser.add_argument(
         "--from", type=numbers, dest="start", metavar="U,U,...",
         help="where the axes are, mm or rad (default: 0, or the end of travel nearest to it)",

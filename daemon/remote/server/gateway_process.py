@@ -10,7 +10,7 @@ from typing import Final
 
 import msgspec
 
-from daemon.host.kept_process import KeptProcess
+from daemon.host.processes import KeptProcess
 from daemon.remote.server.command_desk import ErrorReports
 from daemon.remote.server.gateway import CONNECTION, LARGEST_STOP_BYTES, GatewaySettings
 from daemon.remote.server.stop_desk import STOPS_PER_TURN, StopDesk

@@ -79,7 +79,7 @@ def test_where_there_is_none_the_reason_is_told_and_nothing_is_written(
 @pytest.mark.parametrize(
     ("words", "code", "told"),
     [
-        (("--to", "1,2"), EXIT_USAGE, "'1,2' is not three numbers"),
+        (("--to", "1,2"), EXIT_USAGE, "'1,2' is not 3 numbers"),
         (("--to", "1,2,nan"), EXIT_USAGE, "is not finite"),
         (("--to", "0,0,190", "--pointing", "0,0,0"), EXIT_USAGE, "is no direction"),
         (("--to", "0,0,190", "--port", "1,2,3"), EXIT_USAGE, "needs eight numbers"),

@@ -1,4 +1,4 @@
-"""Numbers with commas between, as arguments of commands: `--to -10,5,190`."""
+"""Places as arguments of commands, numbers with commas between: `--to -10,5,190`."""
 
 import argparse
 import re
@@ -25,14 +25,6 @@ def numbers(text: str) -> tuple[float, ...]:
     return values
 
 
-def place(text: str) -> tuple[float, ...]:
-    """Three of them. Raises ArgumentTypeError."""
-    values = numbers(text)
-    if len(values) != 3:
-        raise argparse.ArgumentTypeError(f"'{text}' is not three numbers: X,Y,Z")
-    return values
-
-
 def so_many(count: int, names: str) -> Callable[[str], tuple[float, ...]]:
     """For an argument of `count` numbers, which the names tell."""
 
@@ -43,3 +35,18 @@ def so_many(count: int, names: str) -> Callable[[str], tuple[float, ...]]:
         return values
 
     return read
+
+
+def add_goal_arguments(parser: argparse.ArgumentParser) -> None:
+    """Where a path that is planned shall lead."""
+    place = so_many(3, "X,Y,Z")
+    parser.add_argument(
+        "--to", type=place, required=True, metavar="X,Y,Z", help="where the tip shall be, mm"
+    )
+    parser.add_argument(
+        "--pointing", type=place, metavar="X,Y,Z", help="which way the tip shall point there"
+    )
+    parser.add_argument(
+        "--via", type=place, action="append", default=[], metavar="X,Y,Z",
+        help="a place that the tip passes before; may be said again",
+    )  # fmt: skip
