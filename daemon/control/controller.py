@@ -55,6 +55,8 @@ class Observation(NamedTuple):
     """(3,) 1/s by which that changes."""
     phase: Phase | None = None
     """Where along its cycle the reference is. None: nothing is repeated."""
+    tensions_n: Vector | None = None
+    """(m,) how hard each axis pulls, as measured; NaN where it is no tendon. None: none is one."""
 
 
 class Proposal(NamedTuple):

@@ -304,6 +304,7 @@ class ControlLoop:
             aim.direction,
             aim.turn,
             None if aim.in_cycle_s is None else Phase(aim.in_cycle_s, aim.cycle_s),
+            sensed.tensions_n,
         )
         self.aim = aim if running else None
         try:

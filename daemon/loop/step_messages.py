@@ -4,6 +4,8 @@ import math
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
+import numpy as np
+
 from daemon.control.avoidance import Aside
 from daemon.control.task import angle_between, tip_axis
 from daemon.estimation.pose_filter import TipEstimate
@@ -30,6 +32,14 @@ class Sensed(NamedTuple):
     targets: Vector
     """(m,) where the axes are told to be now."""
     measured: Measured
+
+    @property
+    def tensions_n(self) -> Vector | None:
+        """(m,) NaN where an axis is no tendon; None: no axis is one."""
+        pulls = self.measured.tension_n
+        if all(pull is None for pull in pulls):
+            return None
+        return np.array([np.nan if pull is None else pull for pull in pulls])
 
 
 class RequestedStep(NamedTuple):

@@ -202,6 +202,49 @@ def test_walls_thicker_than_the_workspace_leave_some_of_it() -> None:
     assert control.ready
 
 
+THREE_TENDONS = load_robot(SHIPPED_ROBOTS / "three_tendon_arm.yaml").robot
+LOWEST_N, HIGHEST_N = THREE_TENDONS.axes[0].tension_range_n or (0.0, 0.0)
+
+
+def pulled(control: WaypointExplorationController, told: bool = True) -> tuple[Vector, int]:
+    """(n, 3) N that tendons have of 2 N and 0.5 N for each mm, and how many lines were gone; told:
+    whether the exploration sees it."""
+    u, tip, tensions = np.zeros(3), np.array([0.0, 0.0, 130.0]), []
+    control.reset(still(u, tip))
+    for _ in range(FRAMES_AT_MOST):
+        tensions.append(2.0 + 0.5 * u)
+        observation = still(u, tip)._replace(tensions_n=tensions[-1] if told else None)
+        control.observe(observation)
+        u = u + control.propose(observation).delta_u
+        if control.ready:
+            break
+    return np.array(tensions), control._line
+
+
+def test_no_tendon_goes_slack_while_all_of_what_does_not_slacken_one_is_used() -> None:
+    tensions, lines = pulled(controller(robot=THREE_TENDONS, waypoints=40))
+    assert lines == 40
+    assert tensions.min() > LOWEST_N
+    assert (tensions.min(axis=0) < 1.2).all(), "all of them come near to it"
+    assert (tensions.max(axis=0) > 3.4).all()
+    blind, _ = pulled(controller(robot=THREE_TENDONS, waypoints=40), told=False)
+    assert blind.min() < LOWEST_N, "who does not see it pulls them slack"
+
+
+def test_no_tendon_is_torn_either() -> None:
+    few = [axis.model_copy(update={"max_tension_n": 3.5}) for axis in THREE_TENDONS.axes]
+    weak = THREE_TENDONS.model_copy(update={"axes": few})
+    tensions, _ = pulled(controller(robot=weak, waypoints=40))
+    assert tensions.max() < 3.5
+    assert tensions.min() > LOWEST_N
+
+
+def test_what_is_not_known_of_a_tension_is_no_wall() -> None:
+    tensions, lines = pulled(controller(robot=THREE_TENDONS, waypoints=3), told=False)
+    assert lines == 3
+    assert np.ptp(tensions) > 3.0
+
+
 def test_there_is_no_model_to_save_or_load(tmp_path: object) -> None:
     from pathlib import Path
 

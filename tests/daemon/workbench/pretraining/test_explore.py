@@ -66,6 +66,16 @@ def test_each_waypoint_is_a_line(dataset: Dataset) -> None:
     assert (counts > 20).sum() >= OPTIONS.waypoints - 1
 
 
+def test_an_arm_with_tendons_explores_without_pulling_one_slack(tmp_path: Path) -> None:
+    """It goes as far as its tendons let it: their travel is several times of that."""
+    arm = load_robot(PATH.with_name("tendon_arm.yaml"))
+    run = tmp_path / "run"
+    run.mkdir()
+    frames = explore(arm, OPTIONS, 1, run, quiet).frames
+    assert len(np.unique(frames.line)) >= OPTIONS.waypoints
+    assert (np.ptp(frames.u, axis=0) > 1.5).all()
+
+
 def test_motions_are_good_to_learn_from(dataset: Dataset) -> None:
     motions = dataset.motions(SamplingSettings())
     assert len(motions) > 100
