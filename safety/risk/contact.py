@@ -17,20 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betaincinv
 
-from safety.risk.contact_kernels import (
-    CAP_MM,
-    FINEST_MM,
-    Shapes,
-    Skin,
-    SolidArrays,
-    clearances,
-    place_shapes,
-    sweep,
-)
+from safety.risk.contact_kernels import CAP_MM, FINEST_MM, clearances, sweep
 from safety.risk.model.mixture import FloatArray, IndexArray, Mixture
 from safety.risk.model.shape_basis import ShapeBasis, SingleArray
 from safety.risk.moving_obstacles import NOTHING_MOVES, MovingClearance, Swept, longest_ways
 from safety.risk.part_kernels import Draws, PartSlopes, no_slopes, part_slopes
+from safety.risk.shape_kernels import Shapes, Skin, SolidArrays, place_shapes
 from safety.risk.surroundings.distance_grid import DistanceGrid
 from safety.risk.surroundings.environment import InsertionPort
 from safety.risk_source import Leaving
@@ -156,8 +148,11 @@ class ContactModel:
         random = np.random.default_rng(seed)
         self._basis = basis
         self._grid = grid
-        self._uniform = random.random(samples)
-        self._normal = random.standard_normal((samples, basis.coefficients))
+        uniform = random.random(samples)
+        # In this order those of one component are neighbours, and so are their shapes.
+        order = np.argsort(uniform)
+        self._uniform = uniform[order]
+        self._normal = random.standard_normal((samples, basis.coefficients))[order]
         self._modes = basis.modes.reshape(basis.coefficients, -1)
         self._surroundings = _surroundings(grid, port)
         safe = basis.radius_mm + basis.left_out_mm

@@ -8,113 +8,56 @@ twice the speed. Nodes' coordinates are flat: (S, 3n).
 """
 
 from math import sqrt
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 FINEST_MM = 0.5
 """What is between nodes, or between two shapes on the way, is cut no finer than this."""
 CAP_MM = 0.6
 """More clearance need not be proved: shapes do not move by twice as much between two questions."""
 _MOST_CUTS = 64
+_RADIUS, _SAFE, _LEAST, _AT = range(4)
+"""Rows of the table of nodes."""
+_ORDER, _SEGMENT = range(2)
+"""Rows of the list of nodes: by their least clearance, and those from which to the next a place may
+be near."""
+_TOGETHER = 50
+"""Shapes are bounded together before they are looked at one by one."""
 _ZERO, _HALF, _TWO = np.float32(0.0), np.float32(0.5), np.float32(2.0)
 _FAR = np.float32(np.inf)
 
 _kernel = njit(cache=True, error_model="numpy", nogil=True)
-_inlined = njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
-_placing = njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract", "reassoc"})
-"""Here sums may be reordered, so that they run in parallel lanes."""
-
-SingleArray = NDArray[np.float32]
-
-
-class SolidArrays(NamedTuple):
-    """Distances as `distance_grid` has them, and the port, as the compiled code reads them.
-
-    values: (nx·ny·nz,) mm. shape: (3,) uint64. frame: (7,) the grid's origin, places per mm, ±1 for
-    free or solid far outside the grid, mm between the grid's end and the mesh, and the mm by which
-    a distance may be too large. port: (8,) centre, unit direction inwards, radius (negative: there
-    is none), depth.
-    """
-
-    values: SingleArray
-    shape: NDArray[np.uint64]
-    frame: SingleArray
-    port: SingleArray
-
-
-class Skin(NamedTuple):
-    """radius: (n,) mm, of the body at each node. safe: (n,) with what its centreline may be off by.
-    most: the largest difference of both."""
-
-    radius: SingleArray
-    safe: SingleArray
-    most: np.float32
-
-
-class Shapes(NamedTuple):
-    """positions: (S, 3n). clearance: (S,) mm, smallest distance of the body's skin from what is
-    solid, as interpolated, negative where it is in it. node: (S,) where along the body that is.
-    surely: (S,) what the clearance of no part of the body is below; CAP_MM is enough."""
-
-    positions: SingleArray
-    clearance: SingleArray
-    node: NDArray[np.int64]
-    surely: SingleArray
-
-
-@_placing
-def place_shapes(means, factors, component, normal, base, modes, positions):  # type: ignore[no-untyped-def]
-    """Write the centrelines of (S, d) standard normal draws, each for its (S,) component.
-
-    base: (3n,), modes: (d, 3n): a centreline is base + Σ coefficient · mode.
-    """
-    components, d = means.shape
-    width = base.size
-    middles = np.empty((components, width), np.float32)
-    spreads = np.empty((components, d, width), np.float32)
-    for k in range(components):
-        _own_modes(means[k], factors[k], base, modes, middles[k], spreads[k])
-    for s in range(positions.shape[0]):
-        k = component[s]
-        for c in range(width):
-            positions[s, c] = middles[k, c]
-        for i in range(d):
-            z = np.float32(normal[s, i])
-            for c in range(width):
-                positions[s, c] += z * spreads[k, i, c]
-
-
-@_placing
-def _own_modes(mean, factor, base, modes, middle, spread):  # type: ignore[no-untyped-def]
-    """Centreline of the mean, and Ū⁻ᵀ times the modes: what each standard normal draw adds."""
-    d = mean.size
-    middle[:] = base
-    for i in range(d):
-        middle += np.float32(mean[i]) * modes[i]
-    for i in range(d):
-        spread[i] = modes[i]
-        for j in range(i):
-            spread[i] -= np.float32(factor[j, i]) * spread[j]
-        spread[i] /= np.float32(factor[i, i])
+_inlined = njit(cache=True, error_model="numpy", nogil=True, forceinline=True, _nrt=False)
+"""These make no arrays, and do not count who holds one: for each shape that took longer than its
+distances."""
 
 
 @_kernel
 def clearances(surroundings, skin, shapes):  # type: ignore[no-untyped-def]
     """Write clearance, node and what is sure of each shape."""
-    grid, port = _unpacked(surroundings), surroundings.port
+    grid, values, port = _unpacked(surroundings, skin), surroundings.values, surroundings.port
     positions, clearance, node, surely = (
         shapes.positions,
         shapes.clearance,
         shapes.node,
         shapes.surely,
     )
-    scratch = np.empty(skin.radius.size, np.float32), np.empty((_MOST_CUTS, 4), np.float32)
-    for s in range(clearance.size):
-        clearance[s], node[s] = _clearance(grid, port, skin, positions, s, scratch)
-        surely[s] = _surely(grid, port, skin, positions, s, clearance[s], scratch)
+    table, listed = _table_of(skin), np.empty((2, skin.radius.size), np.int64)
+    box = np.empty((4, positions.shape[1]), np.float32)
+    pieces = np.empty((_MOST_CUTS, 4), np.float32)
+    for first in range(0, clearance.size, _TOGETHER):
+        last = min(first + _TOGETHER, clearance.size)
+        _empty(box)
+        _enclose(positions, first, last, box)
+        opened = _bound(grid, values, box, table, listed)
+        for s in range(first, last):
+            clearance[s], node[s] = _clearance(
+                grid, values, port, positions, s, opened, table, listed, pieces
+            )
+            surely[s] = _surely(
+                grid, values, port, positions, s, clearance[s], opened, table, listed, pieces
+            )
 
 
 @_kernel
@@ -124,34 +67,147 @@ def sweep(surroundings, skin, start, end, swept, surely):  # type: ignore[no-unt
     All nodes of a shape go straight and at the same time. While none goes farther than the sure
     clearance at both ends allows, nothing is touched between them; else the way is halved.
     """
-    grid, port = _unpacked(surroundings), surroundings.port
-    first, last = start.positions, end.positions
-    width = first.shape[1]
-    scratch = np.empty(skin.radius.size, np.float32), np.empty((_MOST_CUTS, 4), np.float32)
-    between = np.empty((1, width), np.float32)
-    ways = np.empty((_MOST_CUTS, 4), np.float32)
-    for s in range(swept.size):
-        swept[s] = min(swept[s], start.clearance[s], end.clearance[s])
-        length = _way(first, last, s, width)
-        ways[0, 0], ways[0, 1] = 0.0, 1.0
-        ways[0, 2], ways[0, 3] = start.surely[s], end.surely[s]
-        waiting = 1
-        while waiting > 0 and swept[s] > _ZERO:
-            waiting -= 1
-            begin, stop, before, after = _row(ways, waiting)
-            step = (stop - begin) * length
-            least = _HALF * (before + after - step)
-            if least > _ZERO or step < FINEST_MM or waiting + 2 > _MOST_CUTS:
-                surely[s] = min(surely[s], least)
+    grid, values, port = _unpacked(surroundings, skin), surroundings.values, surroundings.port
+    table, listed = _table_of(skin), np.empty((2, skin.radius.size), np.int64)
+    box = np.empty((4, start.positions.shape[1]), np.float32)
+    pieces, ways = np.empty((_MOST_CUTS, 4), np.float32), np.empty((_MOST_CUTS, 4), np.float32)
+    between = np.empty((1, box.shape[1]), np.float32)
+    for first in range(0, swept.size, _TOGETHER):
+        last = min(first + _TOGETHER, swept.size)
+        longest, opened = _longest_way(start.positions, end.positions, first, last, box), -1
+        for s in range(first, last):
+            swept[s] = min(swept[s], start.clearance[s], end.clearance[s])
+            least = _HALF * (start.surely[s] + end.surely[s] - longest)
+            if least > _ZERO or not swept[s] > _ZERO:
+                surely[s] = min(surely[s], least, swept[s])
                 continue
-            half = _HALF * (begin + stop)
-            for c in range(width):
-                between[0, c] = first[s, c] + half * (last[s, c] - first[s, c])
-            there, _ = _clearance(grid, port, skin, between, 0, scratch)
-            swept[s] = min(swept[s], there)
-            sure = _surely(grid, port, skin, between, 0, there, scratch)
-            waiting = _halved(ways, waiting, half, sure)
-        surely[s] = min(surely[s], swept[s])
+            if opened < 0:
+                _empty(box)
+                _enclose(start.positions, first, last, box)
+                _enclose(end.positions, first, last, box)
+                opened = _bound(grid, values, box, table, listed)
+            ways[0, 0], ways[0, 1] = 0.0, 1.0
+            ways[0, 2], ways[0, 3] = start.surely[s], end.surely[s]
+            swept[s], least = _swept(
+                *(grid, values, port, start.positions, end.positions, s, swept[s], opened),
+                *(table, listed, pieces, ways, between),
+            )
+            surely[s] = min(surely[s], least, swept[s])
+
+
+@_inlined
+def _swept(  # type: ignore[no-untyped-def]
+    grid, values, port, start, end, s, swept, opened, table, listed, pieces, ways, between
+):
+    """The smallest clearance of shape s on a way that is cut until no piece is open, and what it is
+    not below: the way is the first of `ways`."""
+    waiting, length, surely = 1, _way(start, end, s), _FAR
+    while waiting > 0 and swept > _ZERO:
+        waiting -= 1
+        begin, stop, before, after = _row(ways, waiting)
+        step = (stop - begin) * length
+        least = _HALF * (before + after - step)
+        if least > _ZERO or step < FINEST_MM or waiting + 2 > _MOST_CUTS:
+            surely = min(surely, least)
+            continue
+        half = _HALF * (begin + stop)
+        for c in range(between.size):
+            between[0, c] = start[s, c] + half * (end[s, c] - start[s, c])
+        there, _ = _clearance(grid, values, port, between, 0, opened, table, listed, pieces)
+        swept = min(swept, there)
+        sure = _surely(grid, values, port, between, 0, there, opened, table, listed, pieces)
+        waiting = _halved(ways, waiting, half, sure)
+    return swept, surely
+
+
+@_kernel
+def _table_of(skin):  # type: ignore[no-untyped-def]
+    """(4, n) of nodes: radius, safe radius, what the clearance of none of several shapes is below,
+    and of one shape a distance that it has at least."""
+    table = np.empty((4, skin.radius.size), np.float32)
+    table[_RADIUS], table[_SAFE] = skin.radius, skin.safe
+    return table
+
+
+@_kernel
+def _empty(box):  # type: ignore[no-untyped-def]
+    """A box of no shape."""
+    box[0], box[1], box[2], box[3] = _FAR, -_FAR, _ZERO, _ZERO
+
+
+@_kernel
+def _enclose(positions, first, last, box):  # type: ignore[no-untyped-def]
+    """Widen a box by shapes."""
+    lowest, highest, total, apart = box[0], box[1], box[2], box[3]
+    for s in range(first, last):
+        row = positions[s]
+        for c in range(row.size):
+            value = row[c]
+            lowest[c] = value if value < lowest[c] else lowest[c]
+            highest[c] = value if value > highest[c] else highest[c]
+            total[c] += value
+        for c in range(row.size - 3):
+            away = abs(row[c + 3] - row[c])
+            apart[c] = away if away > apart[c] else apart[c]
+
+
+@_kernel
+def _longest_way(start, end, first, last, box):  # type: ignore[no-untyped-def]
+    """What no node of these shapes goes farther than."""
+    apart = box[3]
+    apart[:] = _ZERO
+    for s in range(first, last):
+        before, after = start[s], end[s]
+        for c in range(apart.size):
+            away = abs(after[c] - before[c])
+            apart[c] = away if away > apart[c] else apart[c]
+    longest = _ZERO
+    for i in range(0, apart.size, 3):
+        longest = max(longest, _length(apart[i], apart[i + 1], apart[i + 2]))
+    return longest
+
+
+@_kernel
+def _bound(grid, values, box, table, listed):  # type: ignore[no-untyped-def]
+    """What is known of all shapes in a box, from one distance for each node: fill table and lists,
+    and return how many segments are listed.
+
+    Of shapes that are not numbers nothing is known.
+    """
+    count = table.shape[1]
+    enough = grid[9] + np.float32(CAP_MM) + grid[10]
+    for i in range(count):
+        table[_LEAST, i] = _distance_of_all(grid, values, box, i) - table[_RADIUS, i]
+        j = i
+        while j > 0 and table[_LEAST, i] < table[_LEAST, listed[_ORDER, j - 1]]:
+            listed[_ORDER, j] = listed[_ORDER, j - 1]
+            j -= 1
+        listed[_ORDER, j] = i
+    found = 0
+    for i in range(count - 1):
+        thick = max(table[_RADIUS, i], table[_RADIUS, i + 1])
+        here, there = table[_LEAST, i] + table[_RADIUS, i], table[_LEAST, i + 1]
+        room = here + there + table[_RADIUS, i + 1] - _TWO * (thick + enough)
+        if not _length(box[3, 3 * i], box[3, 3 * i + 1], box[3, 3 * i + 2]) < room:
+            listed[_SEGMENT, found] = i
+            found += 1
+    return found
+
+
+@_inlined
+def _distance_of_all(grid, values, box, i):  # type: ignore[no-untyped-def]
+    """What node i of no shape in a box is nearer than."""
+    x, y = _HALF * (box[0, 3 * i] + box[1, 3 * i]), _HALF * (box[0, 3 * i + 1] + box[1, 3 * i + 1])
+    z = _HALF * (box[0, 3 * i + 2] + box[1, 3 * i + 2])
+    if not abs(box[2, 3 * i] + box[2, 3 * i + 1] + box[2, 3 * i + 2]) < _FAR:
+        return -_FAR
+    wide = _length(box[1, 3 * i] - x, box[1, 3 * i + 1] - y, box[1, 3 * i + 2] - z)
+    return _distance(grid, values, x, y, z) - wide
+
+
+@_inlined
+def _length(x, y, z):  # type: ignore[no-untyped-def]
+    return np.float32(sqrt(x * x + y * y + z * z))
 
 
 @_inlined
@@ -173,10 +229,10 @@ def _halved(table, row, middle, there):  # type: ignore[no-untyped-def]
 
 
 @_inlined
-def _way(start, end, s, width):  # type: ignore[no-untyped-def]
+def _way(start, end, s):  # type: ignore[no-untyped-def]
     """How far the node goes that goes farthest."""
     longest = _ZERO
-    for i in range(0, width, 3):
+    for i in range(0, start.shape[1], 3):
         x, y = end[s, i] - start[s, i], end[s, i + 1] - start[s, i + 1]
         z = end[s, i + 2] - start[s, i + 2]
         longest = max(longest, x * x + y * y + z * z)
@@ -184,107 +240,109 @@ def _way(start, end, s, width):  # type: ignore[no-untyped-def]
 
 
 @_inlined
-def _clearance(grid, port, skin, positions, s, scratch):  # type: ignore[no-untyped-def]
-    """Of shape s: the smallest clearance, and the node where it is, or nearest to where it is.
+def _clearance(grid, values, port, positions, s, opened, table, listed, pieces):  # type: ignore[no-untyped-def]
+    """Of one shape: the smallest clearance, and the node where it is, or nearest to where it is.
 
-    Nodes that are so near to another one that they cannot lower the clearance are passed over; what
-    is noted for them, in the first part of the scratch, is a distance that they have at least.
+    Looked at are the nodes that may be nearest, as far as is known of all shapes together, and what
+    is between those that are near. Of the others it is noted what they are not nearer than.
+    opened: how many segments are listed.
     """
-    at_node, pieces = scratch
-    radius, count, best, node = skin.radius, skin.radius.size, _FAR, 0
-    enough = grid[10] + np.float32(CAP_MM) + skin.most
-    x0, y0, z0, known = _ZERO, _ZERO, _ZERO, -_FAR
-    for step in range(count):
-        i = count - 1 if step == 0 else step - 1  # the tip first: it is often the nearest
+    count, best, node = table.shape[1], _FAR, 0
+    for i in range(count):
+        table[_AT, i] = table[_LEAST, i] + table[_RADIUS, i]
+    for j in range(count):
+        i = listed[_ORDER, j]
+        if table[_LEAST, i] >= best:
+            break
         x, y, z = positions[s, 3 * i], positions[s, 3 * i + 1], positions[s, 3 * i + 2]
-        room = known - radius[i] - best
-        square = (x - x0) * (x - x0) + (y - y0) * (y - y0) + (z - z0) * (z - z0)
-        if room > _ZERO and square < room * room:
-            at_node[i] = known - np.float32(sqrt(square))
-            continue
-        x0, y0, z0 = x, y, z
-        known = _distance(grid, x, y, z)
-        at_node[i] = known
-        if not known - radius[i] >= best and not _is_in_port(port, x, y, z):
-            best, node = known - radius[i], i
-    longest = best - enough
-    if longest > _ZERO and _longest_segment(positions, s, count) < longest * longest:
-        return best, node  # no place between nodes is far enough from both
-    for i in range(count - 1):
+        away = _distance(grid, values, x, y, z)
+        table[_AT, i] = away
+        if not away - table[_RADIUS, i] >= best and not _is_in_port(port, x, y, z):
+            best, node = away - table[_RADIUS, i], i
+    enough = grid[9] + np.float32(CAP_MM) + grid[10]
+    for j in range(opened):
         if not best > _ZERO:
             break
-        x = positions[s, 3 * i + 3] - positions[s, 3 * i]
-        y = positions[s, 3 * i + 4] - positions[s, 3 * i + 1]
-        z = positions[s, 3 * i + 5] - positions[s, 3 * i + 2]
-        thick = max(radius[i], radius[i + 1])
-        room = at_node[i] + at_node[i + 1] - _TWO * (thick + enough)
-        if not (room > _ZERO and x * x + y * y + z * z < room * room):
-            ends = at_node[i], at_node[i + 1]
-            between, _ = _between(grid, port, (positions, s, i), thick, ends, enough, False, pieces)
+        i = listed[_SEGMENT, j]
+        thick = max(table[_RADIUS, i], table[_RADIUS, i + 1])
+        apart, needed = _apart(positions, s, i), _TWO * (thick + enough)
+        if apart < table[_AT, i] + table[_AT, i + 1] - needed:
+            continue
+        _look_again(grid, values, positions, s, i, table)
+        _look_again(grid, values, positions, s, i + 1, table)
+        ends = table[_AT, i], table[_AT, i + 1]
+        if not apart < ends[0] + ends[1] - needed:
+            between, _ = _between(
+                grid, values, port, positions, s, i, thick, ends, enough, False, pieces
+            )
             if between < best:
                 best, node = between, i
     return best, node
 
 
 @_inlined
-def _longest_segment(positions, s, count):  # type: ignore[no-untyped-def]
-    """Square of the longest way from one node to the next."""
-    longest = _ZERO
-    for i in range(0, 3 * count - 3, 3):
-        x, y = positions[s, i + 3] - positions[s, i], positions[s, i + 4] - positions[s, i + 1]
-        z = positions[s, i + 5] - positions[s, i + 2]
-        longest = max(longest, x * x + y * y + z * z)
-    return longest
+def _apart(positions, s, i):  # type: ignore[no-untyped-def]
+    """How far it is from node i to the next."""
+    x = positions[s, 3 * i + 3] - positions[s, 3 * i]
+    y = positions[s, 3 * i + 4] - positions[s, 3 * i + 1]
+    z = positions[s, 3 * i + 5] - positions[s, 3 * i + 2]
+    return _length(x, y, z)
 
 
-@_kernel
-def _surely(grid, port, skin, positions, s, clearance, scratch):  # type: ignore[no-untyped-def]
-    """What the clearance of no part of shape s is below; CAP_MM or less, unless it touches. As
-    thick as its centreline may be off. scratch: with distances that its nodes have at least.
+@_inlined
+def _look_again(grid, values, positions, s, i, table):  # type: ignore[no-untyped-def]
+    """Have the distance of a node of which only a bound is known."""
+    if table[_AT, i] == table[_LEAST, i] + table[_RADIUS, i]:
+        x, y, z = positions[s, 3 * i], positions[s, 3 * i + 1], positions[s, 3 * i + 2]
+        table[_AT, i] = _distance(grid, values, x, y, z)
+
+
+@_inlined
+def _surely(grid, values, port, positions, s, clearance, opened, table, listed, pieces):  # type: ignore[no-untyped-def]
+    """What the clearance of no part of a shape is below; CAP_MM or less, unless it touches. As
+    thick as its centreline may be off. table: as `_clearance` leaves it.
 
     Interpolated distances may be wrong by the grid's error. Where that leaves it open whether the
     shape touches, bounds from the grid's corners are taken, which are nearer to the truth.
     """
-    at_node, pieces = scratch
     cut, cap = np.float32(_HALF * FINEST_MM), np.float32(CAP_MM)
     if not clearance > _ZERO:
         return clearance
-    if clearance > grid[10] + cut + cap + skin.most:
+    if clearance > grid[9] + cut + cap + grid[10]:
         return cap
-    least, radius = cap, skin.safe
-    looked_at, there = -1, _ZERO
-    for i in range(radius.size - 1):
+    least, looked_at, there = cap, -1, _ZERO
+    for j in range(opened):
+        i = listed[_SEGMENT, j]
         x, y, z = positions[s, 3 * i], positions[s, 3 * i + 1], positions[s, 3 * i + 2]
         u, v, w = positions[s, 3 * i + 3], positions[s, 3 * i + 4], positions[s, 3 * i + 5]
-        thick = max(radius[i], radius[i + 1])
-        length = np.float32(sqrt((u - x) * (u - x) + (v - y) * (v - y) + (w - z) * (w - z)))
-        if _HALF * (at_node[i] + at_node[i + 1] - length) - grid[10] - thick > cap:
+        thick = max(table[_SAFE, i], table[_SAFE, i + 1])
+        length = _apart(positions, s, i)
+        if _HALF * (table[_AT, i] + table[_AT, i + 1] - length) - grid[9] - thick > cap:
             continue
-        before = there if looked_at == i else _at_least(grid, x, y, z)
-        looked_at, there = i + 1, _at_least(grid, u, v, w)
+        before = there if looked_at == i else _at_least(grid, values, x, y, z)
+        looked_at, there = i + 1, _at_least(grid, values, u, v, w)
         ends = before, there
-        _, between = _between(grid, port, (positions, s, i), thick, ends, cap, True, pieces)
+        _, between = _between(grid, values, port, positions, s, i, thick, ends, cap, True, pieces)
         least = min(least, between)
         if not least > _ZERO:
             return least
     return least
 
 
-@_kernel
-def _between(grid, port, segment, thick, ends, enough, surely, pieces):  # type: ignore[no-untyped-def]
+@_inlined
+def _between(grid, values, port, positions, s, i, thick, ends, enough, surely, pieces):  # type: ignore[no-untyped-def]
     """From a shape's node to the next, cut until no piece is open: the smallest clearance found,
     and what it is not below.
 
-    segment: positions, number of the shape, and of the node. ends: distances there. enough: a
+    ends: distances there. enough: a
     piece with so much clearance is not cut. surely: distances are lower bounds.
     """
-    positions, s, i = segment
     x0, y0, z0 = positions[s, 3 * i], positions[s, 3 * i + 1], positions[s, 3 * i + 2]
     x, y, z = positions[s, 3 * i + 3], positions[s, 3 * i + 4], positions[s, 3 * i + 5]
     if _is_in_port(port, x0, y0, z0) and _is_in_port(port, x, y, z):
         return _FAR, _FAR
     dx, dy, dz = x - x0, y - y0, z - z0
-    length = np.float32(sqrt(dx * dx + dy * dy + dz * dz))
+    length = _length(dx, dy, dz)
     pieces[0, 0], pieces[0, 1], pieces[0, 2], pieces[0, 3] = 0.0, 1.0, ends[0], ends[1]
     waiting, found, least = 1, _FAR, _FAR
     while waiting > 0 and found > _ZERO:
@@ -299,7 +357,7 @@ def _between(grid, port, segment, thick, ends, enough, surely, pieces):  # type:
             continue
         half = _HALF * (begin + end)
         x, y, z = x0 + half * dx, y0 + half * dy, z0 + half * dz
-        there = _at_least(grid, x, y, z) if surely else _distance(grid, x, y, z)
+        there = _at_least(grid, values, x, y, z) if surely else _distance(grid, values, x, y, z)
         if not surely and not _is_in_port(port, x, y, z):
             found = min(found, there - thick)
         waiting = _halved(pieces, waiting, half, there)
@@ -317,24 +375,24 @@ def _is_in_port(port, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @_inlined
-def _unpacked(surroundings):  # type: ignore[no-untyped-def]
-    """Everything of the grid as numbers of their own, which stay in registers: values, shape, and
-    at 4 the frame."""
+def _unpacked(surroundings, skin):  # type: ignore[no-untyped-def]
+    """Shape and frame of the grid, and the skin's largest difference, as numbers of their own: they
+    stay in registers."""
     shape, frame = surroundings.shape, surroundings.frame
     return (
-        *(surroundings.values, shape[0], shape[1], shape[2]),
-        *(frame[0], frame[1], frame[2], frame[3], frame[4], frame[5], frame[6]),
+        *(shape[0], shape[1], shape[2]),
+        *(frame[0], frame[1], frame[2], frame[3], frame[4], frame[5], frame[6], skin.most),
     )
 
 
 @_inlined
-def _distance(grid, x, y, z):  # type: ignore[no-untyped-def]
+def _distance(grid, values, x, y, z):  # type: ignore[no-untyped-def]
     """Interpolated between the eight corners; outside the grid, what is known there.
 
     Places are unsigned: an index that may be negative is looked at twice.
     """
-    values, nx, ny, nz = grid[0], grid[1], grid[2], grid[3]
-    u, v, w = (x - grid[4]) * grid[7], (y - grid[5]) * grid[7], (z - grid[6]) * grid[7]
+    nx, ny, nz = grid[0], grid[1], grid[2]
+    u, v, w = (x - grid[3]) * grid[6], (y - grid[4]) * grid[6], (z - grid[5]) * grid[6]
     inside = u >= _ZERO and v >= _ZERO and w >= _ZERO
     one = np.uint64(1)
     if not (inside and u < nx - one and v < ny - one and w < nz - one):
@@ -353,11 +411,11 @@ def _distance(grid, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @_inlined
-def _at_least(grid, x, y, z):  # type: ignore[no-untyped-def]
+def _at_least(grid, values, x, y, z):  # type: ignore[no-untyped-def]
     """A distance that a place surely has: distances have a slope of one, from whichever corner."""
-    values, nx, ny, nz = grid[0], grid[1], grid[2], grid[3]
-    best = _distance(grid, x, y, z) - grid[10]
-    u, v, w = (x - grid[4]) * grid[7], (y - grid[5]) * grid[7], (z - grid[6]) * grid[7]
+    nx, ny, nz = grid[0], grid[1], grid[2]
+    best = _distance(grid, values, x, y, z) - grid[9]
+    u, v, w = (x - grid[3]) * grid[6], (y - grid[4]) * grid[6], (z - grid[5]) * grid[6]
     inside = u >= _ZERO and v >= _ZERO and w >= _ZERO
     one = np.uint64(1)
     if not (inside and u < nx - one and v < ny - one and w < nz - one):
@@ -367,7 +425,7 @@ def _at_least(grid, x, y, z):  # type: ignore[no-untyped-def]
         a, b, c = np.uint32(corner & 1), np.uint32((corner >> 1) & 1), np.uint32(corner >> 2)
         p, q, r = u - np.float32(i + a), v - np.float32(j + b), w - np.float32(k + c)
         at = (np.uint64(i + a) * ny + np.uint64(j + b)) * nz + np.uint64(k + c)
-        away = np.float32(sqrt(p * p + q * q + r * r)) / grid[7]
+        away = np.float32(sqrt(p * p + q * q + r * r)) / grid[6]
         best = max(best, values[at] - away)
     return best
 
@@ -380,7 +438,7 @@ def _outside(grid, u, v, w):  # type: ignore[no-untyped-def]
     """
     if not (abs(u) < _FAR and abs(v) < _FAR and abs(w) < _FAR):
         return -_FAR
-    x, y = max(-u, u - np.float32(grid[1]), _ZERO), max(-v, v - np.float32(grid[2]), _ZERO)
-    z = max(-w, w - np.float32(grid[3]), _ZERO)
-    away = np.float32(sqrt(x * x + y * y + z * z)) / grid[7]
-    return grid[8] * (away + grid[9])
+    x, y = max(-u, u - np.float32(grid[0]), _ZERO), max(-v, v - np.float32(grid[1]), _ZERO)
+    z = max(-w, w - np.float32(grid[2]), _ZERO)
+    away = np.float32(sqrt(x * x + y * y + z * z)) / grid[6]
+    return grid[7] * (away + grid[8])

@@ -18,8 +18,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from safety.risk.contact_kernels import Skin
 from safety.risk.model.mixture import FloatArray
+from safety.risk.shape_kernels import Skin
 
 NEAR_MM: Final = 12.0
 """What is farther from the body's skin than this needs not be known: steps are turned aside at 10.

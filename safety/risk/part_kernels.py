@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from safety.risk.contact_kernels import SolidArrays
+from safety.risk.shape_kernels import SolidArrays
 
 _FAR = np.inf
 

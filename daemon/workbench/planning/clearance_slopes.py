@@ -12,9 +12,10 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from safety.risk.contact import ContactModel
-from safety.risk.contact_kernels import Shapes, clearances, place_shapes
+from safety.risk.contact_kernels import clearances
 from safety.risk.model.mixture import FloatArray, IndexArray, Mixture
 from safety.risk.model.risk_model import RiskModel
+from safety.risk.shape_kernels import Shapes, place_shapes
 from safety.risk.surroundings.distance_grid import DistanceGrid
 
 _LIGHTEST: Final = 2e-3

@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from safety.risk.contact import ContactModel
-from safety.risk.contact_kernels import Skin
 from safety.risk.model.mixture import FloatArray
 from safety.risk.model.shape_basis import SingleArray
 from safety.risk.moving_obstacles import (
@@ -18,6 +17,7 @@ from safety.risk.moving_obstacles import (
     MovingClearance,
     Swept,
 )
+from safety.risk.shape_kernels import Skin
 from tests.safety.examples import examples
 from tests.safety.risk.test_contact import at, phi, rod, wall
 

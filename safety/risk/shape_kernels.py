@@ -1,0 +1,109 @@
+"""Sampled shapes of the body as the compiled code has them, and how they are made from draws.
+
+Every function that is cached on disk stands in this one file: numba notices a change only in the
+file of the cached function itself.
+
+S shapes, n nodes along each, d coefficients. All lengths are float32: half the memory, and here
+twice the speed. Nodes' coordinates are flat: (S, 3n).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+_LANES = 32
+"""Rows are worked on in so many numbers at a time: what is left over would go one by one."""
+_placing = njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract", "reassoc"})
+"""Here sums may be reordered, so that they run in parallel lanes."""
+
+
+SingleArray = NDArray[np.float32]
+
+
+class SolidArrays(NamedTuple):
+    """Distances as `distance_grid` has them, and the port, as the compiled code reads them.
+
+    values: (nx·ny·nz,) mm. shape: (3,) uint64. frame: (7,) the grid's origin, places per mm, ±1 for
+    free or solid far outside the grid, mm between the grid's end and the mesh, and the mm by which
+    a distance may be too large. port: (8,) centre, unit direction inwards, radius (negative: there
+    is none), depth.
+    """
+
+    values: SingleArray
+    shape: NDArray[np.uint64]
+    frame: SingleArray
+    port: SingleArray
+
+
+class Skin(NamedTuple):
+    """radius: (n,) mm, of the body at each node. safe: (n,) with what its centreline may be off by.
+    most: the largest difference of both."""
+
+    radius: SingleArray
+    safe: SingleArray
+    most: np.float32
+
+
+class Shapes(NamedTuple):
+    """positions: (S, 3n). clearance: (S,) mm, smallest distance of the body's skin from what is
+    solid, as interpolated, negative where it is in it. node: (S,) where along the body that is.
+    surely: (S,) what the clearance of no part of the body is below; CAP_MM is enough."""
+
+    positions: SingleArray
+    clearance: SingleArray
+    node: NDArray[np.int64]
+    surely: SingleArray
+
+
+@_placing
+def place_shapes(means, factors, component, normal, base, modes, positions):  # type: ignore[no-untyped-def]
+    """Write the centrelines of (S, d) standard normal draws, each for its (S,) component.
+
+    base: (3n,), modes: (d, 3n): a centreline is base + Σ coefficient · mode.
+    """
+    components, d = means.shape
+    width = base.size
+    wide = (width + _LANES - 1) // _LANES * _LANES
+    middles = np.zeros((components, wide), np.float32)
+    spreads = np.zeros((components, d, wide), np.float32)
+    row = np.empty(wide, np.float32)
+    for k in range(components):
+        _own_modes(means[k], factors[k], base, modes, middles[k], spreads[k])
+    for s in range(positions.shape[0]):
+        middle, spread = middles[component[s]], spreads[component[s]]
+        for c in range(wide):
+            row[c] = middle[c]
+        for i in range(d // 4 * 4, d):
+            z = np.float32(normal[s, i])
+            for c in range(wide):
+                row[c] += z * spread[i, c]
+        for i in range(0, d // 4 * 4, 4):
+            p, q = np.float32(normal[s, i]), np.float32(normal[s, i + 1])
+            t, u = np.float32(normal[s, i + 2]), np.float32(normal[s, i + 3])
+            for c in range(wide):
+                pair, other = p * spread[i, c] + q * spread[i + 1, c], t * spread[i + 2, c]
+                row[c] += pair + other + u * spread[i + 3, c]
+        for c in range(width):
+            positions[s, c] = row[c]
+
+
+@_placing
+def _own_modes(mean, factor, base, modes, middle, spread):  # type: ignore[no-untyped-def]
+    """Centreline of the mean, and Ū⁻ᵀ times the modes: what each standard normal draw adds."""
+    d, width = mean.size, base.size
+    for c in range(width):
+        middle[c] = base[c]
+    for i in range(d):
+        share = np.float32(mean[i])
+        for c in range(width):
+            middle[c] += share * modes[i, c]
+            spread[i, c] = modes[i, c]
+        for j in range(i):
+            share = np.float32(factor[j, i])
+            for c in range(width):
+                spread[i, c] -= share * spread[j, c]
+        share = np.float32(1.0 / factor[i, i])
+        for c in range(width):
+            spread[i, c] *= share
