@@ -195,7 +195,8 @@ class ContactModel:
         """Of the body at rest."""
         self._measure(mixture)
         shapes = self._now.shapes
-        return _figures(shapes.clearance, shapes.surely, self._worst(shapes))
+        worst = self._worst(shapes, _threshold(shapes.clearance))
+        return _figures(shapes.clearance, shapes.surely, worst)
 
     def clearance_mm(self, mixture: Mixture, share: float) -> float:
         """What this share of the shapes, or one of them, have no more clearance than."""
@@ -249,11 +250,11 @@ class ContactModel:
             estimates.append(_share_touching(self._now.shapes.clearance))
             there_mm = _threshold(self._now.shapes.clearance)
             if there_mm <= lowest_mm:
-                lowest_mm, worst = there_mm, self._worst(self._now.shapes)
+                lowest_mm, worst = there_mm, self._worst(self._now.shapes, there_mm)
             elif worst is None:  # where it begins: those shapes are still there
-                worst = self._worst(before.shapes)
+                worst = self._worst(before.shapes, lowest_mm)
         leaving = start.left(self._now.shapes, surely) if start.count else None
-        worst = worst or self._worst(self._now.shapes)
+        worst = worst or self._worst(self._now.shapes, lowest_mm)
         figures, touching = _figures(swept, surely, worst), ~(surely > 0.0)
         return PathContactRisk(figures, tuple(estimates), leaving, touching)
 
@@ -335,8 +336,8 @@ class ContactModel:
         least = np.float32(0.5) * (before + (far if after is None else after) - longest)
         np.minimum(surely, least, out=surely)
 
-    def _worst(self, shapes: Shapes) -> WorstPlace:
-        threshold = _threshold(shapes.clearance)
+    def _worst(self, shapes: Shapes, threshold: float) -> WorstPlace:
+        """threshold: mm, that none of the worst has more than."""
         worst = np.flatnonzero(shapes.clearance <= threshold)
         node = int(np.bincount(shapes.node[worst]).argmax())
         mine = worst[shapes.node[worst] == node]

@@ -4,7 +4,8 @@ Every function that is cached on disk stands in this one file: numba notices a c
 file of the cached function itself.
 
 K components over d coefficients, q observed numbers. All that is needed comes from two Cholesky
-factors of each component, that of its covariance and that of its precision afterwards.
+factors of each component, that of its covariance and that of its precision afterwards. Work is
+done for all components at a time: they are the last index, so that they run in parallel lanes.
 """
 
 from math import log, sqrt
@@ -27,63 +28,23 @@ def condition(  # type: ignore[no-untyped-def]
     noise, whose entries know nothing of each other.
     """
     components, d = means.shape
-    seen = variance.size
-    root, inverse = np.empty((d, d)), np.zeros((d, d))
-    before, told = np.empty((d, d)), np.empty((d, d))
-    left, right = np.empty(seen), np.empty(d)
-    likelihoods = np.empty(components)
-    noise = 0.0
-    for o in range(seen):
-        noise += log(6.283185307179586 * variance[o])
-    _told(matrix, variance, told)
-    largest = -np.inf
+    root, inverse = np.empty((d, d, components)), np.empty((d, d, components))
+    told, right = np.empty((d, d, components)), np.empty((d, components))
+    square, logs = np.empty(components), np.zeros(components)
+    _invert_upper(factors, inverse)
+    _covariance(inverse, beside, told)
+    _cholesky(told, root, logs)
+    _precision(root, inverse, told)
+    _observe(matrix, variance, told)
+    _cholesky(told, root, logs)
+    _missed(means, matrix, value, variance, right, square)
+    _move(root, right, square)
     for k in range(components):
-        _invert_upper(factors[k], inverse)
         for i in range(d):
-            for j in range(i, d):
-                entry = beside[i, j]
-                for c in range(j, d):
-                    entry += inverse[i, c] * inverse[j, c]
-                before[i, j] = before[j, i] = entry
-        log_before = _cholesky(before, root)
-        _precision(root, inverse, before)
-        square = 0.0
-        right[:] = 0.0
-        for o in range(seen):
-            left[o] = value[o]
-            for i in range(d):
-                left[o] -= matrix[o, i] * means[k, i]
-            square += left[o] * left[o] / variance[o]
-            for i in range(d):
-                right[i] += matrix[o, i] * left[o] / variance[o]
-        for i in range(d):
+            out_means[k, i] = means[k, i] + right[i, k]
             for j in range(d):
-                before[i, j] += told[i, j]
-        log_after = _cholesky(before, root)
-        for i in range(d):
-            for c in range(i):
-                right[i] -= root[i, c] * right[c]
-            right[i] /= root[i, i]
-            square -= right[i] * right[i]
-        for i in range(d - 1, -1, -1):
-            for c in range(i + 1, d):
-                right[i] -= root[c, i] * right[c]
-            right[i] /= root[i, i]
-        for i in range(d):
-            out_means[k, i] = means[k, i] + right[i]
-            for j in range(d):
-                out_factors[k, i, j] = root[j, i] if j >= i else 0.0
-        likelihoods[k] = -0.5 * (square + noise) - log_before - log_after
-        likelihoods[k] += log(weights[k]) if weights[k] > 0.0 else -np.inf
-        if not likelihoods[k] <= largest:
-            largest = likelihoods[k]  # of no number, too: that ends in no number
-    total = 0.0
-    for k in range(components):
-        out_weights[k] = np.exp(likelihoods[k] - largest)
-        total += out_weights[k]
-    for k in range(components):
-        out_weights[k] /= total
-    return largest + log(total)
+                out_factors[k, i, j] = root[j, i, k] if j >= i else 0.0
+    return _weigh(weights, variance, square, logs, out_weights)
 
 
 @_kernel
@@ -111,63 +72,155 @@ def spread(weights, means, factors, matrix):  # type: ignore[no-untyped-def]
 
 
 @_kernel
-def _told(matrix, variance, told):  # type: ignore[no-untyped-def]
-    """Fill (d, d) with the precision that the observation adds."""
-    d = matrix.shape[1]
+def _invert_upper(factors, out):  # type: ignore[no-untyped-def]
+    """Fill the upper halves of (d, d, K) with the inverses of (K, d, d) upper factors."""
+    d, _, components = out.shape
+    upper = np.empty((d, d, components))
+    for k in range(components):
+        for i in range(d):
+            for j in range(i, d):
+                upper[i, j, k] = factors[k, i, j]
+    for j in range(d):
+        for k in range(components):
+            out[j, j, k] = 1.0 / upper[j, j, k]
+        for i in range(j - 1, -1, -1):
+            for k in range(components):
+                out[i, j, k] = 0.0
+            for c in range(i + 1, j + 1):
+                for k in range(components):
+                    out[i, j, k] -= upper[i, c, k] * out[c, j, k]
+            for k in range(components):
+                out[i, j, k] *= out[i, i, k]
+
+
+@_kernel
+def _covariance(inverse, beside, out):  # type: ignore[no-untyped-def]
+    """Fill the lower halves of (d, d, K) with what upper inverse factors are of, and what is beside
+    it."""
+    d, _, components = out.shape
     for i in range(d):
-        for j in range(d):
+        for j in range(i, d):
+            for k in range(components):
+                out[j, i, k] = beside[i, j]
+            for c in range(j, d):
+                for k in range(components):
+                    out[j, i, k] += inverse[i, c, k] * inverse[j, c, k]
+
+
+@_kernel
+def _observe(matrix, variance, out):  # type: ignore[no-untyped-def]
+    """Add to the lower halves of (d, d, K) the precision that the observation adds."""
+    d, _, components = out.shape
+    for i in range(d):
+        for j in range(i + 1):
             entry = 0.0
             for o in range(variance.size):
                 entry += matrix[o, i] * matrix[o, j] / variance[o]
-            told[i, j] = entry
+            for k in range(components):
+                out[i, j, k] += entry
 
 
 @_kernel
-def _invert_upper(factor, out):  # type: ignore[no-untyped-def]
-    """Fill the upper half of (d, d) with the inverse of an upper factor."""
-    d = factor.shape[0]
-    for j in range(d):
-        out[j, j] = 1.0 / factor[j, j]
-        for i in range(j - 1, -1, -1):
-            entry = 0.0
-            for c in range(i + 1, j + 1):
-                entry -= factor[i, c] * out[c, j]
-            out[i, j] = entry / factor[i, i]
-
-
-@_kernel
-def _cholesky(symmetric, root):  # type: ignore[no-untyped-def]
-    """Fill the lower half of (d, d) with its factor. Returns the logarithm of the product of its
-    diagonal; not finite where there is none."""
-    d = symmetric.shape[0]
-    found = 0.0
+def _cholesky(symmetric, root, logs):  # type: ignore[no-untyped-def]
+    """Fill the lower halves of (d, d, K) with factors, and add to (K,) the logarithm of the product
+    of each diagonal; not finite where there is none. Only the lower halves are looked at."""
+    d, _, components = root.shape
+    by_diagonal = np.empty(components)
     for j in range(d):
         for i in range(j, d):
-            entry = symmetric[i, j]
+            for k in range(components):
+                root[i, j, k] = symmetric[i, j, k]
             for c in range(j):
-                entry -= root[i, c] * root[j, c]
+                for k in range(components):
+                    root[i, j, k] -= root[i, c, k] * root[j, c, k]
             if i == j:
-                root[j, j] = sqrt(entry)
-                found += log(root[j, j])
+                for k in range(components):
+                    root[j, j, k] = sqrt(root[j, j, k])
+                    by_diagonal[k] = 1.0 / root[j, j, k]
             else:
-                root[i, j] = entry / root[j, j]
-    return found
+                for k in range(components):
+                    root[i, j, k] *= by_diagonal[k]
+        for k in range(components):
+            logs[k] += log(root[j, j, k])
 
 
 @_kernel
 def _precision(root, scratch, out):  # type: ignore[no-untyped-def]
-    """Fill (d, d): the inverse of what a lower factor is of. Spoils the scratch's upper half."""
-    d = root.shape[0]
+    """Fill the lower halves of (d, d, K): the inverses of what lower factors are of."""
+    d, _, components = root.shape
     for j in range(d):  # the transposed inverse of the root
-        scratch[j, j] = 1.0 / root[j, j]
+        for k in range(components):
+            scratch[j, j, k] = 1.0 / root[j, j, k]
+    for j in range(d):
         for i in range(j + 1, d):
-            entry = 0.0
+            for k in range(components):
+                scratch[j, i, k] = 0.0
             for c in range(j, i):
-                entry -= root[i, c] * scratch[j, c]
-            scratch[j, i] = entry / root[i, i]
+                for k in range(components):
+                    scratch[j, i, k] -= root[i, c, k] * scratch[j, c, k]
+            for k in range(components):
+                scratch[j, i, k] *= scratch[i, i, k]
     for i in range(d):
         for j in range(i, d):
-            entry = 0.0
+            for k in range(components):
+                out[j, i, k] = 0.0
             for c in range(j, d):
-                entry += scratch[i, c] * scratch[j, c]
-            out[i, j] = out[j, i] = entry
+                for k in range(components):
+                    out[j, i, k] += scratch[i, c, k] * scratch[j, c, k]
+
+
+@_kernel
+def _missed(means, matrix, value, variance, right, square):  # type: ignore[no-untyped-def]
+    """Fill (d, K) Hᵀ R⁻¹ (y − H μ), and (K,) the square of what the means miss of the value."""
+    d, components = right.shape
+    square[:], right[:] = 0.0, 0.0
+    for k in range(components):
+        for o in range(value.size):
+            left = value[o]
+            for i in range(d):
+                left -= matrix[o, i] * means[k, i]
+            square[k] += left * left / variance[o]
+            for i in range(d):
+                right[i, k] += matrix[o, i] * left / variance[o]
+
+
+@_kernel
+def _move(root, right, square):  # type: ignore[no-untyped-def]
+    """Make of (d, K) `right` how far the means move, (LLᵀ)⁻¹ right, and take from (K,) the square
+    what that explains."""
+    d, components = right.shape
+    for i in range(d):
+        for c in range(i):
+            for k in range(components):
+                right[i, k] -= root[i, c, k] * right[c, k]
+        for k in range(components):
+            right[i, k] /= root[i, i, k]
+            square[k] -= right[i, k] * right[i, k]
+    for i in range(d - 1, -1, -1):
+        for c in range(i + 1, d):
+            for k in range(components):
+                right[i, k] -= root[c, i, k] * right[c, k]
+        for k in range(components):
+            right[i, k] /= root[i, i, k]
+
+
+@_kernel
+def _weigh(weights, variance, square, logs, out):  # type: ignore[no-untyped-def]
+    """Fill (K,) out with the weights afterwards. Returns the logarithm of the value's density.
+
+    square: (K,) of what the value misses. logs: (K,) logarithms of both factors' determinants.
+    """
+    noise, largest, total = 0.0, -np.inf, 0.0
+    for o in range(variance.size):
+        noise += log(6.283185307179586 * variance[o])
+    for k in range(weights.size):
+        out[k] = -0.5 * (square[k] + noise) - logs[k]
+        out[k] += log(weights[k]) if weights[k] > 0.0 else -np.inf
+        if not out[k] <= largest:
+            largest = out[k]  # of no number, too: that ends in no number
+    for k in range(weights.size):
+        out[k] = np.exp(out[k] - largest)
+        total += out[k]
+    for k in range(weights.size):
+        out[k] /= total
+    return largest + log(total)

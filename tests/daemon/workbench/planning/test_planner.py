@@ -8,6 +8,7 @@ import pytest
 from daemon.risk.mesh_file import read_environment
 from daemon.workbench.body_model.evaluation import shapes
 from daemon.workbench.planning.blocked import Blocked
+from daemon.workbench.planning.body_in_place import CLOSE_SHARE
 from daemon.workbench.planning.goals import TOLERANCE_MM, TipGoal
 from daemon.workbench.planning.plan import Plan
 from daemon.workbench.planning.planner import Planner
@@ -40,7 +41,8 @@ def test_a_path_goes_round_what_the_shortest_one_runs_into() -> None:
     assert plan.risk.upper_limit <= SMALL.most_risk
     assert np.array_equal(plan.u[0], start)
     assert np.linalg.norm(plan.tip_mm[-1] - goal.place_mm) <= TOLERANCE_MM
-    assert all(planner.body.allowed(u) for u in plan.u[1:])
+    # Between the places that were looked at, the path may be known a little less well.
+    assert all(planner.body.allowed(u, CLOSE_SHARE + 0.05) for u in plan.u[1:])
 
 
 def planner_nominal(planner: Planner, start: FloatArray, goal: TipGoal):  # type: ignore[no-untyped-def]
