@@ -269,10 +269,11 @@ class Risk(Message, frozen=True, kw_only=True, tag="risk/1"):
     tip_off_mm: float | None = None
     """How far the measured tip is from the mean of the model's."""
     model_risk: float | None = None
-    """Of the answers that the contact risk is one of: that of the model alone, ..."""
+    """Of the answers that the contact risk is one of: that of the model alone, of the body at rest
+    while the tip decides (None: it was not asked for), ..."""
     given_tip_risk: float | None = None
-    """... that of its shapes given the measured tip; None: nothing was near, or there was no tip,
-    ..."""
+    """... that of its shapes given the measured tip; None: there was no tip, or the model has
+    something against it and nothing was near, ..."""
     decided_by: str = ""
     """... and which one decided: `model`, `tip`, or `shifted`, of a body that is off everywhere as
     it is seen to be."""

@@ -48,9 +48,12 @@ SHIFTED: Final = "shifted"
 class RiskAnswers(NamedTuple):
     """What was known of one way: by the model alone, and given the measured tip."""
 
-    model: float
+    model: float | None
+    """Of the way; while the tip decides, of the body at rest where its room was last told, and None
+    where it was not."""
     given_tip: float | None
-    """None: not asked, for there is no tip, or nothing is near."""
+    """None: not asked, for there is no tip; or the model has something against it, and nothing is
+    near."""
     decided_by: str
 
 

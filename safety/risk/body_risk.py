@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from safety.risk.body_point import BodyPointRisk
 from safety.risk.contact import ContactModel, ContactRisk, PathContactRisk, most_touching
+from safety.risk.given_tip import FEWER, GivenTip
 from safety.risk.model.mixture import FloatArray, Mixture
 from safety.risk.model.risk_model import RiskModel
 from safety.risk.moving_obstacles import Swept
 from safety.risk.part_kernels import PartSlopes
-from safety.risk.seen_tip import LEFT_OUT_SHARE, SeenTip, TipConditioning
+from safety.risk.seen_tip import SeenTip, TipConditioning
 from safety.risk.surroundings.distance_grid import DistanceGrid
 from safety.risk.surroundings.environment import Environment
 from safety.risk_source import (
@@ -35,8 +36,6 @@ from safety.risk_source import (
 _LONGEST_SEGMENT: Final = 0.1
 """In the network's inputs. Between two mixtures shapes are taken to move straight."""
 _MOST_SEGMENTS: Final = 20
-_FEWER: Final = 5
-"""Times fewer shapes tell the room: it is asked for many times, and decides nothing."""
 _NO_NEARER_MM: Final = 5.0
 """Where nearly all shapes stay away by so much more than the body is shifted, the shifted ones do
 not touch either."""
@@ -101,18 +100,11 @@ class BodyRisk:
         self._seed = seed
         self._contact = ContactModel(model.basis, grid, environment.port, samples, seed)
         thicker = model.basis.on_the_safe_side()
-        self._fewer = ContactModel(thicker, grid, environment.port, samples // _FEWER, seed)
+        self._fewer = ContactModel(thicker, grid, environment.port, samples // FEWER, seed)
         self._shifted = ContactModel(model.basis, grid, environment.port, samples, seed)
-        self._given = given
-        thinner = model.basis.leaving_out(LEFT_OUT_SHARE)
-        around = grid, environment.port
-        self._seen_contact = ContactModel(thinner, *around, samples, seed)
-        self._seen_fewer = ContactModel(
-            thinner.on_the_safe_side(), *around, samples // _FEWER, seed
-        )
-        self._seen: SeenTip | None = None
-        self._begin_seen: tuple[Mixture, Mixture | None] | None = None
-        """Where the last way began, and the same given the tip."""
+        self._given = given and GivenTip(given, model.basis, grid, environment.port, samples, seed)
+        self._model_limit: float | None = None
+        """Of the body at rest where its room was last told."""
         self._shift: FloatArray | None = None
         self._shift_mm = 0.0
         self._begin_shifted: tuple[Mixture, Mixture] | None = None
@@ -127,14 +119,15 @@ class BodyRisk:
 
     def take_moving(self, swept: Swept) -> None:
         """Count with what moves, too, from now on."""
-        alone = self._contact, self._fewer, self._shifted
-        for contact in (*alone, self._seen_contact, self._seen_fewer):
+        for contact in (self._contact, self._fewer, self._shifted):
             contact.take_moving(swept)
+        if self._given is not None:
+            self._given.take_moving(swept)
 
     def among(self, environment: Environment, grid: DistanceGrid) -> "BodyRisk":
         """The same body, and the same draws of it, in another environment. Raises ValueError."""
-        how = self._samples, self._seed, self._given
-        return BodyRisk(self._model, environment, grid, *how)
+        given = None if self._given is None else self._given.conditioning
+        return BodyRisk(self._model, environment, grid, self._samples, self._seed, given)
 
     @property
     def model(self) -> RiskModel:
@@ -169,23 +162,24 @@ class BodyRisk:
     ) -> None:
         """A (3,) tip was measured, pointing along (3,), where the model has this mixture: tell the
         risk given that. agrees: the model has nothing against it."""
-        self.forget_tip()
         if self._given is not None:
-            self._seen = self._given.seen(mixture, place_mm, direction, agrees)
+            self._given.see(mixture, place_mm, direction, agrees)
 
     @property
     def sight(self) -> Sight:
         """What was seen of the body, for another one of the same body."""
-        return Sight(self._shift, self._seen)
+        return Sight(self._shift, None if self._given is None else self._given.seen)
 
     def see_as(self, sight: Sight) -> None:
         """What another one has seen of the body."""
         self.take_as_shifted(sight.shift)
-        self._seen, self._begin_seen = sight.tip, None
+        if self._given is not None:
+            self._given.take(sight.tip)
 
     def forget_tip(self) -> None:
         """What was seen is too old: tell the risk of what the model knows by itself."""
-        self._seen = self._begin_seen = None
+        if self._given is not None:
+            self._given.take(None)
 
     def of_way(self, u_from: Sequence[float], u_to: Sequence[float]) -> WayRisk | str:
         """The risk of going straight from (m,) to (m,); words where it cannot be told."""
@@ -195,40 +189,29 @@ class BodyRisk:
         mixtures = self._mixtures(u_from, u_to)
         if mixtures is None:
             return f"the model gives no finite answer at {_words(u_to)}"
+        decides = self._decides
+        given = None if decides is None else decides.along(mixtures)
+        if given is not None:
+            limit = given.on_the_way.upper_limit
+            return _way_risk(given, RiskAnswers(self._model_limit, limit, GIVEN_TIP))
         alone = self._contact.along(mixtures)
         told = {MODEL: alone}
         if alone.on_the_way.lowest_1_percent_mm < self._shift_mm + _NO_NEARER_MM:
             told |= self._of_body_as_seen(mixtures)
-        if GIVEN_TIP in told and self._seen is not None and self._seen.agrees:
-            by = GIVEN_TIP
-        else:
-            by = max(told, key=lambda one: told[one].on_the_way.upper_limit)
+        by = max(told, key=lambda one: told[one].on_the_way.upper_limit)
         limits = {one: path.on_the_way.upper_limit for one, path in told.items()}
-        answers = RiskAnswers(limits[MODEL], limits.get(GIVEN_TIP), by)
-        found = told[by]
-        return WayRisk(found.on_the_way, found.leaving, answers, found.touching)
+        return _way_risk(told[by], RiskAnswers(limits[MODEL], limits.get(GIVEN_TIP), by))
 
     def _of_body_as_seen(self, mixtures: list[Mixture]) -> dict[str, PathContactRisk]:
-        """Given its tip; and where the model has something against that tip, or there is no such
-        answer, as much off everywhere as it is seen to be."""
+        """Given its tip, and as much off everywhere as it is seen to be: where the model has
+        something against that tip, or there is no such answer."""
         told = {}
-        given = self._given_the_tip(mixtures)
+        given = None if self._given is None else self._given.along(mixtures)
         if given is not None:
-            told[GIVEN_TIP] = self._seen_contact.along(given)
-            if self._seen is not None and self._seen.agrees:
-                return told
+            told[GIVEN_TIP] = given
         if self._shift is not None:
             told[SHIFTED] = self._shifted.along(self._as_seen(mixtures, self._shift))
         return told
-
-    def _given_the_tip(self, mixtures: list[Mixture]) -> list[Mixture] | None:
-        if self._given is None or self._seen is None:
-            return None
-        if self._begin_seen is None or self._begin_seen[0] is not mixtures[0]:
-            self._begin_seen = mixtures[0], self._given.there(self._seen, mixtures[0])
-        there = [self._given.there(self._seen, mixture) for mixture in mixtures[1:]]
-        found = [mixture for mixture in (self._begin_seen[1], *there) if mixture is not None]
-        return found if len(found) == len(mixtures) else None
 
     def _as_seen(self, mixtures: list[Mixture], shift: FloatArray) -> list[Mixture]:
         if self._begin_shifted is None or self._begin_shifted[0] is not mixtures[0]:
@@ -269,7 +252,9 @@ class BodyRisk:
         """
         share = (most_touching(risk, self._samples) + 1) / self._samples
         at = np.asarray(u, np.float64)
-        here = self._as_told(self._model.shapes.mixture(at))
+        alone = self._model.shapes.mixture(at)
+        self._tell_beside(alone)
+        here = self._as_told(alone)
         if here is None:
             return None
         clearance_mm, nearest = self._clearance(here, share)
@@ -295,6 +280,13 @@ class BodyRisk:
             () if moving else self._parts(parts, np.array(changes), clearance_mm),
             tuple(map(tuple, np.array(tip_slope).T.tolist())),
         )
+
+    def _tell_beside(self, alone: Mixture | None) -> None:
+        """What the model says by itself of the body at rest, while the tip decides: no step has to
+        wait for it."""
+        self._model_limit = None
+        if alone is not None and self._decides is not None:
+            self._model_limit = self._contact.risk(alone).upper_limit
 
     def warm_up(self) -> None:
         """Compile what is only needed near to something, or load it from numba's cache."""
@@ -346,7 +338,7 @@ class BodyRisk:
     def _clearance(self, mixture: Mixture, share: float) -> tuple[float, Mixture]:
         """Of the body, or of the body as it was seen; and the one that has so little."""
         clearance_mm = self._drawn.clearance_mm(mixture, share)
-        shifts = self._shift is not None and not self._decides_given_tip
+        shifts = self._shift is not None and self._decides is None
         if shifts and clearance_mm < self._shift_mm + _NEAR_MM:
             assert self._shift is not None
             shifted = _moved(mixture, self._shift)
@@ -356,19 +348,20 @@ class BodyRisk:
         return clearance_mm - self._hardly_proved_mm, mixture
 
     @property
-    def _decides_given_tip(self) -> bool:
-        return self._seen is not None and self._seen.agrees
+    def _decides(self) -> GivenTip | None:
+        """Who decides by itself, given the tip; None: nobody does."""
+        return self._given if self._given is not None and self._given.decides else None
 
     @property
     def _drawn(self) -> ContactModel:
         """Few shapes, as thick as those that decide."""
-        return self._seen_fewer if self._decides_given_tip else self._fewer
+        given = self._decides
+        return self._fewer if given is None else given.fewer
 
     def _as_told(self, mixture: Mixture | None) -> Mixture | None:
         """Given the tip, where that decides."""
-        if mixture is None or self._given is None or self._seen is None or not self._seen.agrees:
-            return mixture
-        return self._given.there(self._seen, mixture)
+        given = self._decides
+        return mixture if mixture is None or given is None else given.at(mixture)
 
     def _mixtures(self, u_from: Sequence[float], u_to: Sequence[float]) -> list[Mixture] | None:
         """Over the shape's coefficients, along the way."""
@@ -387,6 +380,10 @@ class BodyRisk:
         mixture = self._model.shapes.mixture(u_from)
         self._begin = None if mixture is None else (u_from, mixture)
         return mixture
+
+
+def _way_risk(found: PathContactRisk, answers: RiskAnswers) -> WayRisk:
+    return WayRisk(found.on_the_way, found.leaving, answers, found.touching)
 
 
 def _change(up: Mixture, down: Mixture) -> FloatArray:

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 _LANES = 32
 """Rows are worked on in so many numbers at a time: what is left over would go one by one."""
-_placing = njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract", "reassoc"})
-"""Here sums may be reordered, so that they run in parallel lanes."""
+_placing = njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})
+"""A product and its sum are rounded once."""
 
 
 SingleArray = NDArray[np.float32]
@@ -70,40 +70,49 @@ def place_shapes(means, factors, component, normal, base, modes, positions):  # 
     spreads = np.zeros((components, d, wide), np.float32)
     row = np.empty(wide, np.float32)
     for k in range(components):
-        _own_modes(means[k], factors[k], base, modes, middles[k], spreads[k])
+        _own_modes(means[k], factors[k], base, modes, middles[k], spreads[k], row)
     for s in range(positions.shape[0]):
         middle, spread = middles[component[s]], spreads[component[s]]
         for c in range(wide):
             row[c] = middle[c]
-        for i in range(d // 4 * 4, d):
-            z = np.float32(normal[s, i])
-            for c in range(wide):
-                row[c] += z * spread[i, c]
         for i in range(0, d // 4 * 4, 4):
             p, q = np.float32(normal[s, i]), np.float32(normal[s, i + 1])
             t, u = np.float32(normal[s, i + 2]), np.float32(normal[s, i + 3])
             for c in range(wide):
-                pair, other = p * spread[i, c] + q * spread[i + 1, c], t * spread[i + 2, c]
-                row[c] += pair + other + u * spread[i + 3, c]
+                half = row[c] + p * spread[i, c] + q * spread[i + 1, c]
+                row[c] = half + t * spread[i + 2, c] + u * spread[i + 3, c]
+        for i in range(d // 4 * 4, d):
+            z = np.float32(normal[s, i])
+            for c in range(wide):
+                row[c] += z * spread[i, c]
         for c in range(width):
             positions[s, c] = row[c]
 
 
 @_placing
-def _own_modes(mean, factor, base, modes, middle, spread):  # type: ignore[no-untyped-def]
-    """Centreline of the mean, and Ū⁻ᵀ times the modes: what each standard normal draw adds."""
+def _own_modes(mean, factor, base, modes, middle, spread, row):  # type: ignore[no-untyped-def]
+    """Centreline of the mean, and Ū⁻ᵀ times the modes: what each standard normal draw adds.
+
+    Products are rounded by themselves: row has room for them.
+    """
     d, width = mean.size, base.size
     for c in range(width):
         middle[c] = base[c]
     for i in range(d):
-        share = np.float32(mean[i])
+        _scaled(modes[i], np.float32(mean[i]), row)
         for c in range(width):
-            middle[c] += share * modes[i, c]
+            middle[c] += row[c]
             spread[i, c] = modes[i, c]
         for j in range(i):
-            share = np.float32(factor[j, i])
+            _scaled(spread[j], np.float32(factor[j, i]), row)
             for c in range(width):
-                spread[i, c] -= share * spread[j, c]
-        share = np.float32(1.0 / factor[i, i])
+                spread[i, c] -= row[c]
+        share = np.float32(factor[i, i])
         for c in range(width):
-            spread[i, c] *= share
+            spread[i, c] /= share
+
+
+@_placing
+def _scaled(values, share, row):  # type: ignore[no-untyped-def]
+    for c in range(values.size):
+        row[c] = share * values[c]

@@ -242,7 +242,7 @@ def test_a_tip_that_fits_decides_for_as_long_as_it_is_fresh(folder: Path) -> Non
     assert fresh.answers is not None
     assert fresh.answers.decided_by == GIVEN_TIP
     assert fresh.risk == fresh.answers.given_tip
-    assert fresh.risk < fresh.answers.model == alone.risk
+    assert fresh.risk < alone.risk
     late = ask(source, at(2.0), at(2.1), 16 * PERIOD_NS + 1, 0.02)
     assert (late.risk, late.answers) == (alone.risk, alone.answers)
     source.compare([at(2.0)], AWAY_MM, 20 * PERIOD_NS)

@@ -5,6 +5,7 @@ import pytest
 
 from daemon.workbench.body_model.evaluation.shapes import box, joined
 from safety.risk.body_risk import BodyRisk, WayRisk
+from safety.risk.contact import ContactModel
 from safety.risk.model.risk_model import RiskModel, risk_model
 from safety.risk.moving_obstacles import MovingBall, Swept
 from safety.risk.seen_tip import TipConditioning
@@ -287,9 +288,25 @@ def test_a_tip_that_is_farther_away_than_it_might_be_lets_through_what_the_model
     see(seeing, model, 2.0, -6.0, agrees=True)
     given = told(seeing, at(2.0), at(2.1))
     assert given.answers.decided_by == GIVEN_TIP
-    assert given.answers.model == alone.contact.upper_limit
     assert given.answers.given_tip == given.contact.upper_limit < 0.05
     assert given.contact.median_mm == pytest.approx(alone.contact.median_mm + 6.0, abs=1.0)
+
+
+def test_while_the_tip_decides_the_model_is_asked_in_spare_time(
+    seeing: BodyRisk, model: RiskModel
+) -> None:
+    """With the room, and of the body at rest: no step sweeps the model's own shapes as well."""
+    at_rest = told(seeing, at(2.0), at(2.0)).answers
+    see(seeing, model, 2.0, -6.0, agrees=True)
+    assert told(seeing, at(2.0), at(2.1)).answers.model is None
+    seeing.clearance(at(2.0), THRESHOLD)
+    beside = told(seeing, at(2.0), at(2.1)).answers
+    assert (beside.model, beside.decided_by) == (at_rest.model, GIVEN_TIP)
+    see(seeing, model, 2.0, -6.0, agrees=False)
+    assert told(seeing, at(2.0), at(2.0)).answers.model == at_rest.model
+    seeing.clearance(at(2.0), THRESHOLD)
+    see(seeing, model, 2.0, -6.0, agrees=True)
+    assert told(seeing, at(2.0), at(2.1)).answers.model is None, "none of long ago"
 
 
 def test_a_tip_that_is_nearer_makes_the_risk_higher(seeing: BodyRisk, model: RiskModel) -> None:
@@ -345,10 +362,34 @@ def test_who_is_not_to_look_at_tips_does_not(
     assert told(risk, at(2.0), at(2.1)).answers == told(seeing, at(2.0), at(2.1)).answers
 
 
-def test_far_from_everything_the_tip_is_not_asked_for(seeing: BodyRisk, model: RiskModel) -> None:
+def test_far_from_everything_a_tip_that_fits_decides_and_no_other_is_asked_for(
+    seeing: BodyRisk, model: RiskModel
+) -> None:
     see(seeing, model, -5.0, 1.0, agrees=True)
     far = told(seeing, at(-5.0), at(-4.9))
+    assert far.answers == RiskAnswers(None, far.contact.upper_limit, GIVEN_TIP)
+    assert far.contact.not_surely_clear == 0
+    see(seeing, model, -5.0, 1.0, agrees=False)
+    far = told(seeing, at(-5.0), at(-4.9))
     assert far.answers == RiskAnswers(far.contact.upper_limit, None, MODEL)
+
+
+def test_who_is_not_to_look_at_tips_makes_no_shapes_for_them(
+    model: RiskModel, block: Environment, grid: DistanceGrid, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[object] = []
+
+    class Counted(ContactModel):
+        def __init__(self, *arguments: object) -> None:
+            made.append(arguments)
+            super().__init__(*arguments)  # type: ignore[arg-type]
+
+    for name in ("body_risk", "given_tip"):
+        monkeypatch.setattr(f"safety.risk.{name}.ContactModel", Counted)
+    BodyRisk(model, block, grid, samples=50)
+    without = len(made)
+    BodyRisk(model, block, grid, samples=50, given=TipConditioning(model.basis, 0.5, None))
+    assert (without, len(made) - without) == (3, 5)
 
 
 def test_another_tip_is_another_answer_from_the_same_place(
@@ -388,9 +429,11 @@ def test_given_the_tip_less_of_what_the_basis_leaves_out_is_added(
     counts = []
     for one in (risk, BodyRisk(risk_model(arrays(), "silu", "relu"), block, grid, 500, 0, given)):
         see(one, model, 2.6, 7.0, agrees=True)
+        one.clearance(at(2.6), THRESHOLD)
         found = told(one, at(2.6), at(2.6))
         assert found.answers.decided_by == GIVEN_TIP
         assert found.answers.given_tip is not None
+        assert found.answers.model is not None
         counts.append((found.answers.model, found.answers.given_tip))
     assert counts[0][0] > counts[1][0] + 0.1
     assert 0.0 < counts[0][1] - counts[1][1] < 0.5 * (counts[0][0] - counts[1][0])
