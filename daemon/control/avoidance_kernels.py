@@ -19,7 +19,8 @@ each other, or the axes' limits, have an answer."""
 _TINY: Final = 1e-9
 
 _kernel = njit(cache=True, error_model="numpy", nogil=True)
-_inlined = njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+_inlined = njit(cache=True, error_model="numpy", nogil=True, forceinline=True, _nrt=False)
+"""These make no arrays, and do not count who holds one."""
 
 
 class Wanted(NamedTuple):

@@ -19,7 +19,8 @@ from safety.risk.shape_kernels import SolidArrays
 _FAR = np.inf
 
 _kernel = njit(cache=True, error_model="numpy", nogil=True)
-_inlined = njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+_inlined = njit(cache=True, error_model="numpy", nogil=True, forceinline=True, _nrt=False)
+"""These make no arrays, and do not count who holds one."""
 
 SingleArray = NDArray[np.float32]
 FloatArray = NDArray[np.float64]
