@@ -4,7 +4,8 @@ Every function that is cached on disk stands in this one file: numba notices a c
 file of the cached function itself.
 """
 
-from typing import Final, NamedTuple
+from collections.abc import Callable
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -19,7 +20,9 @@ each other, or the axes' limits, have an answer."""
 _TINY: Final = 1e-9
 
 _kernel = njit(cache=True, error_model="numpy", nogil=True)
-_inlined = njit(cache=True, error_model="numpy", nogil=True, forceinline=True, _nrt=False)
+_inlined: Callable[..., Any] = njit(  # type: ignore[call-overload]
+    cache=True, error_model="numpy", nogil=True, forceinline=True, _nrt=False
+)
 """These make no arrays, and do not count who holds one."""
 
 

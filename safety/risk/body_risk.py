@@ -102,7 +102,8 @@ class BodyRisk:
         thicker = model.basis.on_the_safe_side()
         self._fewer = ContactModel(thicker, grid, environment.port, samples // FEWER, seed)
         self._shifted = ContactModel(model.basis, grid, environment.port, samples, seed)
-        self._given = given and GivenTip(given, model.basis, grid, environment.port, samples, seed)
+        around = grid, environment.port, samples, seed
+        self._given = None if given is None else GivenTip(given, model.basis, *around)
         self._model_limit: float | None = None
         """Of the body at rest where its room was last told."""
         self._shift: FloatArray | None = None

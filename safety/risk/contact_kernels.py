@@ -7,7 +7,9 @@ S shapes, n nodes along each, d coefficients. All lengths are float32: half the 
 twice the speed. Nodes' coordinates are flat: (S, 3n).
 """
 
+from collections.abc import Callable
 from math import sqrt
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -28,7 +30,9 @@ _ZERO, _HALF, _TWO = np.float32(0.0), np.float32(0.5), np.float32(2.0)
 _FAR = np.float32(np.inf)
 
 _kernel = njit(cache=True, error_model="numpy", nogil=True)
-_inlined = njit(cache=True, error_model="numpy", nogil=True, forceinline=True, _nrt=False)
+_inlined: Callable[..., Any] = njit(  # type: ignore[call-overload]
+    cache=True, error_model="numpy", nogil=True, forceinline=True, _nrt=False
+)
 """These make no arrays, and do not count who holds one: for each shape that took longer than its
 distances."""
 

@@ -8,7 +8,8 @@ over the `few` shapes that have the least, of the least over its nodes: a share 
 moves as a whole, so that its derivative does not jump from one shape to the next.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -19,7 +20,9 @@ from safety.risk.shape_kernels import SolidArrays
 _FAR = np.inf
 
 _kernel = njit(cache=True, error_model="numpy", nogil=True)
-_inlined = njit(cache=True, error_model="numpy", nogil=True, forceinline=True, _nrt=False)
+_inlined: Callable[..., Any] = njit(  # type: ignore[call-overload]
+    cache=True, error_model="numpy", nogil=True, forceinline=True, _nrt=False
+)
 """These make no arrays, and do not count who holds one."""
 
 SingleArray = NDArray[np.float32]
