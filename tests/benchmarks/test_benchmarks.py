@@ -22,7 +22,7 @@ def broken() -> Figures:
     raise ValueError("the drives are on strike")
 
 
-LONG = ("risk", "concentric_tubes", "daemon", "start_up", "memory")
+LONG = ("risk", "concentric_tubes", "control_step", "daemon", "start_up", "memory")
 """However short they are asked to be, what they measure takes its time to be made."""
 
 

@@ -1,0 +1,138 @@
+"""What a whole step of the control loop costs, over the size of the mesh and the parts of the body.
+
+The tendon arm goes round a circle that a ball reaches into: its tip is compared, its steps are
+turned aside, and the gate asks for the risk. The daemon runs in virtual time, and what a step takes
+is measured by the real clock: from the frame to the step that is permitted, without what sends it.
+What is done in spare time, between two steps, is told beside it.
+"""
+
+import tempfile
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+from unittest.mock import patch
+
+import numpy as np
+import yaml
+
+from config.loader import load_robot
+from daemon.loop.control_step import ControlLoop
+from daemon.messages import Load, Start
+from daemon.risk.body_risk_source import make_risk_source
+from daemon.risk.mesh_file import write_mesh
+from daemon.workbench.body_model.evaluation.shapes import ball
+from safety.states import OperatingState
+from tests.benchmarks.timing import Figures, percentiles, pieces
+from tests.daemon.service.grazing import TENDONS, StoppedClock
+from tests.daemon.service.rig import Rig, on_a_rig
+
+TRIANGLES: Final = (1_000, 10_000, 50_000, 200_000)
+PARTS_OF_THE_BODY: Final = tuple(range(1, 9))
+_USUAL_TRIANGLES, _USUAL_PARTS = 50_000, 6
+_ANGLE_RAD: Final = 0.7
+_WATCHED_S: Final = 18.0
+"""Of the twenty that it takes once round: the ball is met in them."""
+
+
+def measure(tiny: bool = False) -> Figures:
+    """Milliseconds of a step and of the spare time after it. Code is warm."""
+    triangles, parts = ((500,), (1,)) if tiny else (TRIANGLES, PARTS_OF_THE_BODY)
+    watched_s = 0.5 if tiny else _WATCHED_S
+    named: dict[str, Callable[[], Figures]] = {}
+    for count in triangles:
+        named[f"{count}_triangles"] = partial(_once_round, count, _USUAL_PARTS, watched_s)
+    for count in parts:
+        usual = triangles[0] if tiny else _USUAL_TRIANGLES
+        named[f"{count}_parts"] = partial(_once_round, usual, count, watched_s)
+    return pieces(named)
+
+
+def _once_round(triangles: int, parts: int, watched_s: float) -> Figures:
+    with tempfile.TemporaryDirectory() as name, ExitStack() as patched:
+        patched.enter_context(patch("safety.risk.body_risk._PARTS", parts))
+        folder = Path(name)
+        mesh = ball(TENDONS.ball_mm, TENDONS.ball_at(_ANGLE_RAD).tolist(), triangles)
+        write_mesh(folder / "ball.stl", mesh)
+        robot: dict[str, Any] = yaml.safe_load(TENDONS.file.read_text())
+        robot["risk"] = {
+            **robot.get("risk", {}),
+            "model": TENDONS.model,
+            "surface": {"mesh": "ball.stl", "free": "outside"},
+        }
+        path = folder / "robot.yaml"
+        path.write_text(yaml.safe_dump(robot))
+        risk = make_risk_source(load_robot(path), StoppedClock())
+        steps, spare = _Stopwatch(ControlLoop.step), _Stopwatch(ControlLoop.use_spare_time)
+        patched.enter_context(patch.object(ControlLoop, "step", steps.timed()))
+        patched.enter_context(patch.object(ControlLoop, "use_spare_time", spare.timed()))
+
+        async def scene(rig: Rig) -> None:
+            await rig.armed()
+            await rig.do(Load, trajectory=TENDONS.circle, controller=TENDONS.controller)
+            await rig.do(Start)
+            await rig.until_state(OperatingState.RUNNING)
+            ends_ns = rig.service.clock.now_ns() + round(watched_s * 1e9)
+            steps.seconds.clear()
+            spare.seconds.clear()
+            await rig.until(
+                lambda: (
+                    rig.state is not OperatingState.RUNNING or rig.service.clock.now_ns() >= ends_ns
+                ),
+                within_s=200.0,
+            )
+
+        rig = on_a_rig(scene, path=path, risk=risk)
+        turned = [one for one in rig.told if getattr(one, "aside_arc_mm", None) is not None]
+    longest = np.sort(spare.seconds)[-max(1, len(steps.seconds)) :]  # looking round, once a step
+    return {
+        "step": percentiles(steps.seconds, 1e3),
+        "spare_time": percentiles(longest.tolist(), 1e3),
+        "turned_aside": len(turned),
+    }
+
+
+class _Stopwatch:
+    """Of one method."""
+
+    def __init__(self, method: Callable[..., None]) -> None:
+        self._method = method
+        self.seconds: list[float] = []
+
+    def timed(self) -> Callable[..., None]:
+        """The method, measured."""
+
+        def measured(*arguments: Any) -> None:
+            started = time.perf_counter()
+            self._method(*arguments)
+            self.seconds.append(time.perf_counter() - started)
+
+        return measured
+
+
+def plot(figures: Figures, path: Path) -> None:
+    """Median and 99th percentile of a step, over triangles and over parts."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, panels = plt.subplots(1, 2, figsize=(9, 4), sharey=True)
+    for panel, over, counts in (
+        (panels[0], "triangles", TRIANGLES),
+        (panels[1], "parts", PARTS_OF_THE_BODY),
+    ):
+        told = [figures[f"{count}_{over}"] for count in counts]
+        for what, mark in (("step", "o-"), ("spare_time", "s--")):
+            for share in ("median", "p99"):
+                label = f"{what.replace('_', ' ')}, {share}"
+                panel.plot(counts, [one[what][share] for one in told], mark, label=label)
+        panel.set_xlabel(over)
+        panel.grid(visible=True, alpha=0.3)
+    panels[0].set_xscale("log")
+    panels[0].set_ylabel("ms")
+    panels[1].legend()
+    figure.tight_layout()
+    figure.savefig(path, dpi=130)
