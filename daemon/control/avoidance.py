@@ -69,6 +69,7 @@ class _Near:
     """(P,) there."""
     steep: NDArray[np.bool_]
     """(P,) whether there is a way along."""
+    all_steep: bool
     place: Vector
     """(3, m) of the tip's place."""
     tasks: tuple[tuple[Vector, Vector], tuple[Vector, Vector]]
@@ -93,6 +94,7 @@ class _Near:
             slope,
             np.array(here[:_MOST_PARTS]),
             steep,
+            bool(steep.all()),
             place,
             ((place, _counted(place, speeds)), (pointing, _counted(pointing, speeds))),
             clearance.parts[int(np.argmin(here))],
@@ -196,17 +198,20 @@ class Avoidance:
         slope, steep, speeds = near.slope, near.steep, self._axes.max_velocity
         here_mm = near.here_mm + slope @ (targets - near.u)
         allowed_mm = -min(1.0, _CLOSER_PER_S * dt_s) * (here_mm - _RESERVE_MM)
-        if not ((slope @ delta_u < allowed_mm) & steep).any():
+        short = slope @ delta_u < allowed_mm
+        if not (short if near.all_steep else short & steep).any():
             return None
+        if not near.all_steep:
+            slope, allowed_mm = slope[steep], allowed_mm[steep]
         rows, least = self._coupled.near(targets, dt_s)
-        slope = np.concatenate([slope[steep], rows])
-        allowed = np.concatenate([allowed_mm[steep], least])
+        if least.size:
+            slope, allowed_mm = np.concatenate([slope, rows]), np.concatenate([allowed_mm, least])
         wanted = Wanted(
             np.ascontiguousarray(delta_u, np.float64),
             *limits,
             speeds,
             slope,
-            allowed,
+            allowed_mm,
             task,
         )
         step = np.empty(speeds.size)
