@@ -14,7 +14,7 @@ from daemon.remote.access import OPERATOR
 LOOPBACK_HOSTS: Final = ("127.0.0.1", "localhost", "[::1]")
 LARGEST_BODY_BYTES: Final = 262144
 VIEWER: Final = "viewer"
-IMPORT_MAP: Final = '{"imports":{"three":"./static/vendor/three/three.module.js"}}'
+IMPORT_MAP: Final = '{"imports":{"three":"./static/vendor/three/three.core.js"}}'
 """The one thing that stands in the page itself: three's own modules ask for `three` by name."""
 _JSON: Final = "application/json"
 _READS: Final = frozenset({"GET", "HEAD"})

@@ -139,6 +139,12 @@ class Browsing:
         self.press("teleoperate")
         until(lambda: self.page.locator("body.leadable").count(), "the tip may be led")
 
+    def hang_the_drawing(self, for_s: float) -> None:
+        """What draws beside the page does nothing else for so long."""
+        (drawing,) = [one for one in self.page.workers if "drawing" in one.url]
+        hang = f"const end = Date.now() + {1000 * for_s}; while (Date.now() < end);"
+        drawing.evaluate(f"setTimeout(() => {{ {hang} }}, 0); 0")
+
     def tip_in_window(self) -> tuple[float, float]:
         """Where in the window the tip is drawn."""
         scene = self.page.locator("#scene")

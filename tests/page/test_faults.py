@@ -167,6 +167,24 @@ def test_stop_is_told_though_telemetry_and_picture_hang(browser: "Browser", on: 
         assert on.robot.stopped_ns
 
 
+def test_stop_and_words_go_on_where_the_drawing_hangs(browser: "Browser", on: Stage) -> None:
+    with browsing(browser, on.address) as seen:
+        seen.until_live()
+        seen.arm()
+        assert seen.probe()["beside"], "it is drawn beside the page"
+        seen.hang_the_drawing(8.0)
+        source = seen.page.locator("#source")
+        until(lambda: "picture hangs" in source.inner_text(), "it says so", 5.0)
+        assert not seen.stale and seen.probe()["age"] < 0.5
+        seen.press("start")
+        until(lambda: "RUNNING" in seen.page.locator("#state").inner_text(), "words go on", 2.0)
+        seen.page.keyboard.press("Escape")
+        says = seen.page.locator("#stopsays")
+        until(lambda: outcome_is(says, "confirmed"), "STOP is confirmed", 2.0)
+        assert "picture hangs" in source.inner_text(), "all this time"
+        until(lambda: "picture hangs" not in source.inner_text(), "and it is drawn again", 15.0)
+
+
 def test_stop_is_a_request_where_its_line_hangs_and_its_line_where_requests_do(
     browser: "Browser", on: Stage
 ) -> None:

@@ -11,7 +11,7 @@ from tests.page.browsing import Browsing, browsing, until
 from tests.page.stage import Stage
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser
+    from playwright.sync_api import Browser, Route
 
 pytestmark = pytest.mark.page
 
@@ -157,6 +157,31 @@ HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
   return String(kind).startsWith("webgl") ? null : whole.call(this, kind, ...more);
 };
 """
+_NO_OFFSCREEN: Final = "delete HTMLCanvasElement.prototype.transferControlToOffscreen"
+
+
+def without_webgl_in_workers(seen: Browsing) -> None:
+    """As in a browser whose workers cannot draw in three dimensions."""
+
+    def spoil(route: "Route") -> None:
+        answer = route.fetch()
+        route.fulfill(
+            response=answer, body="OffscreenCanvas.prototype.getContext = () => null;" + answer.text()
+        )
+
+    seen.page.route("**/drawing_worker.js", spoil)
+
+
+def led_and_stopped(seen: Browsing, on: Stage) -> None:
+    """Whatever the picture is drawn by: the tip is led in it, and STOP is confirmed."""
+    seen.arm()
+    seen.begin_teleoperation()
+    x, y = seen.grab()
+    seen.page.mouse.move(x + 40, y, steps=3)
+    until(lambda: on.robot.tip[0] > 2.0, "the tip is led in this picture too")
+    seen.page.keyboard.press("Escape")
+    says = seen.page.locator("#stopsays")
+    until(lambda: says.get_attribute("data-outcome") == "confirmed", "STOP is confirmed")
 
 
 def test_without_webgl_the_robot_is_drawn_flat_and_everything_works(
@@ -164,20 +189,67 @@ def test_without_webgl_the_robot_is_drawn_flat_and_everything_works(
 ) -> None:
     with browsing(browser, on.address) as seen:
         seen.page.add_init_script(_NO_WEBGL)
+        without_webgl_in_workers(seen)
         seen.page.reload()
         seen.until_live()
         assert seen.probe()["flat"] and "no WebGL" in seen.page.locator("#source").inner_text()
-        seen.arm()
-        seen.begin_teleoperation()
-        x, y = seen.grab()
-        seen.page.mouse.move(x + 40, y, steps=3)
-        until(lambda: on.robot.tip[0] > 2.0, "the tip is led in the flat picture too")
-        seen.page.keyboard.press("Escape")
-        says = seen.page.locator("#stopsays")
-        until(lambda: says.get_attribute("data-outcome") == "confirmed", "STOP is confirmed")
+        led_and_stopped(seen, on)
 
 
-def test_a_picture_of_another_size_is_never_empty(browser: "Browser", on: Stage) -> None:
+@pytest.mark.parametrize("lacks", ["offscreen canvas", "webgl in workers"])
+def test_a_browser_whose_workers_cannot_draw_draws_the_same_in_the_page(
+    browser: "Browser", on: Stage, lacks: str
+) -> None:
+    with browsing(browser, on.address) as seen:
+        assert seen.probe().get("beside") is not False
+        if lacks == "offscreen canvas":
+            seen.page.add_init_script(_NO_OFFSCREEN)
+        else:
+            without_webgl_in_workers(seen)
+        seen.page.reload()
+        seen.until_live()
+        found = seen.probe()
+        assert not found["beside"] and not found["flat"]
+        until(lambda: seen.probe()["drawn"] > found["drawn"] + 3, "it is drawn in the page")
+        assert seen.page.locator("#scene canvas").count() == 1
+        led_and_stopped(seen, on)
+        others = [error for error in seen.errors if "creating WebGL context" not in error]
+        assert others == [], "what three says of a worker without WebGL is none"
+
+
+def test_the_robot_is_looked_at_from_where_one_likes(browser: "Browser", on: Stage) -> None:
+    with browsing(browser, on.address) as seen:
+        seen.until_live()
+        until(lambda: seen.probe()["tipOnScreen"])
+        seen_from = {"free": seen.probe()["tipOnScreen"]}
+        for view in ("front", "side", "top"):
+            seen.page.locator(f'[data-view="{view}"]').click()
+            seen_from[view] = seen.probe()["tipOnScreen"]
+        assert len({tuple(place) for place in seen_from.values()}) > 2
+        before = seen.probe()["drawn"]
+        scene = seen.page.locator("#scene").bounding_box()
+        assert scene is not None
+        x, y = scene["x"] + 0.8 * scene["width"], scene["y"] + 0.5 * scene["height"]
+        seen.page.mouse.move(x, y)
+        seen.page.mouse.down()
+        seen.page.mouse.move(x + 120, y - 90, steps=4)
+        seen.page.mouse.up()
+        turned = seen.probe()["tipOnScreen"]
+        assert turned not in seen_from.values(), "turned by hand"
+        until(lambda: seen.probe()["drawn"] > before, "and drawn so")
+        on.robot.tip[:] = (30.0, 0.0, 110.0)
+        seen.page.locator("#follow").click()
+        middle = [scene["width"] / 2, scene["height"] / 2]
+        until(lambda: _apart(seen.probe()["tipOnScreen"], middle) < 30.0, "its tip is followed")
+
+
+def _apart(one: list[float], other: list[float]) -> float:
+    return float(sum((a - b) ** 2 for a, b in zip(one, other, strict=True)) ** 0.5)
+
+
+def test_a_picture_of_another_size_is_drawn_without_the_page_s_own_turn(
+    browser: "Browser", on: Stage
+) -> None:
     with browsing(browser, on.address) as seen:
         seen.until_live()
         seen.page.evaluate("window.requestAnimationFrame = () => 0")

@@ -125,7 +125,7 @@ def test_a_picture_that_is_not_drawn_any_more_is_led_by_nobody(
 ) -> None:
     with leading(browser, on) as seen:
         moving(on, seen)
-        seen.page.evaluate("WebGL2RenderingContext.prototype.getSyncParameter = () => 0")
+        seen.hang_the_drawing(8.0)
         until(lambda: seen.probe()["held"] == "", "frames come, and none of them is seen", 5.0)
         assert "too old" in seen.page.locator("#hand").inner_text()
 

@@ -4,6 +4,7 @@ const NORMAL = [0, 1, 0];
 export class FlatScene {
   constructor(element, wake) {
     this.flat = this.seen = true;
+    this.beside = this.working = false;
     this.wake = wake;
     this.element = element;
     this.canvas = document.createElement("canvas");
@@ -14,13 +15,16 @@ export class FlatScene {
     new ResizeObserver(() => { this.dirty = true; }).observe(element);
   }
 
-  setBody(told) { this.told = told; this.dirty = true; }
-  setTip(told) { this.tip = told; this.dirty = true; }
+  take({ tip, body }) {
+    if (body) this.told = body;
+    if (tip) this.tip = tip;
+    if (body || tip) this.dirty = true;
+  }
+
   addToTrail(told) { if (told.tip_mm) this.way.push(told.tip_mm); if (this.way.length > 900) this.way.shift(); }
   setTrails(tips) { this.way = tips; this.dirty = true; }
   setTarget(place) { this.target = place; this.dirty = true; }
   clear() { this.way = []; this.told = this.tip = this.target = null; this.dirty = true; }
-  setClearance() {}
   setWorkspace() {}
   setMesh() {}
   view() {}
@@ -59,7 +63,7 @@ export class FlatScene {
       pen.fillStyle = color; pen.beginPath(); pen.arc(...at(place), 5, 0, 7); pen.fill();
     }
     this.drawn += 1;
-    finished();
+    finished(performance.timeOrigin + performance.now());
     return true;
   }
 }

@@ -10,11 +10,11 @@ import { fetchReplay, openReplay, reading } from "./replay.js";
 import { showRuns } from "./runs.js";
 import { Hand } from "./teleoperation.js";
 
-const STALE_S = 0.5, RUNS_EVERY_MS = 15000, PLOT_EVERY_MS = 60, SHOWN_WITHIN_MS = 250;
+const STALE_S = 0.5, RUNS_EVERY_MS = 15000, SHOWN_EVERY_MS = 95, SHOWN_WITHIN_MS = 250, HANGS_S = 1.5;
 const replayed = new URLSearchParams(location.search).get("replay");
 const look = {
   frames: 0, status: null, risk: null, tip: null, body: null, heard: 0, age: Infinity, number: 0, drawnNumber: 0, drawnHeard: -Infinity,
-  inControl: false, role: "", workspace: null, room: "", roomAsked: 0, hand: "",
+  inControl: false, role: "", source: "", workspace: null, room: "", roomAsked: 0, hand: "",
   age_s: () => look.age + (performance.now() - look.heard) / 1000,
   pictureAge: () => look.drawnAge + (performance.now() - look.drawnHeard) / 1000,
 };
@@ -22,15 +22,15 @@ const fetched = replayed ? fetchReplay(replayed, reading) : null;
 if (fetched) fetched.catch(() => {});  // told where it is opened
 const drawnTimes = [];
 let scene = null, plots = null, axisNames = "", replay = null, hand = null, awake = false;
-let unshown = null, shown_ms = -Infinity, plotted_ms = -Infinity, turn = 0;
+let unshown = null, shown_ms = -Infinity, turn = 0;
 
 async function makeScene() {
   try {
-    const { Scene } = await import("./scene.js");
-    return new Scene($("scene"), wake);
+    const [{ Scene }, { openEasel }] = await Promise.all([import("./scene.js"), import("./easel.js")]);
+    return new Scene($("scene"), await openEasel($("scene")), wake);
   } catch {
     const { FlatScene } = await import("./flat_scene.js");
-    put($("source"), "no WebGL here: seen from the front");
+    look.source = "no WebGL here: seen from the front";
     return new FlatScene($("scene"), wake);
   }
 }
@@ -52,29 +52,31 @@ function makePlots(status) {
 
 const forceRange = (status) => status.axes.map((axis) => axis.force_range).find(Boolean) || [];
 
-// What is told of one moment, live or recorded.
-function draw(frame) {
+// What is told of one moment, live or recorded, in words and figures.
+function say(frame) {
+  if (frame.risk) look.risk = frame.risk;
   if (frame.status) {
     const status = look.status = frame.status;
     makePlots(status);
-    showState(status, frame.risk || look.risk);
+    showState(status, look.risk);
     followRoom(status.risk && status.risk.surroundings_sha256);
     put($("stopstate"), replayed ? "" : `${$("state").textContent}: ${$("headline").textContent}`);
     put($("holder"), replayed ? "" : status.lease.holder ? `in control: ${look.inControl ? "this page" : status.lease.holder}` : "nobody is in control");
+    showReasons(status);
+    showFigures(status, look.risk, look.pictureFigure ? { "Picture's age": look.pictureFigure } : {});
+    showDrives(status);
   }
-  if (frame.risk) look.risk = frame.risk;
-  if (frame.risk || frame.status) scene.setClearance(look.risk, Boolean(look.status) && look.status.state === "running");
-  if (frame.status) {
-    showReasons(look.status);
-    showFigures(look.status, look.risk, look.pictureFigure ? { "Picture's age": look.pictureFigure } : {});
-    showDrives(look.status);
-  }
-  if (frame.tip) { look.tip = frame.tip; scene.setTip(frame.tip, frame.tip.state === "running" ? look.risk : null); }
+  if (frame.tip) look.tip = frame.tip;
   if (frame.body) {
     look.body = frame.body;
-    scene.setBody(frame.body);
-    if (!scene.flat) put($("source"), frame.body.source === "none" ? "the body is not known: no model, no emulation" : `body: ${frame.body.source}`);
+    if (!scene.flat) look.source = frame.body.source === "none" ? "the body is not known: no model, no emulation" : `body: ${frame.body.source}`;
+    if (replayed) put($("source"), look.source);
   }
+}
+
+function draw(frame) {
+  say(frame);
+  scene.take(frame);
 }
 
 function takeLive(frame) {
@@ -95,25 +97,26 @@ function takeLive(frame) {
   if (plots && frame.tip) { plots.error.add(frame.tip.t_ns * 1e-9, [frame.tip.error_mm]); scene.addToTrail(frame.tip); }
   if (plots && frame.axes && look.status) plots.force.add(frame.axes.t_ns * 1e-9, [...frame.axes.force, ...forceRange(look.status)]);
   unshown = { ...unshown, ...frame, events: [...((unshown && unshown.events) || []), ...(frame.events || [])] };
-  if (document.hidden || performance.now() - shown_ms > SHOWN_WITHIN_MS) show();
-  else if (frame.tip || frame.body || frame.risk || frame.status) scene.dirty = true;
+  if (frame.tip) look.tip = frame.tip;
+  scene.take(frame);
+  if (performance.now() - shown_ms >= (scene.beside ? SHOWN_EVERY_MS : SHOWN_WITHIN_MS)) show();
   wake();
 }
 
-// All that has been told since, in words and in the picture together: a browser holds up whatever is pressed
-// while it hands on a change of the page, however small, and so there is one for each picture and no more.
+// All that has been told since, in words. A browser holds up whatever is pressed while it hands on a change of
+// the page, however small: so there are few, and none for the picture where it is drawn beside the page. Where it
+// is not, words wait for the next picture, and are handed on with it.
 function show() {
   shown_ms = performance.now();
   const frame = unshown;
   unshown = null;
   if (frame) {
-    draw(frame);
+    say(frame);
     if (frame.buttons) showButtons(frame.buttons);
     if (frame.cycles) showCycles(frame.cycles);
     if (frame.events.length) addEvents(frame.events);
   }
-  if (!plots || replay || shown_ms - plotted_ms < PLOT_EVERY_MS) return;
-  plotted_ms = shown_ms;
+  if (!plots || replay) return;
   const all = Object.values(plots);
   turn = (turn + 1) % all.length;
   all[turn].draw();
@@ -129,6 +132,9 @@ function showAge() {
   put($("connection"), stale ? look.problem || age : "live");
   if (stale) put($("stopstate"), look.problem || age);
   $("connection").dataset.live = String(!stale);
+  const hangs = !stale && !document.hidden && scene.working && look.pictureAge() > HANGS_S;
+  $("scenepanel").classList.toggle("hanging", hangs);
+  put($("source"), hangs ? `The picture hangs: it is ${number(look.pictureAge(), 0, " s")} old. Reload the page.` : look.source);
 }
 
 const live = replayed ? null : new Live(takeLive, () => { look.inControl = false; });
@@ -155,7 +161,7 @@ async function showRoom(about, mesh) {
   look.workspace = about.workspace_mm;
   look.room = about.counts_sha256;
   scene.setWorkspace(about.workspace_mm);
-  if (about.parts) scene.setMesh(await (await fetch(mesh)).arrayBuffer());
+  scene.setMesh(about.parts ? await (await fetch(mesh)).arrayBuffer() : null);
 }
 
 // Other surroundings may take their place while the robot stands; the server gets them a little later.
@@ -212,16 +218,18 @@ $("follow").addEventListener("click", () => {
 });
 
 document.body.dataset.mode = replayed ? "replay" : "live";
+const me = told("api/me").catch(() => ({ role: "" }));  // then nothing else answers either
 scene = await makeScene();
-try { look.role = (await told("api/me")).role; } catch { /* then nothing else answers either */ }
+look.role = (await me).role;
 if (replayed) {
   replay = await openReplay(replayed, fetched, { draw, scene, makePlots, plots: () => plots, showRoom, role: look.role, forceRange: () => forceRange(look.status) });
 } else begin();
 findRobots();
 setInterval(findRobots, 1000);
 
-function drawnAt(age_s, sent_s) {
-  const age_ms = (age_s - sent_s) * 1000 + performance.timeOrigin + performance.now();
+// at_ms: when the picture was ready, in ms since 1970.
+function drawnAt(at_ms, age_s, sent_s) {
+  const age_ms = (age_s - sent_s) * 1000 + at_ms;
   look.pictureFigure = number(age_ms, 0, " ms");
   drawnTimes.push(age_ms);
   if (drawnTimes.length > 2000) drawnTimes.shift();
@@ -234,16 +242,20 @@ function wake() {
   const wait = eager ? 0 : scene.waits_ms(performance.now());
   if (awake || wait === Infinity) return;
   awake = true;
-  if (wait <= 0) requestAnimationFrame(each);
-  else setTimeout(() => requestAnimationFrame(each), wait);
+  const turn = eager || !scene.beside ? () => requestAnimationFrame(each) : each;
+  if (wait > 0 || turn === each) setTimeout(turn, Math.max(wait, 0));
+  else turn();
 }
 
 // Returns whether a picture was drawn.
 function picture(now) {
   if (replay) replay.tick(now);
-  else if (!scene.seen || scene.waits_ms(performance.now()) <= 0) show();
-  const { tipAge, tipSent, tipFresh } = look;
-  return scene.draw($("clearance"), performance.now(), () => { if (tipFresh && !replay) drawnAt(tipAge, tipSent); });
+  else if (!scene.beside && performance.now() - shown_ms >= SHOWN_EVERY_MS && (!scene.seen || scene.waits_ms(performance.now()) <= 0)) show();
+  const { tipAge, tipSent, tipFresh, number, heard, age } = look;
+  return scene.draw($("clearance"), performance.now(), (at_ms) => {
+    Object.assign(look, { drawnNumber: number, drawnHeard: heard, drawnAge: age });
+    if (tipFresh && !replay) drawnAt(at_ms, tipAge, tipSent);
+  });
 }
 
 function each(now) {
@@ -253,7 +265,7 @@ function each(now) {
   if (drawn) look.tipFresh = false;
   if (!replay) {
     // What waits to be drawn is not in the picture: its age is that of what is.
-    if (drawn || !scene.waiting) { look.drawnNumber = look.number; look.drawnHeard = look.heard; look.drawnAge = look.age; }
+    if (!drawn && !scene.waiting && !scene.working) { look.drawnNumber = look.number; look.drawnHeard = look.heard; look.drawnAge = look.age; }
     if (hand) hand.tick(performance.now());
     if (scene.pace) scene.pace.led = Boolean(hand && (hand.held || hand.offered));
   }
@@ -263,10 +275,10 @@ function each(now) {
 wake();
 
 window.probe = () => ({
-  ...look, age: look.age_s(), drawn: scene.drawn, events: eventCount(), held: hand ? hand.held : "", flat: Boolean(scene.flat),
+  ...look, age: look.age_s(), drawn: scene.drawn, events: eventCount(), held: hand ? hand.held : "", flat: Boolean(scene.flat), beside: scene.beside,
   tipOnScreen: look.tip && look.tip.tip_mm ? scene.onScreen(look.tip.tip_mm) : null, replay: replay ? replay.told() : null,
-  ring: scene.ring && scene.ring.visible ? scene.ring.position.toArray() : null,
+  ring: scene.aside ? scene.aside.place : null,
   pace: scene.pace ? { every_ms: scene.pace.every_ms, cost_ms: scene.pace.cost_ms, fineness: scene.pace.fineness } : null,
 });
 window.drawnTimes = () => drawnTimes.splice(0);
-window.beFine = (on) => { if (!scene.flat) scene.beFine(on); };
+window.beFine = (on) => (scene.flat ? undefined : scene.beFine(on));

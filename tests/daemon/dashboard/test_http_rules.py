@@ -92,5 +92,6 @@ def test_nothing_runs_in_the_page_that_is_not_ours() -> None:
     policy = headers["Content-Security-Policy"]
     assert "unsafe" not in policy and policy.startswith("default-src 'none'")
     assert "script-src 'self' 'sha256-" in policy, "no script in the page itself but the one map"
+    assert "worker-src 'self'" in policy, "workers draw the robot and keep the lease"
     assert "form-action 'none'" in policy and "base-uri 'none'" in policy
     assert "frame-ancestors 'none'" in policy and headers["X-Content-Type-Options"] == "nosniff"
