@@ -78,6 +78,20 @@ def test_the_tip_is_dragged_in_a_plane_and_holds_when_it_is_let_go(
         until(lambda: on.robot.state == "running", "taking hold again goes on")
 
 
+def test_a_robot_that_holds_by_itself_is_taken_hold_of_anew(browser: "Browser", on: Stage) -> None:
+    with leading(browser, on) as seen:
+        moving(on, seen)
+        until(lambda: on.robot.state == "running", "it is led")
+        until(lambda: seen.state() == "running", "and the page knows")
+        time.sleep(0.8)
+        on.robot.state = "hold"
+        until(lambda: seen.probe()["held"] == "", "the page does not lead what does not follow", 3.0)
+        assert "the robot holds" in seen.page.locator("#hand").inner_text()
+        seen.page.mouse.up()
+        moving(on, seen)
+        until(lambda: on.robot.state == "running", "taking hold again goes on")
+
+
 def test_between_two_grips_it_may_stand_armed_but_not_be_switched_off(
     browser: "Browser", on: Stage
 ) -> None:

@@ -3,6 +3,7 @@
 import { $, put } from "./dom.js";
 
 const EVERY_MS = 40, OLDEST_PICTURE_S = 0.3, AHEAD_MM = 12, NEAR_PX = 34, DEAD_ZONE = 0.15;
+const KNOWN_AFTER_MS = 500;  // of what was before, a status may tell until then
 const PLANES = { xy: [[1, 0, 0], [0, 1, 0], [0, 0, 1]], xz: [[1, 0, 0], [0, 0, 1], [0, 1, 0]], yz: [[0, 1, 0], [0, 0, 1], [1, 0, 0]] };
 const KEYS = { ArrowRight: [0, 1], ArrowLeft: [0, -1], ArrowUp: [1, 1], ArrowDown: [1, -1], PageUp: [2, 1], PageDown: [2, -1] };
 const SHOULDERS = [4, 5];
@@ -48,6 +49,13 @@ export class Hand {
     return "";
   }
 
+  // A robot that was led and stands, follows only who takes hold anew.
+  hasLeft(now) {
+    const runs = this.look.status.state === "running";
+    if (runs && now - this.taken > KNOWN_AFTER_MS) this.followed = true;
+    return this.followed && !runs ? "the robot holds" : "";
+  }
+
   tip() { return (this.look.tip && this.look.tip.tip_mm) || null; }
 
   axes() { return PLANES[$("plane").value] || this.scene.screenAxes() || PLANES.xz; }
@@ -57,8 +65,9 @@ export class Hand {
     this.held = held;
     this.target = [...this.tip()];
     this.fresh = true;
+    this.followed = false;
     this.sent = 0;
-    this.last = performance.now();
+    this.taken = this.last = performance.now();
     this.why = "";
     document.body.classList.add("leading");
     return true;
@@ -122,7 +131,7 @@ export class Hand {
     // Held when it was plugged in, or before there was anything to lead: it has to be pressed anew.
     if (push) this.padFree = false;
     else if (pads.length) this.padFree = true;
-    const why = this.held && this.whyNot();
+    const why = this.held && (this.whyNot() || this.hasLeft(now));
     if (why) this.letGo(why);
     if (this.held) this.lead(now, push);
     this.show();
