@@ -243,7 +243,7 @@ export class Scene {
     if (!this.label) return;
     const [x, y] = this.onScreen(this.label.at);
     put(label, this.label.text);
-    label.style.transform = `translate(${(x + 10).toFixed(1)}px, ${(y - 12).toFixed(1)}px)`;
+    label.style.transform = `translate(${Math.round(x + 10)}px, ${Math.round(y - 12)}px)`;
   }
 
   // As fine as can be, whatever it costs, for a picture that is kept. Returns when it is drawn so.
