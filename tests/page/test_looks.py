@@ -166,7 +166,8 @@ def without_webgl_in_workers(seen: Browsing) -> None:
     def spoil(route: "Route") -> None:
         answer = route.fetch()
         route.fulfill(
-            response=answer, body="OffscreenCanvas.prototype.getContext = () => null;" + answer.text()
+            response=answer,
+            body="OffscreenCanvas.prototype.getContext = () => null;" + answer.text(),
         )
 
     seen.page.route("**/drawing_worker.js", spoil)

@@ -85,7 +85,9 @@ def test_a_robot_that_holds_by_itself_is_taken_hold_of_anew(browser: "Browser", 
         until(lambda: seen.state() == "running", "and the page knows")
         time.sleep(0.8)
         on.robot.state = "hold"
-        until(lambda: seen.probe()["held"] == "", "the page does not lead what does not follow", 3.0)
+        until(
+            lambda: seen.probe()["held"] == "", "the page does not lead what does not follow", 3.0
+        )
         assert "the robot holds" in seen.page.locator("#hand").inner_text()
         seen.page.mouse.up()
         moving(on, seen)
