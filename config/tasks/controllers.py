@@ -53,6 +53,11 @@ class TipFollowing(KindOptions):
     has not arrived counts as made. It allows twice the gain on a prompt body, and is what a body
     with a lag and dead time of several tenths of a second needs. Only with `feed_forward`."""
 
+    probe: bool = True
+    """With `lead`: whether seven seconds of small motions, before anything is followed for the
+    first time, show how late the body is. Not: it is found on the way. `broyden` finds it in the
+    motions that it makes anyway."""
+
     by_cycles: bool = True
     """With `lead`: whether a path that is repeated is corrected, place by place, by what the tip
     was off there in the cycles before."""

@@ -69,6 +69,7 @@ class BodyLag:
         self._gain_sums = np.zeros((2, len(self._delays), 3))
         """xx and xy, which forget faster: a gain differs from place to place, and a lag hardly."""
         self._spans = 0.0
+        self._settled = False
 
     def break_off(self) -> None:
         """What comes next does not go on from here. What was found stays."""
@@ -104,7 +105,23 @@ class BodyLag:
         self._sums[0] += moved**2
         self._sums[1] += moved * seen
         self._sums[2] += seen**2
-        self._approach(dt_s)
+        if not self._settled:
+            self._approach(dt_s)
+
+    def settle(self) -> bool:
+        """Go by what explains best what was seen so far, and from now on by nothing else.
+
+        For motions that tell a lag well: a path would have it longer than it is. False: they told
+        nothing, and the lag is looked for further on.
+        """
+        found = self._found(gain_price=0.0)
+        if found is not None:
+            self.lag_s = found[0]
+        self._settled = found is not None
+        self._sums[:] = 0.0
+        self._gain_sums[:] = 0.0
+        self._spans = 0.0
+        return self._settled
 
     @property
     def gains(self) -> Vector:
@@ -118,20 +135,27 @@ class BodyLag:
         alike = _ONE_MM2 + _ALIKE * xx.sum()
         return np.asarray(np.clip((xy + alike * whole) / (xx + alike), *_GAINS))
 
-    def _approach(self, dt_s: float) -> None:
+    def _found(self, gain_price: float) -> tuple[float, float, float] | None:
+        """The delay that leaves least unexplained; shares of all motion that it leaves, and that
+        today's leaves. None: what was seen tells nothing."""
         xx, xy, yy = self._sums
         whole = float(yy[0].sum())
         if self._spans < _SPANS_AT_LEAST or not whole > 0.0:
-            return
-        left = _unexplained(xx, xy, yy).sum(axis=1) / whole
+            return None
+        left = _unexplained(xx, xy, yy, gain_price).sum(axis=1) / whole
         best = int(np.argmin(left))
-        here = float(np.interp(self.lag_s, self._delays, left))
         if best == len(left) - 1 or left[best] > 1.0 - _EXPLAINED:
+            return None
+        here = float(np.interp(self.lag_s, self._delays, left))
+        return _lowest(self._delays, left, best), float(left[best]), here
+
+    def _approach(self, dt_s: float) -> None:
+        found = self._found(_GAIN_PRICE)
+        if found is None:
             return
-        if here - left[best] < _CLEARER * left[best] + _AT_LEAST:
-            return
-        found = _lowest(self._delays, left, best)
-        self.lag_s += (1.0 - exp(-dt_s / _APPROACH_S)) * (found - self.lag_s)
+        lag_s, least, here = found
+        if here - least >= _CLEARER * least + _AT_LEAST:
+            self.lag_s += (1.0 - exp(-dt_s / _APPROACH_S)) * (lag_s - self.lag_s)
 
 
 class LaggedAxes:
@@ -169,14 +193,14 @@ def _between(times: Vector, values: Vector, at: Vector) -> Vector:
     return np.asarray(before + share[:, None] * (values[right] - before))
 
 
-def _unexplained(xx: Vector, xy: Vector, yy: Vector) -> Vector:
+def _unexplained(xx: Vector, xy: Vector, yy: Vector, gain_price: float) -> Vector:
     """(k, 3) mm² of motion that each delay leaves, with its best gains d + 1, and what these cost.
 
     d is xz / (xx + λ) where z is what the tip went more than it was told.
     """
     xz = xy - xx
     zz = yy - 2.0 * xy + xx
-    dear = _ONE_MM2 + _GAIN_PRICE * xx.sum(axis=1, keepdims=True)
+    dear = _ONE_MM2 + gain_price * xx.sum(axis=1, keepdims=True)
     return np.asarray(zz - xz**2 / (xx + dear))
 
 

@@ -11,7 +11,6 @@ of dead time and lag before it): errors of the Jacobian come in with what is und
 does not wait for the body.
 """
 
-from collections import deque
 from math import ceil, exp, sqrt
 from typing import Final
 
@@ -19,6 +18,7 @@ import numpy as np
 
 from daemon.control.body_lag import BodyLag, Underway, parts
 from daemon.control.controller import Observation, Phase
+from daemon.control.disturbance import Disturbance
 from drivers.pose import Vector
 
 _SHORT_S, _LONG_S = 0.2, 0.4
@@ -29,15 +29,9 @@ _GAIN_BY_LAG: Final = 3.0
 """Gain times lag, at most, where the tip is predicted: more rings where the prediction is wrong."""
 _GAIN_APPROACH_S: Final = 1.0
 """Time constant of the way to the gains that were found: nothing jumps."""
-
-_JUMP_S: Final = 0.3
-_JUMP_MM: Final = 4.0
-_JUMP_SHARE: Final = 0.6
-"""A tip that within this time goes so far, and so much of what it was told to go, otherwise than
-told has been pushed or loaded. Its way back is not the path's."""
-_AFTER_JUMP_S: Final = 1.0
-_AFTER_JUMP_LAGS: Final = 2.0
-"""For so long, and so many lags, it is on its way."""
+_LEARNT_CYCLE: Final = 0.5
+"""Of how what is off will change counts as seen by itself, per cycle of a repeated path: the rest
+its correction has learnt by then, and with less noise."""
 
 
 class Leading:
@@ -52,10 +46,7 @@ class Leading:
         """All that was told, as the Jacobian has it."""
         self._gains = np.ones(3)
         self._cycles: CycleCorrection | None = None
-        self._off: deque[tuple[float, Vector, Vector]] = deque()
-        """Lately: times, where the tip was beyond what was told, and what was told."""
-        self._on_its_way_s = 0.0
-        """Until then nothing is learnt of the path."""
+        self._disturbance = Disturbance()
 
     @property
     def predicted(self) -> float:
@@ -67,12 +58,15 @@ class Leading:
         """(3,) that the tip will go without being told more."""
         return self._underway.left_mm
 
+    def jumped(self, t_s: float) -> bool:
+        """Whether the tip was taken off at once, and may still be on its way back."""
+        return self._disturbance.jumped(t_s)
+
     def begin(self) -> None:
         """Motion begins: everything has arrived."""
         self.lag.break_off()
         self._underway.begin()
-        self._off.clear()
-        self._on_its_way_s = 0.0
+        self._disturbance.begin()
         if self._cycles is not None:
             self._cycles.break_off()
 
@@ -84,33 +78,47 @@ class Leading:
         if not observation.believed:
             return
         arrived_mm = self._underway.told_mm - self._underway.left_mm
-        self._look_for_jump(t_s, observation.tip_mm - arrived_mm, arrived_mm)
+        off_mm = observation.tip_mm - arrived_mm
+        self._disturbance.add(t_s, off_mm, arrived_mm, self.lag.lag_s)
         self.lag.add(t_s, dt_s, self._told_mm, observation.tip_mm)
         share = 1.0 - exp(-dt_s / _GAIN_APPROACH_S)
         self._gains = self._gains + share * (self.lag.gains - self._gains)
 
+    def see_probe(self, observation: Observation, dt_s: float, moved_mm: Vector) -> None:
+        """(3,) was told since the last step, to see how late the body is."""
+        self._told_mm = self._told_mm + moved_mm
+        if observation.believed:
+            self.lag.add(observation.t_ns * 1e-9, dt_s, self._told_mm, observation.tip_mm)
+
+    def end_probe(self) -> None:
+        """It has seen enough."""
+        self.lag.settle()
+        self.lag.break_off()
+
     def step(self, observation: Observation, dt_s: float) -> Vector:
         """(3,) mm to ask for in this step."""
         error = observation.reference_mm - observation.tip_mm
-        self._learn_cycle(observation, dt_s, error)
         lag_s, gain, share = self.lag.lag_s, self._gain_per_s, self.predicted
+        changes = np.zeros(3)
+        if self.jumped(observation.t_ns * 1e-9):
+            # All the way back is told before much of it is seen, which alone would overshoot.
+            share = 1.0
+        if share > 0.0:
+            gain += share * (min(gain, _GAIN_BY_LAG / max(lag_s, _SHORT_S)) - gain)
+            changes = self._changes_mm(lag_s + 1.0 / gain)
+        # What is led because it is seen to change, the next cycle shall know beforehand.
+        self._learn_cycle(observation, dt_s, error - share * changes)
         velocity, there = self._ahead(observation)
         error = error + self._correction(observation.phase, 0.0)[0]
         if share > 0.0:
-            gain += share * (min(gain, _GAIN_BY_LAG / lag_s) - gain)
-            missing = there - observation.tip_mm - self._underway.left_mm
+            missing = there - observation.tip_mm - self._underway.left_mm - changes
             error = error + share * (missing - error)
         return np.asarray((min(gain * dt_s, 1.0) * error + velocity * dt_s) / self._gains)
 
-    def _look_for_jump(self, t_s: float, off_mm: Vector, arrived_mm: Vector) -> None:
-        """(3,) that the tip is beyond what has arrived of what was told, and (3,) that."""
-        off = self._off
-        off.append((t_s, off_mm, arrived_mm))
-        while t_s - off[0][0] > _JUMP_S:
-            off.popleft()
-        jumped, told = off_mm - off[0][1], arrived_mm - off[0][2]
-        if float(jumped @ jumped) > max(_JUMP_MM**2, _JUMP_SHARE**2 * float(told @ told)):
-            self._on_its_way_s = t_s + _AFTER_JUMP_S + _AFTER_JUMP_LAGS * self.lag.lag_s
+    def _changes_mm(self, horizon_s: float) -> Vector:
+        """(3,) by which the tip will be further off, as far as no cycle before has told."""
+        learnt = 0 if self._cycles is None else self._cycles.rounds
+        return _LEARNT_CYCLE**learnt * self._disturbance.change_mm(horizon_s)
 
     def _learn_cycle(self, observation: Observation, dt_s: float, error_mm: Vector) -> None:
         phase = observation.phase
@@ -120,7 +128,7 @@ class Leading:
             return
         if self._cycles is None or not self._cycles.fits(phase, observation.reference_mm):
             self._cycles = CycleCorrection(phase.cycle_s)
-        if not observation.believed or observation.t_ns * 1e-9 < self._on_its_way_s:
+        if not observation.believed or self.jumped(observation.t_ns * 1e-9):
             self._cycles.break_off()
             return
         self._cycles.add(phase, dt_s, self.lag.lag_s, error_mm, observation.reference_mm)
@@ -191,6 +199,13 @@ class CycleCorrection:
         self._place: int | None = None
         self._errors: list[Vector] = []
         self._along_s = 0.0
+        self._passing: int | None = None
+        self._passed = 0
+
+    @property
+    def rounds(self) -> int:
+        """How often the path was gone all the way along."""
+        return self._passed // len(self._corrections)
 
     def fits(self, phase: Phase, reference_mm: Vector) -> bool:
         """Whether this is the path that was learnt: as long, and along the same places."""
@@ -224,6 +239,9 @@ class CycleCorrection:
         self._along_s += dt_s
         place = self._at_place(phase)
         self._path[place] = reference_mm
+        if place != self._passing:
+            self._passing = place
+            self._passed += 1
         if self._along_s < _SET_OUT_S + 2.0 * lag_s:
             return
         if place != self._place:

@@ -13,9 +13,10 @@ import numpy as np
 from config.robot import Robot
 from config.tasks.controllers import TipFollowing
 from daemon.control import jacobian_kernels as kernels
-from daemon.control.controller import ControllerError, Observation
+from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.control.jacobian_kernels import in_rows
 from daemon.control.leading import Leading
+from daemon.control.probing import Probing
 from daemon.control.task import POSITION, points, turn_between
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
@@ -37,6 +38,7 @@ class TipFollower:
         """(m,) how far each axis goes for the price of 1."""
         self.leading = Leading(options.gain_per_s, options.by_cycles)
         self._leads = options.lead and options.feed_forward
+        self._probing = Probing() if self._leads and options.probe else None
         self._told: tuple[Matrix, Vector] | None = None
         """The last Jacobian, and the targets that it was used at."""
 
@@ -55,13 +57,44 @@ class TipFollower:
         """Motion begins: the posture may be the one of this moment."""
         self.leading.begin()
         self._told = None
+        if self._probing is not None:
+            self._probing.begin()
         if self._options.posture == "start":
             self._posture = np.clip(observation.targets, self.axes.lowest, self.axes.highest)
+
+    @property
+    def probed(self) -> bool:
+        """Whether it is known how late the body is, or nobody asks."""
+        return self._probing is None or self._probing.done
+
+    def probe(self, jacobian: Matrix, observation: Observation) -> Proposal:
+        """The next step of the small motions that show how late the body is.
+
+        jacobian: (3, m) mm per mm or rad. Raises ControllerError for no number.
+        """
+        probing = self._probing
+        assert probing is not None
+        if not _all_finite(observation.tip_mm):
+            raise ControllerError("where the tip is, is not a number")
+        moved_mm = self._moved_mm(observation)
+        if moved_mm is not None:
+            probing.made(moved_mm)
+            self.leading.see_probe(observation, step_time(observation), moved_mm)
+        step = self._not_too_fast(probing.step(step_time(observation)), step_time(observation))
+        proposal = Proposal(self.axis_step(jacobian, step, observation), probing.note, 0)
+        if probing.done:
+            self.leading.end_probe()
+        return proposal
 
     @property
     def predicts(self) -> bool:
         """Whether the body is so late that it is led by prediction alone."""
         return self._leads and self.leading.predicted >= 1.0
+
+    def jumped(self, t_ns: int) -> bool:
+        """Whether the tip was taken off at once, by a load or a push, and may be on its way back:
+        what moves it now, the axes have not done."""
+        return self._leads and self.leading.jumped(t_ns * 1e-9)
 
     def due_mm(self, observation: Observation) -> Vector:
         """(3,) where the tip will be when all that was told has arrived, which is where the axes'
@@ -95,7 +128,7 @@ class TipFollower:
 
     def tip_step(self, observation: Observation) -> Vector:
         """(3,) mm that the tip shall move in this step. Raises ControllerError for no number."""
-        options, dt_s = self._options, step_time(observation)
+        dt_s = step_time(observation)
         if self._leads:
             self._take_stock(observation, dt_s)
             step = self.leading.step(observation, dt_s)
@@ -103,7 +136,10 @@ class TipFollower:
             step = self._plain_step(observation, dt_s)
         if not _all_finite(step):
             raise ControllerError("where the tip is, or shall be, is not a number")
-        length, most = math.sqrt(step @ step), options.max_tip_speed_mm_s * dt_s
+        return self._not_too_fast(step, dt_s)
+
+    def _not_too_fast(self, step: Vector, dt_s: float) -> Vector:
+        length, most = math.sqrt(step @ step), self._options.max_tip_speed_mm_s * dt_s
         return np.asarray(step if length <= most else step * (most / length))
 
     def _plain_step(self, observation: Observation, dt_s: float) -> Vector:
@@ -115,13 +151,16 @@ class TipFollower:
 
     def _take_stock(self, observation: Observation, dt_s: float) -> None:
         """What was told since the last step, and what the tip made of all before."""
+        moved_mm = self._moved_mm(observation)
+        if moved_mm is not None and _all_finite(observation.tip_mm):
+            self.leading.take_stock(observation, dt_s, moved_mm)
+
+    def _moved_mm(self, observation: Observation) -> Vector | None:
+        """(3,) that was told since the last step; None: nobody knows."""
         if self._told is None or not _all_finite(observation.targets):
-            return
-        if not _all_finite(observation.tip_mm):
-            return
+            return None
         jacobian, targets = self._told
-        moved_mm = jacobian[:POSITION] @ (observation.targets - targets)
-        self.leading.take_stock(observation, dt_s, moved_mm)
+        return np.asarray(jacobian[:POSITION] @ (observation.targets - targets))
 
     def drawn(self, observation: Observation) -> Vector:
         """(m,) change of the targets that the posture asks for."""

@@ -277,7 +277,6 @@ class ConstantCurvatureController:
     """A `Controller`."""
 
     name = "constant_curvature"
-    ready = True
 
     def __init__(self, options: ConstantCurvature, robot: Robot) -> None:
         bore_mm2 = _bore_mm2(options, robot)
@@ -285,6 +284,10 @@ class ConstantCurvatureController:
         self._metadata = model_metadata(self.name, robot)
         self._follower = TipFollower(options, robot)
         self.kinematics = ArcKinematics(options, AxisRanges.of(robot), bore_mm2)
+
+    @property
+    def ready(self) -> bool:
+        return self._follower.probed
 
     def draw_to(self, posture: Vector) -> None:
         """Draw the axes to (m,) a posture from now on. Raises ValueError for no numbers."""
@@ -298,6 +301,8 @@ class ConstantCurvatureController:
 
     def propose(self, observation: Observation) -> Proposal:
         _, jacobian = self.kinematics.tip(observation.targets)
+        if not self.ready:
+            return self._follower.probe(jacobian, observation)
         tip_step = self._follower.tip_step(observation)
         return Proposal(self._follower.axis_step(jacobian, tip_step, observation))
 

@@ -32,7 +32,6 @@ class LearnedKinematicsController:
     steers_direction = True
 
     name = "learned_kinematics"
-    ready = True
 
     def __init__(self, options: LearnedKinematics, robot: Robot) -> None:
         """Raises ControllerError for a model that cannot be loaded, or is of another robot."""
@@ -43,6 +42,11 @@ class LearnedKinematicsController:
             self.load(controller_model(options.model))
         except (ModelError, OSError) as error:
             raise ControllerError(f"the model cannot be loaded: {error}") from None
+
+    @property
+    def ready(self) -> bool:
+        """A model that is followed itself answers at once."""
+        return self._options.feedback == "model" or self._follower.probed
 
     @property
     def adapted(self) -> int:
@@ -72,6 +76,8 @@ class LearnedKinematicsController:
                 "or learn a model that does"
             )
         position_mm, direction, jacobian = learnt.answer(observation.u)
+        if not self.ready:
+            return self._follower.probe(jacobian[:POSITION], observation)
         jacobian[POSITION:] *= self._options.pointing_mm_per_rad
         if self._options.feedback == "model":
             observation = observation._replace(tip_mm=position_mm, tip_direction=direction)

@@ -207,6 +207,11 @@ class LearningController(ABC):
 
     @property
     def ready(self) -> bool:
+        return self._learnt and self._follower.probed
+
+    @property
+    def _learnt(self) -> bool:
+        """Whether the first motions have told how the body answers, or need not."""
         return self._jacobian.known and (self._pointing.known or not self._points)
 
     @property
@@ -227,7 +232,7 @@ class LearningController(ABC):
         self._axes.break_off()
         self._pointing.break_off()
         self._points = self.steers_direction and points(observation)
-        if self._babbling.done and not self.ready:
+        if self._babbling.done and not self._learnt:
             self._babbling = Babbling(self._options.babbling, self._follower.axes, self._seed)
         self._babbling.reset()
         before = self._follower.posture
@@ -236,7 +241,7 @@ class LearningController(ABC):
             self._posture_changed()
 
     def observe(self, observation: Observation) -> None:
-        if self.ready and not self._options.learning:
+        if self._learnt and not (self._options.learning and self._follower.probed):
             return
         if self._options.lead and observation.believed:
             lag_s = self._follower.leading.lag.lag_s
@@ -245,6 +250,9 @@ class LearningController(ABC):
         if self._points and observation.believed:
             self._pointing.observe(observation)
         if self._too_late():
+            return
+        if self._follower.jumped(observation.t_ns):
+            self._samples.break_off()
             return
         sample = self._samples.add(observation)
         if sample is None or not self._options.learning:
@@ -259,6 +267,9 @@ class LearningController(ABC):
     def propose(self, observation: Observation) -> Proposal:
         if self.ready:
             return self._follow(observation)
+        if self._learnt:
+            jacobian = self._jacobian.at(observation.tip_mm, observation.u)
+            return self._follower.probe(jacobian, observation)
         if self._babbling.done:
             self._end_babbling()
             return Proposal(np.zeros(len(self._range)))

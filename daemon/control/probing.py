@@ -1,0 +1,70 @@
+"""Small motions that show how late the body answers, before anything is followed.
+
+What is told is a few steps of the tip, out, across and back in each direction of space, as fast as
+the axes go, with rests between them that differ. A path tells a lag badly: on a circle a hysteresis
+that turns looks like lag, and so does a gain that is not known. Steps tell it well, since gains
+change how far the tip goes and hysteresis whether it comes back, and neither when.
+
+Nothing is fed back: the tip ends about where it began.
+"""
+
+from typing import Final
+
+import numpy as np
+
+from drivers.pose import Vector
+
+AMPLITUDE_MM: Final = 5.0
+"""Some twenty times a tracker's noise."""
+_PLACES: Final = ((1.0, 0.65), (-1.0, 0.9), (0.0, 0.55))
+"""In each direction, in amplitudes, and how many seconds there."""
+_REST_S: Final = 1.1
+"""At the end: what was told last shows, too."""
+PROBING_S: Final = 3 * sum(seconds for _, seconds in _PLACES) + _REST_S
+
+
+class Probing:
+    """Says where the tip should be by now, from where it was when probing began."""
+
+    def __init__(self) -> None:
+        self._elapsed_s = 0.0
+        self._made_mm = np.zeros(3)
+
+    @property
+    def done(self) -> bool:
+        return self._elapsed_s >= PROBING_S
+
+    @property
+    def note(self) -> str:
+        """What it is doing; empty when it is done."""
+        if self.done:
+            return ""
+        return f"finds how late the body is: {self._elapsed_s:.0f} of {PROBING_S:.0f} s"
+
+    def begin(self) -> None:
+        """Motion begins. What was interrupted is made anew."""
+        if not self.done:
+            self._elapsed_s = 0.0
+            self._made_mm = np.zeros(3)
+
+    def made(self, moved_mm: Vector) -> None:
+        """(3,) was told since the last step."""
+        self._made_mm = self._made_mm + moved_mm
+
+    def step(self, dt_s: float) -> Vector:
+        """(3,) mm to ask for in this step."""
+        missing = place_mm(self._elapsed_s) - self._made_mm
+        self._elapsed_s += dt_s
+        return np.asarray(missing)
+
+
+def place_mm(elapsed_s: float) -> Vector:
+    """(3,) from where probing began."""
+    offset = np.zeros(3)
+    for direction in range(3):
+        for amplitudes, seconds in _PLACES:
+            if elapsed_s < seconds:
+                offset[direction] = amplitudes * AMPLITUDE_MM
+                return offset
+            elapsed_s -= seconds
+    return offset

@@ -1,0 +1,104 @@
+"""Small motions tell how late the body is, whatever else makes its tip come late on a path."""
+
+import numpy as np
+import pytest
+
+from config.emulation import SoftArmPlant
+from config.tasks.controllers import ForwardJacobian
+from config.tasks.trajectory import Circle
+from daemon.control.probing import AMPLITUDE_MM, PROBING_S, Probing, place_mm
+from daemon.controllers.forward_jacobian import ForwardJacobianController
+from sim_backends.plants.soft_arm.soft_arm import SoftArm
+from tests.daemon.control import closed_loop
+from tests.daemon.control.closed_loop import DT_S, PISTON_MM2, ROBOT, ClosedLoop, pretrained
+
+AXES_AND_TRACKER_S = 0.05
+"""Targets arrive a frame later, and the filter follows a jerk as much later."""
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("model") / "arm.npz"
+    pretrained(60, epochs=8).save(path)
+    return str(path)
+
+
+def arm(monkeypatch: pytest.MonkeyPatch, **figures: object) -> None:
+    plant = SoftArmPlant.model_validate({"kind": "soft_arm", **figures})
+    monkeypatch.setattr(closed_loop, "soft_arm", lambda _: SoftArm(plant, [PISTON_MM2] * 6))
+
+
+def controller(model: str, probe: bool = True) -> ForwardJacobianController:
+    options = ForwardJacobian(
+        kind="forward_jacobian",
+        model=model,
+        lead=True,
+        probe=probe,
+        gain_per_s=6.0,
+        max_tip_speed_mm_s=80.0,
+    )
+    return ForwardJacobianController(options, ROBOT, 1)
+
+
+@pytest.mark.parametrize(
+    ("dead_s", "gas_s", "hysteresis"),
+    [(0.0, 0.1, 0.15), (0.03, 0.13, 0.4), (0.1, 0.3, 0.3), (0.25, 0.5, 0.4), (0.2, 0.7, 0.2)],
+)
+def test_the_lag_is_known_before_anything_is_followed(
+    dead_s: float, gas_s: float, hysteresis: float, model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    figures = {"dead_time_s": dead_s, "pneumatic_lag_s": gas_s, "hysteresis": hysteresis}
+    arm(monkeypatch, creep=0.2, backlash_mm=0.1, **figures)
+    made = controller(model)
+    loop = ClosedLoop(made)
+    begun_mm, begun_ns = loop.tip_mm, loop.t_ns
+    loop.start()
+    assert not made.ready
+    loop.explore()
+    lag_s = made._follower.leading.lag.lag_s
+    assert lag_s == pytest.approx(dead_s + gas_s + AXES_AND_TRACKER_S, rel=0.12, abs=0.06)
+    assert (loop.t_ns - begun_ns) * 1e-9 == pytest.approx(PROBING_S, abs=2 * DT_S)
+    assert np.linalg.norm(loop.tip_mm - begun_mm) < 2.0
+
+
+def test_a_path_makes_it_no_longer(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A hysteresis that turns all the way round a circle looks like lag: it was taken for 0.35 s
+    on this body, whose gas and line have 0.16 s."""
+    arm(monkeypatch, dead_time_s=0.03, pneumatic_lag_s=0.13, hysteresis=0.4, creep=0.2)
+    made = controller(model)
+    loop = ClosedLoop(made)
+    loop.start()
+    loop.explore()
+    loop.lead(np.array([30.0, 0.0, 185.0]))
+    before_s = made._follower.leading.lag.lag_s
+    circle = Circle(
+        kind="circle", center_mm=(0.0, 0.0, 185.0), radius_mm=30.0, cycle_s=9.425, cycles=3
+    )
+    errors = loop.follow(circle).errors_mm
+    assert made._follower.leading.lag.lag_s == before_s
+    assert errors[: len(errors) // 3].mean() < 1.2
+
+
+def test_who_is_not_to_probe_follows_at_once(model: str) -> None:
+    assert controller(model, probe=False).ready
+
+
+def test_motion_that_was_interrupted_is_made_anew() -> None:
+    probing = Probing()
+    for _ in range(60):
+        probing.made(probing.step(DT_S))
+    probing.begin()
+    assert probing.note == f"finds how late the body is: 0 of {PROBING_S:.0f} s"
+    np.testing.assert_array_equal(probing.step(DT_S), place_mm(0.0))
+    while not probing.done:
+        probing.made(probing.step(DT_S))
+    probing.begin()
+    assert probing.done
+    assert probing.note == ""
+
+
+def test_every_direction_is_gone_out_and_back_and_the_end_is_at_rest_where_it_began() -> None:
+    places = np.array([place_mm(t_s) for t_s in np.arange(0.0, PROBING_S, DT_S)])
+    np.testing.assert_array_equal(places.max(axis=0), 3 * [AMPLITUDE_MM])
+    np.testing.assert_array_equal(places.min(axis=0), 3 * [-AMPLITUDE_MM])
+    assert not places[-40:].any()
