@@ -29,8 +29,10 @@ _JUMP_SHARE: Final = 0.6
 """A tip that within this time goes so far, and so much of what it was told to go, otherwise than
 told has been pushed or loaded. Its way back is not the path's."""
 _AFTER_JUMP_S: Final = 1.0
+_JUST_S: Final = 0.4
 _AFTER_JUMP_LAGS: Final = 2.0
-"""For so long, and so many lags, it is on its way."""
+"""For so long, and so many lags, it is on its way: until what was told at first has arrived, which
+takes most of it back; and until it follows the path again."""
 
 
 class Disturbance:
@@ -40,12 +42,12 @@ class Disturbance:
         self._lately: deque[tuple[float, Vector, Vector]] = deque()
         """Times, (3,) mm beyond what was told, and (3,) mm that was told and had arrived."""
         self._line_from_s = 0.0
-        self._on_its_way_s = -1.0
+        self._just_until_s = self._on_its_way_s = -1.0
 
     def begin(self) -> None:
         """Motion begins."""
         self._lately.clear()
-        self._on_its_way_s = -1.0
+        self._just_until_s = self._on_its_way_s = -1.0
 
     def add(self, t_s: float, off_mm: Vector, arrived_mm: Vector, lag_s: float) -> None:
         """(3,) that the tip is beyond what has arrived of what was told, and (3,) that."""
@@ -58,8 +60,14 @@ class Disturbance:
         before = next(one for one in lately if t_s - one[0] <= _JUMP_S)
         jumped, told = off_mm - before[1], arrived_mm - before[2]
         if float(jumped @ jumped) > max(_JUMP_MM**2, _JUMP_SHARE**2 * float(told @ told)):
-            self._on_its_way_s = t_s + _AFTER_JUMP_S + _AFTER_JUMP_LAGS * lag_s
+            lags_s = _AFTER_JUMP_LAGS * lag_s
+            self._just_until_s = t_s + _JUST_S + lags_s
+            self._on_its_way_s = t_s + _AFTER_JUMP_S + lags_s
             self._line_from_s = t_s
+
+    def just_jumped(self, t_s: float) -> bool:
+        """Whether the tip was taken off at once, and most of its way back is to be told."""
+        return t_s < self._just_until_s
 
     def jumped(self, t_s: float) -> bool:
         """Whether the tip was taken off at once, and may still be on its way back."""

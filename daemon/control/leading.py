@@ -58,10 +58,6 @@ class Leading:
         """(3,) that the tip will go without being told more."""
         return self._underway.left_mm
 
-    def jumped(self, t_s: float) -> bool:
-        """Whether the tip was taken off at once, and may still be on its way back."""
-        return self._disturbance.jumped(t_s)
-
     def begin(self) -> None:
         """Motion begins: everything has arrived."""
         self.lag.break_off()
@@ -100,7 +96,7 @@ class Leading:
         error = observation.reference_mm - observation.tip_mm
         lag_s, gain, share = self.lag.lag_s, self._gain_per_s, self.predicted
         changes = np.zeros(3)
-        if self.jumped(observation.t_ns * 1e-9):
+        if self._disturbance.just_jumped(observation.t_ns * 1e-9):
             # All the way back is told before much of it is seen, which alone would overshoot.
             share = 1.0
         if share > 0.0:
@@ -128,7 +124,7 @@ class Leading:
             return
         if self._cycles is None or not self._cycles.fits(phase, observation.reference_mm):
             self._cycles = CycleCorrection(phase.cycle_s)
-        if not observation.believed or self.jumped(observation.t_ns * 1e-9):
+        if not observation.believed or self._disturbance.jumped(observation.t_ns * 1e-9):
             self._cycles.break_off()
             return
         self._cycles.add(phase, dt_s, self.lag.lag_s, error_mm, observation.reference_mm)

@@ -91,11 +91,6 @@ class TipFollower:
         """Whether the body is so late that it is led by prediction alone."""
         return self._leads and self.leading.predicted >= 1.0
 
-    def jumped(self, t_ns: int) -> bool:
-        """Whether the tip was taken off at once, by a load or a push, and may be on its way back:
-        what moves it now, the axes have not done."""
-        return self._leads and self.leading.jumped(t_ns * 1e-9)
-
     def due_mm(self, observation: Observation) -> Vector:
         """(3,) where the tip will be when all that was told has arrived, which is where the axes'
         places belong to. Without leading: where it is."""

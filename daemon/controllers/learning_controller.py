@@ -251,9 +251,6 @@ class LearningController(ABC):
             self._pointing.observe(observation)
         if self._too_late():
             return
-        if self._follower.jumped(observation.t_ns):
-            self._samples.break_off()
-            return
         sample = self._samples.add(observation)
         if sample is None or not self._options.learning:
             return

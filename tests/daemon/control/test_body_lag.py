@@ -50,6 +50,31 @@ def found(told: Vector, tip: Vector, noise_mm: float = 0.1, begin_s: float = 0.0
     return lag
 
 
+def test_what_has_settled_is_kept_and_gains_are_found_further_on() -> None:
+    lag = found(wandering(), late(0.5 * wandering(), 0.1, 0.2))
+    assert lag.settle()
+    settled_s = lag.lag_s
+    assert settled_s == pytest.approx(0.3, abs=0.05)
+    np.testing.assert_array_equal(lag.gains, np.ones(3))
+    lag.break_off()
+    told, tip = circle(), late(0.8 * circle(), 0.35, 0.65)
+    for k in range(len(told)):
+        lag.add(k * DT_S, DT_S, told[k], tip[k])
+    assert lag.lag_s == settled_s
+    assert (lag.gains[:2] < 0.95).all()
+
+
+def test_who_has_seen_nothing_goes_on_looking() -> None:
+    lag = BodyLag(0.1)
+    assert not lag.settle()
+    assert lag.lag_s == 0.1
+    told = wandering()
+    tip = late(told, 0.2, 0.4)
+    for k in range(len(told)):
+        lag.add(k * DT_S, DT_S, told[k], tip[k])
+    assert lag.lag_s == pytest.approx(0.6, abs=0.08)
+
+
 @pytest.mark.parametrize(
     ("dead_s", "lag_s"), [(0.0, 0.1), (0.05, 0.1), (0.25, 0.5), (0.1, 0.5), (0.25, 1.0)]
 )

@@ -45,6 +45,8 @@ def test_a_jump_is_no_slope_and_the_way_back_from_it_ends() -> None:
     assert at_once.jumped(61 * DT_S)
     assert not at_once.change_mm(LAG_S).any()
     assert not later.change_mm(LAG_S).any()
+    assert later.just_jumped(60 * DT_S + 1.3)
+    assert not later.just_jumped(60 * DT_S + 1.8)
     assert later.jumped(60 * DT_S + 1.9)
     assert not later.jumped(60 * DT_S + 2.5)
 
@@ -61,3 +63,4 @@ def test_motion_that_begins_anew_knows_of_no_jump() -> None:
     disturbance = shown(off)
     disturbance.begin()
     assert not disturbance.jumped(70 * DT_S)
+    assert not disturbance.just_jumped(70 * DT_S)
