@@ -43,6 +43,8 @@ _GAINS = 0.5, 2.0
 _ONE_MM2 = 50.0
 """As much motion with a gain of 1 as is taken for seen before anything is: 0.3 mm of noise and
 hysteresis in a span, against gains that differ by a quarter, and sixteen spans that overlap."""
+_FREE_MM2 = 1.0
+"""... where gains are free: of steps, which tell a lag whatever comes of them."""
 _GAIN_PRICE = 0.2
 """Share of all motion as which a gain of 2 or 0 counts where delays are compared. A straight way
 that begins slowly is explained as well by any lag with a gain to it."""
@@ -114,7 +116,7 @@ class BodyLag:
         For motions that tell a lag well: a path would have it longer than it is. False: they told
         nothing, and the lag is looked for further on.
         """
-        found = self._found(gain_price=0.0)
+        found = self._found(free=True)
         if found is not None:
             self.lag_s = found[0]
         self._settled = found is not None
@@ -135,14 +137,14 @@ class BodyLag:
         alike = _ONE_MM2 + _ALIKE * xx.sum()
         return np.asarray(np.clip((xy + alike * whole) / (xx + alike), *_GAINS))
 
-    def _found(self, gain_price: float) -> tuple[float, float, float] | None:
+    def _found(self, free: bool) -> tuple[float, float, float] | None:
         """The delay that leaves least unexplained; shares of all motion that it leaves, and that
-        today's leaves. None: what was seen tells nothing."""
+        today's leaves. None: what was seen tells nothing. free: whether any gain is as good."""
         xx, xy, yy = self._sums
         whole = float(yy[0].sum())
         if self._spans < _SPANS_AT_LEAST or not whole > 0.0:
             return None
-        left = _unexplained(xx, xy, yy, gain_price).sum(axis=1) / whole
+        left = _unexplained(xx, xy, yy, free).sum(axis=1) / whole
         best = int(np.argmin(left))
         if best == len(left) - 1 or left[best] > 1.0 - _EXPLAINED:
             return None
@@ -150,7 +152,7 @@ class BodyLag:
         return _lowest(self._delays, left, best), float(left[best]), here
 
     def _approach(self, dt_s: float) -> None:
-        found = self._found(_GAIN_PRICE)
+        found = self._found(free=False)
         if found is None:
             return
         lag_s, least, here = found
@@ -193,14 +195,14 @@ def _between(times: Vector, values: Vector, at: Vector) -> Vector:
     return np.asarray(before + share[:, None] * (values[right] - before))
 
 
-def _unexplained(xx: Vector, xy: Vector, yy: Vector, gain_price: float) -> Vector:
+def _unexplained(xx: Vector, xy: Vector, yy: Vector, free: bool) -> Vector:
     """(k, 3) mm² of motion that each delay leaves, with its best gains d + 1, and what these cost.
 
     d is xz / (xx + λ) where z is what the tip went more than it was told.
     """
     xz = xy - xx
     zz = yy - 2.0 * xy + xx
-    dear = _ONE_MM2 + gain_price * xx.sum(axis=1, keepdims=True)
+    dear = _FREE_MM2 if free else _ONE_MM2 + _GAIN_PRICE * xx.sum(axis=1, keepdims=True)
     return np.asarray(zz - xz**2 / (xx + dear))
 
 

@@ -5,7 +5,7 @@ the axes go, with rests between them that differ. A path tells a lag badly: on a
 that turns looks like lag, and so does a gain that is not known. Steps tell it well, since gains
 change how far the tip goes and hysteresis whether it comes back, and neither when.
 
-Nothing is fed back: the tip ends about where it began.
+Nothing is fed back. In the end the axes go back to where they were, and the tip with them.
 """
 
 from typing import Final
@@ -20,7 +20,8 @@ _PLACES: Final = ((1.0, 0.65), (-1.0, 0.9), (0.0, 0.55))
 """In each direction, in amplitudes, and how many seconds there."""
 _REST_S: Final = 1.1
 """At the end: what was told last shows, too."""
-PROBING_S: Final = 3 * sum(seconds for _, seconds in _PLACES) + _REST_S
+_GONE_S: Final = 3 * sum(seconds for _, seconds in _PLACES)
+PROBING_S: Final = _GONE_S + _REST_S
 
 
 class Probing:
@@ -33,6 +34,11 @@ class Probing:
     @property
     def done(self) -> bool:
         return self._elapsed_s >= PROBING_S
+
+    @property
+    def returns(self) -> bool:
+        """Whether the axes shall go back to where they were."""
+        return self._elapsed_s >= _GONE_S
 
     @property
     def note(self) -> str:

@@ -41,6 +41,8 @@ class TipFollower:
         self._probing = Probing() if self._leads and options.probe else None
         self._told: tuple[Matrix, Vector] | None = None
         """The last Jacobian, and the targets that it was used at."""
+        self._home = self._posture
+        """Where small motions began."""
 
     @property
     def posture(self) -> Vector:
@@ -80,8 +82,15 @@ class TipFollower:
         if moved_mm is not None:
             probing.made(moved_mm)
             self.leading.see_probe(observation, step_time(observation), moved_mm)
-        step = self._not_too_fast(probing.step(step_time(observation)), step_time(observation))
-        proposal = Proposal(self.axis_step(jacobian, step, observation), probing.note, 0)
+        else:
+            self._home = observation.targets
+        returns, dt_s = probing.returns, step_time(observation)
+        step = self._not_too_fast(probing.step(dt_s), dt_s)
+        no_posture = np.zeros_like(observation.targets)
+        delta_u = self.axis_step(jacobian, step, observation, no_posture)
+        if returns:
+            delta_u = self.within_limits(self._home - observation.targets, observation)
+        proposal = Proposal(delta_u, probing.note, 0)
         if probing.done:
             self.leading.end_probe()
         return proposal
