@@ -20,7 +20,8 @@ import yaml
 
 from config.loader import load_robot
 from daemon.loop.control_step import ControlLoop
-from daemon.messages import Load, Start
+from daemon.loop.step_messages import SLIDING
+from daemon.messages import Load, Risk, Start
 from daemon.risk.body_risk_source import make_risk_source
 from daemon.risk.mesh_file import write_mesh
 from daemon.workbench.body_model.evaluation.shapes import ball
@@ -33,8 +34,10 @@ TRIANGLES: Final = (1_000, 10_000, 50_000, 200_000)
 PARTS_OF_THE_BODY: Final = tuple(range(1, 9))
 _USUAL_TRIANGLES, _USUAL_PARTS = 50_000, 6
 _ANGLE_RAD: Final = 0.7
-_WATCHED_S: Final = 18.0
-"""Of the twenty that it takes once round: the ball is met in them."""
+_DEEPER_MM: Final = 5.0
+"""The ball is farther in the way than where bodies graze it: none gets by without going aside."""
+_WATCHED_S: Final = 200.0
+"""More than it takes to learn how the tip answers, and to go once round."""
 
 
 def measure(tiny: bool = False) -> Figures:
@@ -54,7 +57,9 @@ def _once_round(triangles: int, parts: int, watched_s: float) -> Figures:
     with tempfile.TemporaryDirectory() as name, ExitStack() as patched:
         patched.enter_context(patch("safety.risk.body_risk._PARTS", parts))
         folder = Path(name)
-        mesh = ball(TENDONS.ball_mm, TENDONS.ball_at(_ANGLE_RAD).tolist(), triangles)
+        centre = TENDONS.ball_at(_ANGLE_RAD)
+        centre[:2] *= 1.0 - _DEEPER_MM / np.linalg.norm(centre[:2])
+        mesh = ball(TENDONS.ball_mm, centre.tolist(), triangles)
         write_mesh(folder / "ball.stl", mesh)
         robot: dict[str, Any] = yaml.safe_load(TENDONS.file.read_text())
         robot["risk"] = {
@@ -81,16 +86,16 @@ def _once_round(triangles: int, parts: int, watched_s: float) -> Figures:
                 lambda: (
                     rig.state is not OperatingState.RUNNING or rig.service.clock.now_ns() >= ends_ns
                 ),
-                within_s=200.0,
+                within_s=300.0,
             )
 
         rig = on_a_rig(scene, path=path, risk=risk)
-        turned = [one for one in rig.told if getattr(one, "aside_arc_mm", None) is not None]
+        risks = [message for message in rig.told if isinstance(message, Risk)]
     longest = np.sort(spare.seconds)[-max(1, len(steps.seconds)) :]  # looking round, once a step
     return {
         "step": percentiles(steps.seconds, 1e3),
         "spare_time": percentiles(longest.tolist(), 1e3),
-        "turned_aside": len(turned),
+        "turned_aside": sum(SLIDING in one.reasons for one in risks),
     }
 
 
