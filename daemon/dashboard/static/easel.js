@@ -9,10 +9,6 @@ export async function openEasel(element) {
 
 const OPENED_WITHIN_MS = 10000;
 
-// What a browser does with a finished picture is part of what a worker's picture takes, and comes on top in the page:
-// half as much again, which `frame_pace.js` reckons with.
-const WITHOUT_HANDING_ON = 2 / 3;
-
 // null: workers have no WebGL, or know no modules.
 async function beside(canvas) {
   const worker = new Worker(new URL("./drawing_worker.js", import.meta.url), { type: "module" });
@@ -30,7 +26,7 @@ async function beside(canvas) {
       const drawn = new Promise((settle, fail) => {
         worker.onmessage = ({ data: { problem, took_ms, at_ms } }) => {
           if (problem) fail(new Error(problem));
-          else settle({ took_ms: took_ms * WITHOUT_HANDING_ON, at_ms });
+          else settle({ took_ms, at_ms });
         };
       });
       worker.postMessage(picture);
