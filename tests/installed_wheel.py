@@ -7,6 +7,8 @@ import sys
 import sysconfig
 from pathlib import Path
 
+from tests.ordinary_user import OWN_VERSION
+
 ROOT = Path(__file__).parents[1]
 PIP = ("-m", "pip", "--disable-pip-version-check", "--quiet")
 
@@ -21,25 +23,39 @@ def done(words: list[str], folder: Path, **environment: str) -> str:
     return ended.stdout
 
 
-def installed_wheel(tmp_path: Path) -> Path:
-    """A virtual environment with our wheel in it; what it needs is lent by this one."""
-    source = tmp_path / "source"
+def built_wheel(folder: Path) -> Path:
+    """Our wheel, made in `folder`."""
+    source = folder / "source"
     names = done(["git", "ls-files", "--cached", "--others", "--exclude-standard"], ROOT)
     for name in names.splitlines():
         if not name.startswith(("tests/", "docs/pictures")) and (ROOT / name).is_file():
             (source / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(ROOT / name, source / name)
-    build = ("wheel", "--no-deps", "--no-build-isolation", "-w", str(tmp_path / "dist"), ".")
+    build = ("wheel", "--no-deps", "--no-build-isolation", "-w", str(folder / "dist"), ".")
     done([sys.executable, *PIP, *build], source)
-    (wheel,) = (tmp_path / "dist").glob("*.whl")
-    place = tmp_path / "environment"
-    done([sys.executable, "-m", "venv", "--without-pip", str(place)], tmp_path)
-    python = place / "bin" / "python"
-    version = f"python{sys.version_info.major}.{sys.version_info.minor}"
-    # A path file of a lent folder is not read: the checkout stays out of it.
-    lent = place / "lib" / version / "site-packages" / "lent.pth"
-    lent.write_text(sysconfig.get_path("purelib") + "\n")
-    install = ("install", "--no-deps", "--force-reinstall", "--no-build-isolation")
-    done([sys.executable, *PIP, "--python", str(python), *install, str(wheel)], tmp_path)
     shutil.rmtree(source)
+    (wheel,) = (folder / "dist").glob("*.whl")
+    return wheel
+
+
+def environment_with(
+    wheel: Path, folder: Path, python: str = sys.executable, version: str = OWN_VERSION
+) -> Path:
+    """A virtual environment in `folder` with that wheel. What it needs is lent by this one; for
+    another version of Python it is fetched, with what tests need, which takes minutes."""
+    place = folder / "environment"
+    done([python, "-m", "venv", "--without-pip", str(place)], folder)
+    into = [sys.executable, *PIP, "--python", str(place / "bin" / "python"), "install"]
+    if version != OWN_VERSION:
+        done([*into, f"tentacled[test] @ {wheel.as_uri()}"], folder)
+        return place
+    # A path file of a lent folder is not read: the checkout stays out of it.
+    lent = place / "lib" / f"python{version}" / "site-packages" / "lent.pth"
+    lent.write_text(sysconfig.get_path("purelib") + "\n")
+    done([*into, "--no-deps", "--force-reinstall", "--no-build-isolation", str(wheel)], folder)
     return place
+
+
+def installed_wheel(folder: Path) -> Path:
+    """A virtual environment in `folder` with our wheel, for the Python that runs this."""
+    return environment_with(built_wheel(folder), folder)

@@ -1,27 +1,34 @@
 """`python -m tests.docs [PAGE …]`: does what pages say, with all that takes minutes.
 
-Tells each block and how long it took. Ends with exit code 1 where one fails.
+Tells each block and how long it took. Ends with exit code 1 where one fails. With `--python` and
+another version than ours, all packages are fetched first.
 """
 
+import argparse
 import subprocess
 import sys
 import time
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from tests.docs.blocks import blocks_of
-from tests.docs.running import reader, runnable
+from tests.docs.running import programs_of_readers, reader, runnable
 from tests.docs.test_pages import PAGES, SHOWN_ELSEWHERE
-from tests.installed_wheel import installed_wheel
+from tests.ordinary_user import OWN_VERSION
 
 
 def main() -> int:
+    pages = [one for one in PAGES if one not in SHOWN_ELSEWHERE]
+    parser = argparse.ArgumentParser(description="do what the documentation says")
+    parser.add_argument("pages", nargs="*", metavar="PAGE", help=f"of {', '.join(pages)}")
+    parser.add_argument("--python", default=OWN_VERSION, metavar="VERSION")
+    parser.add_argument("--short", action="store_true", help="without what takes minutes")
+    asked = parser.parse_args()
+    if unknown := set(asked.pages) - set(pages):
+        parser.error(f"no page: {', '.join(sorted(unknown))}")
     failed = 0
-    with TemporaryDirectory() as folder:
-        programs = installed_wheel(Path(folder)) / "bin"
-        for page in sys.argv[1:] or [one for one in PAGES if one not in SHOWN_ELSEWHERE]:
+    with programs_of_readers(asked.python) as programs:
+        for page in asked.pages or pages:
             with reader(programs) as somebody:
-                for block in runnable(blocks_of(page), long=True):
+                for block in runnable(blocks_of(page), long=not asked.short):
                     began_s = time.monotonic()
                     try:
                         somebody.reads(block)

@@ -14,6 +14,8 @@ from tempfile import TemporaryDirectory
 from typing import Final
 
 from tests.docs.blocks import Block
+from tests.installed_wheel import built_wheel, environment_with
+from tests.ordinary_user import OWN_VERSION, interpreter, ordinary_user
 
 READY_S: Final = 120.0
 """For a program in a terminal of its own to speak, and a robot to be ready."""
@@ -27,12 +29,15 @@ _LANGUAGES: Final = frozenset({"sh", "python", "c"})
 class Terminal:
     """A program in a terminal of its own, and all that it has shown."""
 
-    def __init__(self, line: str, folder: Path, environment: Mapping[str, str]) -> None:
+    def __init__(
+        self, line: str, folder: Path, environment: Mapping[str, str], user: int | None
+    ) -> None:
         self._master, slave = pty.openpty()
         self.process = subprocess.Popen(
             ["bash", "-c", f"exec {line}"],
             cwd=folder,
             env=environment,
+            user=user,
             stdin=subprocess.DEVNULL,
             stdout=slave,
             stderr=slave,
@@ -64,18 +69,26 @@ class Terminal:
 
 
 class Reader:
-    """Somebody with a page, an empty folder, and `tentacled` installed."""
+    """Somebody with a page, an empty folder, a home that nothing can be written to, and `tentacled`
+    installed; an ordinary user, even where root lets them read."""
 
     def __init__(self, programs: Path, folder: Path) -> None:
         """programs: the folder in which `tentacled` and `python` are."""
         self._programs = programs
         self._folder = folder / "work"
-        self._folder.mkdir()
-        runtime = folder / "run"
-        runtime.mkdir(mode=0o700)
+        self._user = ordinary_user()
+        runtime, home = folder / "run", folder / "home"
+        for made in (self._folder, runtime, home):
+            made.mkdir()
+        runtime.chmod(0o700)
+        home.chmod(0o555)
+        if self._user is not None:
+            for own in (folder, self._folder, runtime):
+                os.chown(own, self._user, -1)
         clean = {key: value for key, value in os.environ.items() if not key.startswith("PYTHON")}
         self._environment = {
             **clean,
+            "HOME": str(home),
             "PATH": f"{programs}:{os.environ['PATH']}",
             "PYTHONUNBUFFERED": "1",
             "XDG_RUNTIME_DIR": str(runtime),
@@ -109,7 +122,7 @@ class Reader:
 
     def _open_terminal(self, line: str) -> None:
         """Begin it, and look at it until it has spoken; a daemon's robot until it is ready."""
-        terminal = Terminal(line, self._folder, self._environment)
+        terminal = Terminal(line, self._folder, self._environment, self._user)
         self._terminals.append(terminal)
         deadline_s = time.monotonic() + READY_S
         while not self._speaks(line, terminal):
@@ -126,6 +139,8 @@ class Reader:
         told = subprocess.run(
             ["tentacled", "status", "--json"],
             env=self._environment,
+            user=self._user,
+            cwd=self._folder,
             capture_output=True,
             text=True,
             check=False,
@@ -143,6 +158,7 @@ class Reader:
             words,
             cwd=self._folder,
             env=self._environment,
+            user=self._user,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -152,6 +168,21 @@ class Reader:
         )
         where = f"{block.page}:{block.line}"
         assert ended.returncode == 0, f"{where} ended with {ended.returncode}: {ended.stdout}"
+
+
+@contextmanager
+def programs_of_readers(version: str = OWN_VERSION) -> Iterator[Path]:
+    """`tentacled` and `python` of that version, in an environment that readers may write to: what
+    they make is installed there."""
+    with TemporaryDirectory(prefix="docs", dir="/tmp") as name:
+        folder, user = Path(name), ordinary_user()
+        folder.chmod(0o755)
+        wheel, python = built_wheel(folder), interpreter(version, folder)
+        environment = environment_with(wheel, folder, python, version)
+        if user is not None:
+            for own in (environment, *environment.rglob("*")):
+                os.chown(own, user, -1, follow_symlinks=False)
+        yield environment / "bin"
 
 
 @contextmanager

@@ -3,14 +3,14 @@
 import ast
 import re
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import yaml
 
 from tests.docs.blocks import MARKS, blocks_of, pages, prose_of, text_of
-from tests.docs.running import reader, runnable
-from tests.installed_wheel import installed_wheel
+from tests.docs.running import programs_of_readers, reader, runnable
 
 PAGES = [page for page in pages() if page != "docs/api.md" and "/reference/" not in page]
 SHOWN_ELSEWHERE = frozenset({"docs/tracking-tests.md"})
@@ -58,8 +58,9 @@ def test_few_blocks_are_left_out() -> None:
 
 
 @pytest.fixture(scope="module")
-def programs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return installed_wheel(tmp_path_factory.mktemp("wheel")) / "bin"
+def programs() -> Iterator[Path]:
+    with programs_of_readers() as programs:
+        yield programs
 
 
 @pytest.mark.hil
