@@ -7,7 +7,7 @@ RUNTIME := $(VENV)/runtime.stamp
 DEVELOPMENT := $(VENV)/development.stamp
 PIP := $(BIN)/pip --disable-pip-version-check --quiet
 
-.PHONY: help install run quick test hil page docs lint bench experiments mutation lock clean
+.PHONY: help install run quick test hil page oracles docs lint bench experiments mutation lock clean
 
 help:
 	@echo "make run          emulated lab, daemon and a client: once round a rectangle, live"
@@ -15,6 +15,7 @@ help:
 	@echo "make test         lint, types and tests"
 	@echo "make hil          the daemon as processes, through every fault: ten minutes of real time"
 	@echo "make page         the operator's page in a real Chromium, with its pictures"
+	@echo "make oracles      the planner and its distances beside OMPL and coal, which it installs"
 	@echo "make docs         the documentation as a site, in build/docs; a dead link is an error"
 	@echo "make bench        measure latency and CPU time; prints one JSON, plots to runs/bench"
 	@echo "make experiments  the long checks: a million fuzzed inputs, then the studies (hours)"
@@ -58,6 +59,10 @@ hil: $(DEVELOPMENT)
 
 page: $(DEVELOPMENT)
 	@$(BIN)/pytest -m page
+
+oracles: $(DEVELOPMENT)
+	@$(PIP) install --no-build-isolation --editable '.[oracles]'
+	@$(BIN)/pytest tests/oracles
 
 docs: $(DEVELOPMENT)
 	@$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet docs build/docs

@@ -7,7 +7,7 @@ import sys
 import sysconfig
 from pathlib import Path
 
-from tests.ordinary_user import OWN_VERSION
+from tests.ordinary_user import OWN, OWN_VERSION, Interpreter
 
 ROOT = Path(__file__).parents[1]
 PIP = ("-m", "pip", "--disable-pip-version-check", "--quiet")
@@ -38,19 +38,18 @@ def built_wheel(folder: Path) -> Path:
     return wheel
 
 
-def environment_with(
-    wheel: Path, folder: Path, python: str = sys.executable, version: str = OWN_VERSION
-) -> Path:
+def environment_with(wheel: Path, folder: Path, python: Interpreter = OWN) -> Path:
     """A virtual environment in `folder` with that wheel. What it needs is lent by this one; for
     another version of Python it is fetched, with what tests need, which takes minutes."""
     place = folder / "environment"
-    done([python, "-m", "venv", "--without-pip", str(place)], folder)
+    done([python.path, "-m", "venv", "--without-pip", str(place)], folder, **python.environment)
     into = [sys.executable, *PIP, "--python", str(place / "bin" / "python"), "install"]
-    if version != OWN_VERSION:
-        done([*into, f"tentacled[test] @ {wheel.as_uri()}"], folder)
+    if python.version != OWN_VERSION:
+        asked = ("pip", "setuptools>=77", f"tentacled[test] @ {wheel.as_uri()}")
+        done([*into, *asked], folder, **python.environment)
         return place
     # A path file of a lent folder is not read: the checkout stays out of it.
-    lent = place / "lib" / f"python{version}" / "site-packages" / "lent.pth"
+    lent = place / "lib" / f"python{OWN_VERSION}" / "site-packages" / "lent.pth"
     lent.write_text(sysconfig.get_path("purelib") + "\n")
     done([*into, "--no-deps", "--force-reinstall", "--no-build-isolation", str(wheel)], folder)
     return place

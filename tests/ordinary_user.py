@@ -5,9 +5,10 @@ import shutil
 import subprocess
 import sys
 import sysconfig
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
+from typing import Final, NamedTuple
 
 import pytest
 
@@ -27,19 +28,32 @@ def ordinary_user() -> int | None:
     return NOBODY if seen.returncode == 0 else None
 
 
-def interpreter(version: str, folder: Path) -> str:
+class Interpreter(NamedTuple):
+    """A Python, and what has to stand in the environment of whatever runs it."""
+
+    path: str
+    version: str
+    environment: Mapping[str, str]
+
+
+OWN: Final = Interpreter(sys.executable, OWN_VERSION, {})
+
+
+def interpreter(version: str, folder: Path) -> Interpreter:
     """A Python of this version that an ordinary user can run: one that is here, or a copy of it in
     `folder`, which others must be able to look into. Skips where there is none."""
     for python in _interpreters(version):
-        if _works_for_ordinary_users(python):
-            return python
+        if _works(found := Interpreter(python, version, {})):
+            return found
     for python in _interpreters(version):
         copied = folder / f"python{version}"
         if not copied.exists():
             prefix = Path(python).resolve().parents[1]
             shutil.copytree(prefix, copied, symlinks=True, ignore=_NOT_COPIED)
-        if _works_for_ordinary_users(str(copied / "bin" / f"python{version}")):
-            return str(copied / "bin" / f"python{version}")
+        program = copied / "bin" / f"python{version}"
+        libraries = {"LD_LIBRARY_PATH": str(copied / "lib")}  # it looks where it was made for
+        if _works(found := Interpreter(str(program), version, libraries)):
+            return found
     pytest.skip(f"there is no Python {version} here")
 
 
@@ -52,11 +66,13 @@ def _interpreters(version: str) -> Iterator[str]:
         yield str(folder / "bin" / f"python{version}")
 
 
-@cache
-def _works_for_ordinary_users(python: str) -> bool:
+def _works(python: Interpreter) -> bool:
+    """For an ordinary user."""
+    environment = {**os.environ, **python.environment}
+    words = [python.path, "-c", "import ssl, venv"]
     try:
         ended = subprocess.run(
-            [python, "-c", "import ssl, venv"], user=ordinary_user(), cwd="/", capture_output=True
+            words, user=ordinary_user(), cwd="/", env=environment, capture_output=True
         )
     except OSError:
         return False

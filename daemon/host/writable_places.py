@@ -43,7 +43,7 @@ def ensure_writable_places(environment: MutableMapping[str, str] = os.environ) -
     if "XDG_CACHE_HOME" in missing and not beside and not environment.get(_NUMBA):
         missing[_NUMBA] = "numba"
     if missing:
-        place = _own_temporary_folder()
+        place = own_temporary_folder()
         for variable, name in missing.items():
             environment[variable] = str(place / name)
     return list(missing)
@@ -64,7 +64,7 @@ def _can_be_made(folder: Path) -> bool:
     return False
 
 
-def _own_temporary_folder() -> Path:
+def own_temporary_folder() -> Path:
     """The same one at each start, unless somebody else has put something there: then a new one."""
     place = Path(tempfile.gettempdir()) / f"tentacled-kept-{os.getuid()}"
     try:

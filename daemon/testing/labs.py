@@ -2,7 +2,6 @@
 
 import fcntl
 import shutil
-import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -12,6 +11,7 @@ from typing import Any, Final
 
 from config.documents.problems import did_you_mean
 from config.paths import BUILTIN
+from daemon.host.writable_places import ensure_writable_places, own_temporary_folder
 from daemon.recording.result import read_result
 from daemon.testing.tracking_result import TrackingResult
 from daemon.workbench.experiments.experiment_file import ExperimentFile, load_experiment
@@ -20,7 +20,7 @@ from daemon.workbench.experiments.trial import TrialError
 from daemon.workbench.pretraining.model_cache import with_model
 from sim_backends.lab.bodies import another_body
 
-_COMPILING: Final = "tentacled-compiling.lock"
+_COMPILING: Final = "compiling.lock"
 
 
 class TrackingFailed(AssertionError):  # noqa: N818 - it is what an assertion raises
@@ -37,6 +37,7 @@ class TestLab:
         self.runs: list[TrackingResult] = []
         self._here, self._folder = here, folder
         self._real_time = real_time
+        ensure_writable_places()
         _compile_once()
 
     def run(
@@ -114,7 +115,7 @@ def _compile_once() -> None:
     from daemon.controllers.make_controller import warm_up
     from sim_backends.plants.shooting import warm_up as warm_up_plant
 
-    with (Path(tempfile.gettempdir()) / _COMPILING).open("a") as lock:
+    with (own_temporary_folder() / _COMPILING).open("a") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         warm_up()
         warm_up_plant()

@@ -10,7 +10,7 @@ import sys
 import time
 
 from tests.docs.blocks import blocks_of
-from tests.docs.running import programs_of_readers, reader, runnable
+from tests.docs.running import installed_for_readers, reader, runnable
 from tests.docs.test_pages import PAGES, SHOWN_ELSEWHERE
 from tests.ordinary_user import OWN_VERSION
 
@@ -25,9 +25,9 @@ def main() -> int:
     if unknown := set(asked.pages) - set(pages):
         parser.error(f"no page: {', '.join(sorted(unknown))}")
     failed = 0
-    with programs_of_readers(asked.python) as programs:
+    with installed_for_readers(asked.python) as installed:
         for page in asked.pages or pages:
-            with reader(programs) as somebody:
+            with reader(installed) as somebody:
                 for block in runnable(blocks_of(page), long=not asked.short):
                     began_s = time.monotonic()
                     try:

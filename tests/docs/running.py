@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Final
+from typing import Final, NamedTuple
 
 from tests.docs.blocks import Block
 from tests.installed_wheel import built_wheel, environment_with
@@ -68,12 +68,20 @@ class Terminal:
                 self._shown.append(some)
 
 
+class Installed(NamedTuple):
+    """What somebody has who wants to follow the pages."""
+
+    programs: Path
+    """The folder in which `tentacled` and `python` are."""
+    environment: Mapping[str, str]
+
+
 class Reader:
     """Somebody with a page, an empty folder, a home that nothing can be written to, and `tentacled`
     installed; an ordinary user, even where root lets them read."""
 
-    def __init__(self, programs: Path, folder: Path) -> None:
-        """programs: the folder in which `tentacled` and `python` are."""
+    def __init__(self, installed: Installed, folder: Path) -> None:
+        programs = installed.programs
         self._programs = programs
         self._folder = folder / "work"
         self._user = ordinary_user()
@@ -88,6 +96,7 @@ class Reader:
         clean = {key: value for key, value in os.environ.items() if not key.startswith("PYTHON")}
         self._environment = {
             **clean,
+            **installed.environment,
             "HOME": str(home),
             "PATH": f"{programs}:{os.environ['PATH']}",
             "PYTHONUNBUFFERED": "1",
@@ -171,25 +180,25 @@ class Reader:
 
 
 @contextmanager
-def programs_of_readers(version: str = OWN_VERSION) -> Iterator[Path]:
-    """`tentacled` and `python` of that version, in an environment that readers may write to: what
+def installed_for_readers(version: str = OWN_VERSION) -> Iterator[Installed]:
+    """`tentacled` with a Python of that version, in an environment that readers may write to: what
     they make is installed there."""
     with TemporaryDirectory(prefix="docs", dir="/tmp") as name:
         folder, user = Path(name), ordinary_user()
         folder.chmod(0o755)
         wheel, python = built_wheel(folder), interpreter(version, folder)
-        environment = environment_with(wheel, folder, python, version)
+        environment = environment_with(wheel, folder, python)
         if user is not None:
             for own in (environment, *environment.rglob("*")):
                 os.chown(own, user, -1, follow_symlinks=False)
-        yield environment / "bin"
+        yield Installed(environment / "bin", python.environment)
 
 
 @contextmanager
-def reader(programs: Path) -> Iterator[Reader]:
+def reader(installed: Installed) -> Iterator[Reader]:
     """In a folder with a short name, for unix sockets, which is gone afterwards."""
     with TemporaryDirectory(prefix="page", dir="/tmp") as folder:
-        one = Reader(programs, Path(folder))
+        one = Reader(installed, Path(folder))
         try:
             yield one
         finally:

@@ -4,13 +4,12 @@ import ast
 import re
 import tomllib
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 import yaml
 
 from tests.docs.blocks import MARKS, blocks_of, pages, prose_of, text_of
-from tests.docs.running import programs_of_readers, reader, runnable
+from tests.docs.running import Installed, installed_for_readers, reader, runnable
 
 PAGES = [page for page in pages() if page != "docs/api.md" and "/reference/" not in page]
 SHOWN_ELSEWHERE = frozenset({"docs/tracking-tests.md"})
@@ -58,16 +57,16 @@ def test_few_blocks_are_left_out() -> None:
 
 
 @pytest.fixture(scope="module")
-def programs() -> Iterator[Path]:
-    with programs_of_readers() as programs:
-        yield programs
+def installed() -> Iterator[Installed]:
+    with installed_for_readers() as installed:
+        yield installed
 
 
 @pytest.mark.hil
 @pytest.mark.long
 @pytest.mark.parametrize("page", RUN)
-def test_a_page_can_be_followed(page: str, programs: Path) -> None:
-    with reader(programs) as somebody:
+def test_a_page_can_be_followed(page: str, installed: Installed) -> None:
+    with reader(installed) as somebody:
         for block in runnable(blocks_of(page), long=False):
             somebody.reads(block)
 

@@ -70,7 +70,8 @@ def test_every_command_does_its_work(version: str, wheel: Path, shared: Path, pl
     if version != OWN_VERSION and not os.environ.get(EVERY_PYTHON):
         pytest.skip(f"{EVERY_PYTHON}=1 fetches all packages for Python {version}: minutes")
     user = ordinary_user()
-    programs = environment_with(wheel, place, interpreter(version, shared), version) / "bin"
+    python = interpreter(version, shared)
+    programs = environment_with(wheel, place, python) / "bin"
     home, empty = place / "home", place / "empty"
     for folder in (home, empty):
         folder.mkdir()
@@ -78,6 +79,7 @@ def test_every_command_does_its_work(version: str, wheel: Path, shared: Path, pl
     if user is not None:
         shutil.chown(empty, user)
     environment = {
+        **python.environment,
         "HOME": str(home),
         "PATH": f"{programs}:/usr/bin:/bin",
         "LANG": "C.UTF-8",

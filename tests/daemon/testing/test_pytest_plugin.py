@@ -1,10 +1,14 @@
 """The fixtures in a suite of somebody else's: run by pytest in a process of its own."""
 
 import json
+import os
+import tempfile
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
+
+from daemon.testing.labs import TestLab
 
 pytest_plugins = ["pytester"]
 
@@ -238,3 +242,14 @@ def test_a_live_lab_has_processes_of_its_own_and_real_time(
     assert {"result.json", "report.html"} <= left
     names = {one.attrib["name"] for one in ET.parse(junit).getroot().iter("property")}
     assert "tentacled.run-0.cycle_1.mean_mm" in names
+
+
+def test_several_users_of_one_machine_do_not_stand_in_each_other_s_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is left in the folder for temporary files, which all of them share, is one's own."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    TestLab(tmp_path, tmp_path / "runs", real_time=False)
+    (left,) = tmp_path.iterdir()
+    assert left.name.endswith(f"-{os.getuid()}")
+    assert left.stat().st_mode & 0o777 == 0o700
