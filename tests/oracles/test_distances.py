@@ -94,13 +94,14 @@ def test_every_body_that_they_say_touches_is_counted_and_none_that_is_well_clear
     _, grid, theirs = scene(name)
     basis = model_file(MODEL).model.basis
     contact = ContactModel(basis, grid, None, samples=60, seed=5)
+    radius = contact.skin.radius.astype(np.float64)
     touched = counted = 0
     for u in POSTURES:
         mixture = model_file(MODEL).model.shapes.mixture(u)
         assert mixture is not None
         risk = contact.risk(mixture)
         drawn = contact.centrelines(mixture).astype(np.float64)
-        clear = np.array([capsules_away_mm(theirs, one, contact.skin.radius) for one in drawn])
+        clear = np.array([capsules_away_mm(theirs, one, radius) for one in drawn])
         touched += int((clear <= 0.0).sum())
         counted += risk.not_surely_clear
         assert risk.not_surely_clear >= (clear <= 0.0).sum(), "none is missed"
