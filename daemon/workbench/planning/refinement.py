@@ -173,12 +173,15 @@ class Refinement:
         found = []
         for finer in _FINER:
             spline = spline_through(self._finer(waypoints, finer), 3 * len(waypoints))
-            if all(self._body.allowed(u) for u in spline[1:-1]):
+            if self._is_allowed(spline):
                 found.append(spline)
-        fine = self._body.finely(waypoints)
-        if all(self._body.allowed(u) for u in fine[1:-1]):
+        if self._is_allowed(waypoints):
             found.append(waypoints)
         return found
+
+    def _is_allowed(self, waypoints: FloatArray) -> bool:
+        """Whether all of the way through (n, m) is, but for its ends, which were asked for."""
+        return all(self._body.allowed(u) for u in self._body.finely(waypoints)[1:-1])
 
     def _finer(self, waypoints: FloatArray, times: int) -> FloatArray:
         at = np.arange(len(waypoints), dtype=np.float64)

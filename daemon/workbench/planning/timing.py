@@ -59,16 +59,16 @@ def timed(
     places: FloatArray, tips_mm: FloatArray, clearances_mm: FloatArray, speeds: Speeds
 ) -> FloatArray:
     """The same with (k, 3) tips that are known. The path's parameter is the number of the place."""
-    by_place = np.gradient(places, axis=0)
-    bends = np.gradient(by_place, axis=0)
-    tip_by_place = np.linalg.norm(np.gradient(tips_mm, axis=0), axis=1)
+    by_place = _longest_beside(np.abs(np.diff(places, axis=0)))
+    bends = np.gradient(np.gradient(places, axis=0), axis=0)
+    tip_by_place = _longest_beside(np.linalg.norm(np.diff(tips_mm, axis=0), axis=1))
     room = np.clip(clearances_mm / _ROOM_MM, _SLOWEST, 1.0)
-    by_velocity = (speeds.velocity / np.maximum(np.abs(by_place), _LEAST)).min(axis=1)
+    by_velocity = (speeds.velocity / np.maximum(by_place, _LEAST)).min(axis=1)
     by_tip = speeds.tip_mm_s / np.maximum(tip_by_place, _LEAST)
     half = 0.5 * speeds.acceleration
     by_bend = np.sqrt((half / np.maximum(np.abs(bends), _LEAST)).min(axis=1))
     rate = np.minimum(np.minimum(by_velocity, by_tip) * room, by_bend)
-    faster = (half / np.maximum(np.abs(by_place), _LEAST)).min(axis=1)
+    faster = (half / np.maximum(by_place, _LEAST)).min(axis=1)
     rate[0] = rate[-1] = 0.0
     for k in range(1, len(rate)):
         most = np.sqrt(rate[k - 1] ** 2 + 2.0 * min(faster[k - 1], faster[k]))
@@ -78,3 +78,10 @@ def timed(
         rate[k] = min(rate[k], most)
     lasts = 2.0 / np.maximum(rate[1:] + rate[:-1], _LEAST)
     return np.concatenate([[0.0], np.cumsum(lasts)])
+
+
+def _longest_beside(steps: FloatArray) -> FloatArray:
+    """(k, …) of each place the longer of the (k − 1, …) steps to it and from it: between two places
+    nothing is then faster than at both of them."""
+    nothing = np.zeros_like(steps[:1])
+    return np.maximum(np.concatenate([nothing, steps]), np.concatenate([steps, nothing]))

@@ -8,7 +8,6 @@ import pytest
 from daemon.risk.mesh_file import read_environment
 from daemon.workbench.body_model.evaluation import shapes
 from daemon.workbench.planning.blocked import Blocked
-from daemon.workbench.planning.body_in_place import CLOSE_SHARE
 from daemon.workbench.planning.goals import TOLERANCE_MM, TipGoal
 from daemon.workbench.planning.plan import Plan
 from daemon.workbench.planning.planner import Planner
@@ -41,8 +40,7 @@ def test_a_path_goes_round_what_the_shortest_one_runs_into() -> None:
     assert plan.risk.upper_limit <= SMALL.most_risk
     assert np.array_equal(plan.u[0], start)
     assert np.linalg.norm(plan.tip_mm[-1] - goal.place_mm) <= TOLERANCE_MM
-    # Between the places that were looked at, the path may be known a little less well.
-    assert all(planner.body.allowed(u, CLOSE_SHARE + 0.05) for u in plan.u[1:])
+    assert all(planner.body.allowed(u) for u in plan.u[1:])
 
 
 def planner_nominal(planner: Planner, start: FloatArray, goal: TipGoal):  # type: ignore[no-untyped-def]
@@ -65,8 +63,7 @@ def test_a_path_is_slow_enough_for_its_axes_and_its_tip() -> None:
     speeds = np.abs(np.diff(plan.u, axis=0)) / dt_s[:, None]
     assert (speeds <= [axis.max_velocity for axis in axes]).all()
     tip_mm_s = np.linalg.norm(np.diff(plan.tip_mm, axis=0), axis=1) / dt_s
-    # Between two places the tip may be faster than it is on the whole from one to the next.
-    assert tip_mm_s.max() <= 1.1 * SMALL.tip_mm_s
+    assert tip_mm_s.max() <= SMALL.tip_mm_s * (1.0 + 1e-9)
     assert plan.t_s[0] == 0.0
     assert (dt_s > 0.0).all()
 
