@@ -84,4 +84,5 @@ def _longest_beside(steps: FloatArray) -> FloatArray:
     """(k, …) of each place the longer of the (k − 1, …) steps to it and from it: between two places
     nothing is then faster than at both of them."""
     nothing = np.zeros_like(steps[:1])
-    return np.maximum(np.concatenate([nothing, steps]), np.concatenate([steps, nothing]))
+    before, after = np.concatenate([nothing, steps]), np.concatenate([steps, nothing])
+    return np.asarray(np.maximum(before, after))
