@@ -337,7 +337,7 @@ class WaypointExplorationController:
             self._tension_rates = np.zeros(len(pulls))
             return
         dt_s = step_time(observation)
-        newest = (pulls - last) / dt_s
+        newest = np.nan_to_num((pulls - last) / dt_s)  # of what is not known at the moment: none
         self._tension_rates += min(dt_s / _RATE_S, 1.0) * (newest - self._tension_rates)
 
     def _leaving(self, observation: Observation) -> bool:

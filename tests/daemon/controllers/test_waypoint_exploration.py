@@ -206,14 +206,19 @@ THREE_TENDONS = load_robot(SHIPPED_ROBOTS / "three_tendon_arm.yaml").robot
 LOWEST_N, HIGHEST_N = THREE_TENDONS.axes[0].tension_range_n or (0.0, 0.0)
 
 
-def pulled(control: WaypointExplorationController, told: bool = True) -> tuple[Vector, int]:
+def pulled(
+    control: WaypointExplorationController, told: bool = True, gap: range = range(0)
+) -> tuple[Vector, int]:
     """(n, 3) N that tendons have of 2 N and 0.5 N for each mm, and how many lines were gone; told:
-    whether the exploration sees it."""
+    whether the exploration sees it, but for the first tendon's in a gap of steps."""
     u, tip, tensions = np.zeros(3), np.array([0.0, 0.0, 130.0]), []
     control.reset(still(u, tip))
     for _ in range(FRAMES_AT_MOST):
         tensions.append(2.0 + 0.5 * u)
-        observation = still(u, tip)._replace(tensions_n=tensions[-1] if told else None)
+        seen = tensions[-1].copy()
+        if len(tensions) in gap:
+            seen[0] = np.nan
+        observation = still(u, tip)._replace(tensions_n=seen if told else None)
         control.observe(observation)
         u = u + control.propose(observation).delta_u
         if control.ready:
@@ -237,6 +242,13 @@ def test_no_tendon_is_torn_either() -> None:
     tensions, _ = pulled(controller(robot=weak, waypoints=40))
     assert tensions.max() < 3.5
     assert tensions.min() > LOWEST_N
+
+
+def test_a_tension_that_was_not_known_for_a_moment_is_a_wall_again() -> None:
+    control = controller(robot=THREE_TENDONS, waypoints=40)
+    tensions, _ = pulled(control, gap=range(5, 10))
+    assert tensions.min() > LOWEST_N
+    assert np.isfinite(control._tension_rates).all()
 
 
 def test_what_is_not_known_of_a_tension_is_no_wall() -> None:
