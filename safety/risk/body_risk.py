@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 
 from safety.risk.body_point import BodyPointRisk
 from safety.risk.contact import ContactModel, ContactRisk, PathContactRisk, most_touching
-from safety.risk.given_tip import FEWER, GivenTip
 from safety.risk.model.mixture import FloatArray, Mixture
 from safety.risk.model.risk_model import RiskModel
 from safety.risk.moving_obstacles import Swept
 from safety.risk.part_kernels import PartSlopes
-from safety.risk.seen_tip import SeenTip, TipConditioning
+from safety.risk.seen_tip import FEWER, GivenTip, SeenTip, TipConditioning
 from safety.risk.surroundings.distance_grid import DistanceGrid
 from safety.risk.surroundings.environment import Environment
 from safety.risk_source import (

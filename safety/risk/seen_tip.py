@@ -1,4 +1,4 @@
-"""What a measured tip says of the whole body, now and where the body goes next.
+"""What a measured tip says of the whole body, now and where the body goes next, and of its risk.
 
 The shapes that the model has are conditioned on the tip, see `model.conditioning`. Two things are
 taken for possible that the model has not seen. The body may be another than those of its training,
@@ -13,6 +13,7 @@ from typing import Final
 
 import numpy as np
 
+from safety.risk.contact import ContactModel, PathContactRisk
 from safety.risk.model.conditioning import (
     LinearObservation,
     bending_covariance,
@@ -23,6 +24,9 @@ from safety.risk.model.conditioning import (
 from safety.risk.model.conditioning_kernels import spread
 from safety.risk.model.mixture import FloatArray, Mixture
 from safety.risk.model.shape_basis import ShapeBasis
+from safety.risk.moving_obstacles import Swept
+from safety.risk.surroundings.distance_grid import DistanceGrid
+from safety.risk.surroundings.environment import InsertionPort
 
 OTHER_BODY: Final = 0.5
 """Variance of the tip by what the model has not seen, over the variance that it has."""
@@ -34,6 +38,8 @@ LEFT_OUT_SHARE: Final = 0.25
 """Of what the basis leaves out of the body, in the body's thickness. It is a bound on errors of fit
 and of shape, which OTHER_BODY has among the shapes already: added as variances they come to 0.2 to
 0.4 of the sum of both, at a risk of 5 % and with shapes 0.3 to 1.2 mm apart."""
+FEWER: Final = 5
+"""Times fewer shapes tell the room: it is asked for many times, and decides nothing."""
 _ASKEW: Final = 4.0
 """Standard deviations: a direction further from the model's is that of a sensor that lies askew."""
 
@@ -117,6 +123,65 @@ class TipConditioning:
         observation = LinearObservation(matrix, value, variance)
         found = conditioned(mixture, observation, seen.beside * self._bends)
         return None if found is None else found.mixture
+
+
+class GivenTip:
+    """The risk of the shapes that agree with a tip. One body in one environment; not for several
+    threads.
+
+    Raises ValueError where the grid is not made for so thick a body.
+    """
+
+    def __init__(
+        self,
+        conditioning: TipConditioning,
+        basis: ShapeBasis,
+        grid: DistanceGrid,
+        port: InsertionPort | None,
+        samples: int,
+        seed: int,
+    ) -> None:
+        self.conditioning = conditioning
+        thinner = basis.leaving_out(LEFT_OUT_SHARE)
+        self._contact = ContactModel(thinner, grid, port, samples, seed)
+        self.fewer = ContactModel(thinner.on_the_safe_side(), grid, port, samples // FEWER, seed)
+        """As thick as those that decide."""
+        self.seen: SeenTip | None = None
+        self._begin: tuple[Mixture, Mixture | None] | None = None
+        """Where the last way began, and the same given the tip."""
+
+    @property
+    def decides(self) -> bool:
+        """Whether the model has nothing against the tip that is seen."""
+        return self.seen is not None and self.seen.agrees
+
+    def see(
+        self, mixture: Mixture, place_mm: FloatArray, direction: FloatArray | None, agrees: bool
+    ) -> None:
+        """A (3,) tip, pointing along (3,), where the model has this mixture."""
+        self.take(self.conditioning.seen(mixture, place_mm, direction, agrees))
+
+    def take(self, seen: SeenTip | None) -> None:
+        """What was seen; None: nothing is."""
+        self.seen, self._begin = seen, None
+
+    def take_moving(self, swept: Swept) -> None:
+        """Count with what moves, too, from now on."""
+        self._contact.take_moving(swept)
+        self.fewer.take_moving(swept)
+
+    def at(self, mixture: Mixture) -> Mixture | None:
+        """Given the tip; None: none is seen, or there is no finite answer."""
+        return None if self.seen is None else self.conditioning.there(self.seen, mixture)
+
+    def along(self, mixtures: list[Mixture]) -> PathContactRisk | None:
+        """Of the way through the model's mixtures; None: no tip is seen, or there is no finite
+        answer."""
+        if self._begin is None or self._begin[0] is not mixtures[0]:
+            self._begin = mixtures[0], self.at(mixtures[0])
+        along = [self._begin[1], *(self.at(mixture) for mixture in mixtures[1:])]
+        found = [mixture for mixture in along if mixture is not None]
+        return self._contact.along(found) if len(found) == len(mixtures) else None
 
 
 def _spread(mixture: Mixture, matrix: FloatArray) -> float:
