@@ -14,9 +14,9 @@ import numpy as np
 from config.robot import Robot
 from config.tasks.controllers import Broyden
 from daemon.array_files import ModelError
-from daemon.control.body_lag import BodyLag, LaggedAxes
 from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.control.jacobian_estimate import JacobianEstimate
+from daemon.control.lag.body_lag import BodyLag, LaggedAxes
 from daemon.control.task import POSE, POSITION, points, task_of
 from daemon.control.tip_following import TipFollower, step_time
 from daemon.controllers.fixed_model_file import load_model, model_metadata, save_model

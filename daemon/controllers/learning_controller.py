@@ -17,8 +17,8 @@ from config.robot import Robot
 from config.tasks.controllers import Learner
 from config.tasks.exploration import MotorBabbling
 from daemon.array_files import Arrays, ModelError
-from daemon.control.body_lag import LaggedAxes
 from daemon.control.controller import ControllerError, Observation, Proposal
+from daemon.control.lag.body_lag import LaggedAxes
 from daemon.control.task import POSITION, points
 from daemon.control.tip_following import TipFollower, step_time
 from daemon.controllers.learning_file import LearntFile, load_learnt, save_learnt

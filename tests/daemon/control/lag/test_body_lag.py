@@ -6,7 +6,7 @@ import pytest
 from config.emulation import SoftArmPlant
 from config.tasks.controllers import Broyden, TipFollowing
 from config.tasks.trajectory import Circle
-from daemon.control.body_lag import LONGEST_S, BodyLag, LaggedAxes, Underway, parts
+from daemon.control.lag.body_lag import LONGEST_S, BodyLag, LaggedAxes, Underway, parts
 from daemon.control.tip_following import TipFollower
 from daemon.controllers.broyden import BroydenController
 from drivers.pose import Vector

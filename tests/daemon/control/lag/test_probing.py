@@ -6,7 +6,7 @@ import pytest
 from config.emulation import SoftArmPlant
 from config.tasks.controllers import ForwardJacobian
 from config.tasks.trajectory import Circle
-from daemon.control.probing import AMPLITUDE_MM, PROBING_S, Probing, place_mm
+from daemon.control.lag.probing import AMPLITUDE_MM, PROBING_S, Probing, place_mm
 from daemon.controllers.forward_jacobian import ForwardJacobianController
 from sim_backends.plants.soft_arm.soft_arm import SoftArm
 from tests.daemon.control import closed_loop

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from daemon.control.disturbance import Disturbance
+from daemon.control.lag.disturbance import Disturbance
 from drivers.pose import Vector
 
 DT_S = 0.025

@@ -16,9 +16,9 @@ from typing import Final
 
 import numpy as np
 
-from daemon.control.body_lag import BodyLag, Underway, parts
 from daemon.control.controller import Observation, Phase
-from daemon.control.disturbance import Disturbance
+from daemon.control.lag.body_lag import BodyLag, Underway, parts
+from daemon.control.lag.disturbance import Disturbance
 from drivers.pose import Vector
 
 _SHORT_S, _LONG_S = 0.2, 0.4
