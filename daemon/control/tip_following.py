@@ -15,8 +15,8 @@ from config.tasks.controllers import TipFollowing
 from daemon.control import jacobian_kernels as kernels
 from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.control.jacobian_kernels import in_rows
-from daemon.control.lag.leading import Leading
 from daemon.control.lag.probing import Probing
+from daemon.control.leading import Leading
 from daemon.control.task import POSITION, points, turn_between
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector

@@ -1,1 +1,1 @@
-"""A body that answers late: how late it is, what takes it off meanwhile, and leading it by that."""
+"""A body that answers late: how late it is, and what takes its tip off meanwhile."""

@@ -384,7 +384,7 @@ def test_who_is_not_to_look_at_tips_makes_no_shapes_for_them(
             made.append(arguments)
             super().__init__(*arguments)  # type: ignore[arg-type]
 
-    for name in ("body_risk", "given_tip"):
+    for name in ("body_risk", "seen_tip"):
         monkeypatch.setattr(f"safety.risk.{name}.ContactModel", Counted)
     BodyRisk(model, block, grid, samples=50)
     without = len(made)

@@ -10,7 +10,7 @@ from config.emulation import SoftArmPlant
 from config.tasks.controllers import ForwardJacobian
 from config.tasks.trajectory import Circle
 from daemon.control.controller import Phase
-from daemon.control.lag.leading import CycleCorrection
+from daemon.control.leading import CycleCorrection
 from daemon.controllers.forward_jacobian import ForwardJacobianController
 from daemon.reference.trajectories import make_trajectory
 from drivers.pose import Vector
