@@ -44,8 +44,9 @@ _MOST_AT_ONCE: Final = 16
 _LARGEST_BYTES: Final = 4096
 _REST_S: Final = 0.005
 """Between two looks at one line: who writes without end leaves the others their time."""
-_NICENESS: Final = -10
-"""Where it is permitted: it has little to do, and is to do it before whatever draws pictures."""
+_PRIORITY: Final = 10
+"""SCHED_FIFO, where it is permitted: it has little to do, and is to do it before whatever draws
+pictures. A daemon's loop goes before it."""
 
 Stop = Callable[[str], Awaitable[Answer]]
 """STOP of the robot of that name. Raises ClientError."""
@@ -230,7 +231,8 @@ def main() -> int:
     """Entry point of the process. Returns the exit code."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with suppress(OSError):
-        os.nice(_NICENESS)
+        policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+        os.sched_setscheduler(0, policy, os.sched_param(_PRIORITY))
     with socket.socket(fileno=int(sys.argv[1])) as server, logging_to_stderr("stop lines"):
         asyncio.run(_serve(server))
     return 0

@@ -1,6 +1,8 @@
 // How often the robot is drawn, and how finely: by what the last pictures have cost. A computer without a
 // graphics card draws with the processor, and on a bench that may be the one that the robot's loop runs on.
-const SHARE = 0.2;  // of one core for drawing; what the browser does with a finished picture comes to half as much again
+// Of one core for drawing; what the browser does with a finished picture comes to half as much again, and what is
+// pressed meanwhile waits for a core. More where a hand follows the picture.
+const SHARE = 0.1, LED_SHARE = 0.2;
 const EVERY_MS = 1000 / 60, SLOW_MS = 125, SLOWEST_MS = 250;  // an operator who leads the tip must never wait longer than SLOW_MS
 const FINENESS = [0.5, 0.75, 1, 1.5, 2];  // pixels drawn for one of the screen's, each way: above one it smooths edges
 const KEPT = 9, RECKONED_WITH = 5, FINER_BELOW_MS = 40;
@@ -23,7 +25,7 @@ export class Pace {
 
   get every_ms() {
     const most = this.led || this.level > 0 ? SLOW_MS : SLOWEST_MS;
-    return Math.min(Math.max(this.cost_ms / SHARE, EVERY_MS), most);
+    return Math.min(Math.max(this.cost_ms / (this.led ? LED_SHARE : SHARE), EVERY_MS), most);
   }
 
   // A little early is in time: the browser's own pictures come in steps.

@@ -99,13 +99,12 @@ function takeLive(frame) {
   unshown = { ...unshown, ...frame, events: [...((unshown && unshown.events) || []), ...(frame.events || [])] };
   if (frame.tip) look.tip = frame.tip;
   scene.take(frame);
-  if (performance.now() - shown_ms >= (scene.beside ? SHOWN_EVERY_MS : SHOWN_WITHIN_MS)) show();
+  if (performance.now() - shown_ms >= SHOWN_WITHIN_MS) show();
   wake();
 }
 
 // All that has been told since, in words. A browser holds up whatever is pressed while it hands on a change of
-// the page, however small: so there are few, and none for the picture where it is drawn beside the page. Where it
-// is not, words wait for the next picture, and are handed on with it.
+// the page, however small: so there are few, and words wait for the next picture and are handed on beside it.
 function show() {
   shown_ms = performance.now();
   const frame = unshown;
@@ -250,7 +249,7 @@ function wake() {
 // Returns whether a picture was drawn.
 function picture(now) {
   if (replay) replay.tick(now);
-  else if (!scene.beside && performance.now() - shown_ms >= SHOWN_EVERY_MS && (!scene.seen || scene.waits_ms(performance.now()) <= 0)) show();
+  else if (performance.now() - shown_ms >= SHOWN_EVERY_MS && (!scene.seen || scene.waits_ms(performance.now()) <= 0)) show();
   const { tipAge, tipSent, tipFresh, number, heard, age } = look;
   return scene.draw($("clearance"), performance.now(), (at_ms) => {
     Object.assign(look, { drawnNumber: number, drawnHeard: heard, drawnAge: age });

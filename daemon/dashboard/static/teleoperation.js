@@ -31,7 +31,6 @@ export class Hand {
     addEventListener("pagehide", () => this.letGo("the page was left"));
     addEventListener("contextmenu", () => this.letGo("a menu was opened"));
     document.addEventListener("visibilitychange", () => { if (document.hidden) this.letGo("the page was hidden"); });
-    addEventListener("gamepaddisconnected", (event) => { if (this.held === "pad" && event.gamepad.index === this.pad) this.letGo("the gamepad was unplugged"); });
   }
 
   // From Begin on, until the drives are off or somebody else is in control: between two grips it stands, held or armed.
@@ -114,6 +113,14 @@ export class Hand {
     if (this.held === "keys" && !this.pressed.size) this.letGo("let go");
   }
 
+  // Of nothing to lead none is asked for: from then on a browser looks for them hundreds of times a second.
+  pads() {
+    if (!navigator.getGamepads || !(this.offered || this.held)) { this.padFree = false; return []; }
+    if (!this.seesPads) addEventListener("gamepaddisconnected", (event) => { if (this.held === "pad" && event.gamepad.index === this.pad) this.letGo("the gamepad was unplugged"); });
+    this.seesPads = true;
+    return [...navigator.getGamepads()].filter((pad) => pad && pad.connected);
+  }
+
   // The pad whose shoulder button is held, and how far its sticks are pushed.
   padPush(pads) {
     const pad = this.held === "pad" ? pads.find((one) => one.index === this.pad) : pads.find(gripped);
@@ -125,7 +132,7 @@ export class Hand {
 
   // Once for each picture that is drawn: a page that draws none leads nothing.
   tick(now) {
-    const pads = navigator.getGamepads ? [...navigator.getGamepads()].filter((pad) => pad && pad.connected) : [], push = this.padPush(pads);
+    const pads = this.pads(), push = this.padPush(pads);
     if (this.held === "pad" && !push) this.letGo("let go");
     if (!this.held && push && this.padFree) this.take("pad");
     // Held when it was plugged in, or before there was anything to lead: it has to be pressed anew.

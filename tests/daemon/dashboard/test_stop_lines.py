@@ -3,6 +3,7 @@
 import asyncio
 import json
 import os
+import resource
 import signal
 import socket
 import subprocess
@@ -240,6 +241,20 @@ def newest_process() -> int:
         check=False,
     ).stdout.split()
     return int(found[-1]) if found else 0
+
+
+@pytest.mark.skipif(
+    os.geteuid() != 0 and resource.getrlimit(resource.RLIMIT_RTPRIO)[0] < 10,
+    reason="no real-time priority is permitted here: LimitRTPRIO=80",
+)
+def test_the_process_for_stop_goes_before_what_draws_pictures(tmp_path: Path) -> None:
+    async def test() -> None:
+        async with served(tmp_path) as page:
+            async with page.http.ws_connect(f"{page.base}/stop", headers=page.sent(VIEWER)):
+                policy = os.sched_getscheduler(newest_process())
+            assert policy & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO
+
+    run_in_real_time(test())
 
 
 def test_the_process_for_stop_is_made_again_and_new_lines_go_there(tmp_path: Path) -> None:
