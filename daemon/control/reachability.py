@@ -7,6 +7,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from config.control import Workspace
+from daemon.control.axis_speeds import Foresight, speed_looks
 from daemon.reference.trajectories import Trajectory
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
@@ -16,9 +17,6 @@ MODEL_SAMPLES = 240
 BOX_SAMPLES = 2000
 """Places at which workspace and speed are looked at, besides all corners."""
 _SAMPLES_AT_ONCE = 200
-_SPEED_MARGIN = 1.25
-"""A model's axes are searched place by place, each near the last: their speed is no better known.
-"""
 
 
 class KinematicModel(Protocol):
@@ -51,7 +49,9 @@ class Bounds:
     tip_speed_mm_s: float | None = None
     """The fastest that the controller asks of the tip."""
     axes: AxisRanges | None = None
-    """How fast the axes go, for a model that says where they are."""
+    """Where the axes may be together, and how fast they go."""
+    foresight: Foresight | None = None
+    """What is known of how the axes would go; None: nothing."""
 
 
 def unreachable(trajectory: Trajectory, bounds: Bounds) -> str | None:
@@ -71,11 +71,17 @@ def looks(trajectory: Trajectory, bounds: Bounds) -> Iterator[str | None]:
         yield from _looks_of_model(trajectory, bounds.model, bounds.axes)
 
 
+def too_fast(trajectory: Trajectory, bounds: Bounds) -> Iterator[str | None]:
+    """Why the axes are too slow for the trajectory, in pieces as `looks` is."""
+    if bounds.foresight is None or bounds.axes is None:
+        return
+    yield from speed_looks(trajectory, bounds.foresight, bounds.axes)
+
+
 def _looks_of_model(
     trajectory: Trajectory, model: KinematicModel, axes: AxisRanges | None
 ) -> Iterator[str | None]:
     before: Vector | None = None
-    dt_s = trajectory.cycle_s / MODEL_SAMPLES
     for t_s in np.linspace(0.0, trajectory.cycle_s, MODEL_SAMPLES + 1):
         point = trajectory.in_cycle(t_s)[0]
         u, miss_mm = model.reach(point, before)
@@ -90,23 +96,9 @@ def _looks_of_model(
                 f"{where}, where by the controller's model the axes would have to be beyond the "
                 f"coupled limit {broken.name}: {broken.reason}"
             )
-        elif before is not None and axes is not None:
-            yield _too_fast(axes, np.abs(u - before) / dt_s, where)
         else:
             yield None
         before = u
-
-
-def _too_fast(axes: AxisRanges, speeds: Vector, where: str) -> str | None:
-    share = speeds / axes.max_velocity
-    worst = int(np.argmax(share))
-    if share[worst] <= _SPEED_MARGIN:
-        return None
-    return (
-        f"{where}, and {axes.names[worst]} would have to go {speeds[worst]:.1f} "
-        f"{axes.units[worst]}/s, where {axes.max_velocity[worst]:g} is the most, by the "
-        "controller's model"
-    )
 
 
 def _out_of_bounds(trajectory: Trajectory, times: Vector, bounds: Bounds) -> str | None:

@@ -24,6 +24,9 @@ from drivers.pose import Vector
 LONGEST_STEP_S = 0.1
 """A step that took longer counts as this long: the tip does not leap after a gap."""
 
+_FORESEEN_S = 0.025
+"""A step of the tracker's, as the law is asked for it before anything moves."""
+
 Matrix = Vector
 
 
@@ -200,6 +203,26 @@ class TipFollower:
                 self._options.damping_mm,
             )
         )
+
+    def axis_velocity(self, jacobian: Matrix, tip_velocity: Vector, u: Vector) -> Vector:
+        """(m,) per second that this law asks of axes at (m,) for (3,) mm/s of the tip, however
+        fast they are. jacobian: (3, m)."""
+        lowest, highest = self.axes.step_range(u)
+        drawn = self._options.posture_gain_per_s * _FORESEEN_S * (self._posture - u)
+        bounds = [in_rows(one / self.unit) for one in (drawn, lowest, highest)]
+        step = kernels.bounded_step(
+            in_rows(jacobian * self.unit),
+            in_rows(_FORESEEN_S * tip_velocity),
+            *bounds,
+            self._options.damping_mm,
+        )
+        return np.asarray(step * self.unit / _FORESEEN_S)
+
+    def axes_nearer(self, jacobian: Matrix, missing_mm: Vector, u: Vector) -> Vector:
+        """(m,) axes within their travel, nearest to (m,) `u`, that bring the tip (3,) mm further.
+        jacobian: (3, m)."""
+        step = damped_solution(jacobian * self.unit, missing_mm, self._options.damping_mm)
+        return np.clip(u + self.unit * step, self.axes.lowest, self.axes.highest)
 
     def within_limits(self, step: Vector, observation: Observation) -> Vector:
         """(m,) a step as far as travel and speed of each axis let it be."""

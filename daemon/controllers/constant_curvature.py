@@ -11,6 +11,7 @@ import numpy as np
 
 from config.robot import Robot
 from config.tasks.controllers import ConstantCurvature, GasChambers, VolumetricChambers
+from daemon.control.axis_speeds import Foresight
 from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.control.tip_following import TipFollower, bounded_step
 from daemon.controllers.fixed_model_file import load_model, model_metadata, save_model
@@ -288,6 +289,16 @@ class ConstantCurvatureController:
     @property
     def ready(self) -> bool:
         return self._follower.probed
+
+    @property
+    def foresight(self) -> Foresight:
+        """What the model says of a path before it is gone."""
+        arcs = self.kinematics
+        return Foresight(
+            lambda tip_mm: arcs.reach(tip_mm, None)[0],
+            lambda _, u: arcs.tip(u)[1],
+            self._follower.axis_velocity,
+        )
 
     def draw_to(self, posture: Vector) -> None:
         """Draw the axes to (m,) a posture from now on. Raises ValueError for no numbers."""

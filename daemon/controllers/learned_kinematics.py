@@ -6,6 +6,7 @@ the model. Here the tracker may close the loop as well.
 """
 
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from config.paths import controller_model
 from config.robot import Robot
 from config.tasks.controllers import LearnedKinematics
 from daemon.array_files import ModelError
+from daemon.control.axis_speeds import Foresight
 from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.control.task import POSITION
 from daemon.control.tip_following import TipFollower
@@ -24,6 +26,10 @@ from daemon.learning.forward.pose_kinematics import (
 from daemon.learning.forward.pose_model import PoseModel
 from daemon.learning.lwpr.model import Lwpr
 from drivers.pose import Vector
+
+_SEARCH_STEPS: Final = 60
+_SEARCH_STEP_MM: Final = 10.0
+_FOUND_MM: Final = 1.0
 
 
 class LearnedKinematicsController:
@@ -52,6 +58,11 @@ class LearnedKinematicsController:
     def adapted(self) -> int:
         """Samples that corrected the model since it was loaded."""
         return 0 if self._adaptation is None else self._adaptation.samples
+
+    @property
+    def foresight(self) -> Foresight:
+        """What the model says of a path before it is gone."""
+        return Foresight(self._axes_for, self._known_jacobian, self._follower.axis_velocity)
 
     def draw_to(self, posture: Vector) -> None:
         """Draw the axes to (m,) a posture from now on. Raises ValueError for no numbers."""
@@ -113,6 +124,26 @@ class LearnedKinematicsController:
                 options.sample_tip_mm,
                 options.sample_travel_share,
             )
+
+    def _axes_for(self, tip_mm: Vector) -> Vector | None:
+        """(m,) searched from the posture; None: not found where the model knows anything."""
+        u = self._follower.posture
+        for _ in range(_SEARCH_STEPS):
+            if not self.learnt.known(u):
+                return None
+            here_mm, _, jacobian = self.learnt.answer(u)
+            missing = tip_mm - here_mm
+            far_mm = float(np.sqrt(missing @ missing))
+            if not far_mm > _FOUND_MM:
+                return None if np.isnan(far_mm) else u
+            step_mm = missing * min(1.0, _SEARCH_STEP_MM / far_mm)
+            u = self._follower.axes_nearer(jacobian[:POSITION], step_mm, u)
+        return None
+
+    def _known_jacobian(self, tip_mm: Vector, u: Vector) -> Vector | None:
+        del tip_mm
+        jacobian = self.learnt.answer(u).jacobian[:POSITION] if self.learnt.known(u) else None
+        return None if jacobian is None or np.isnan(jacobian).any() else jacobian
 
 
 def make(options: LearnedKinematics, robot: Robot, seed: int) -> LearnedKinematicsController:

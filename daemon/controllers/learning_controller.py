@@ -17,12 +17,17 @@ from config.robot import Robot
 from config.tasks.controllers import Learner
 from config.tasks.exploration import MotorBabbling
 from daemon.array_files import Arrays, ModelError
+from daemon.control.axis_speeds import Foresight
 from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.control.lag.body_lag import LaggedAxes
 from daemon.control.task import POSITION, points
 from daemon.control.tip_following import TipFollower, step_time
 from daemon.controllers.learning_file import LearntFile, load_learnt, save_learnt
-from daemon.controllers.learnt_jacobian import LearntJacobian, PointingJacobian
+from daemon.controllers.learnt_jacobian import (
+    LearntJacobian,
+    PointingJacobian,
+    learnt_foresight,
+)
 from daemon.controllers.waypoint_exploration import WaypointWalk
 from daemon.learning.forward.pretrained_model import PretrainedModel
 from daemon.learning.samples.motion import MotionSample
@@ -213,6 +218,13 @@ class LearningController(ABC):
     def _learnt(self) -> bool:
         """Whether the first motions have told how the body answers, or need not."""
         return self._jacobian.known and (self._pointing.known or not self._points)
+
+    @property
+    def foresight(self) -> Foresight | None:
+        """What the forward model says of a path before it is gone; None: there is none."""
+        if self._model is None:
+            return None
+        return learnt_foresight(self._model, self._jacobian, self._follower)
 
     @property
     def doubted(self) -> int:

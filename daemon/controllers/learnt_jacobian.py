@@ -14,10 +14,13 @@ from typing import Final
 import numpy as np
 
 from config.tasks.controllers import Learner
+from daemon.control.axis_speeds import Foresight
 from daemon.control.controller import ControllerError, Observation
 from daemon.control.jacobian_estimate import JacobianEstimate
 from daemon.control.jacobian_kernels import in_rows
 from daemon.control.task import POSE, POSITION, task_of
+from daemon.control.tip_following import TipFollower
+from daemon.learning.forward.pretrained_model import PretrainedModel
 from daemon.learning.lwpr.model import Lwpr
 from daemon.learning.samples.motion import MotionSample
 from drivers.pose import Vector
@@ -214,6 +217,33 @@ class LearntJacobian:
             options.correction_drift_mm,
             options.correction_reach,
         )
+
+
+_NEAR_MM: Final = 20.0
+"""Of a place, in which a model's motions tell where the axes were: as far as a Jacobian holds."""
+
+
+def learnt_foresight(
+    model: PretrainedModel, jacobian: LearntJacobian, follower: TipFollower
+) -> Foresight:
+    """What a forward model and its motions say of a path that nobody has gone yet."""
+    motions = model.motions
+
+    def begin(tip_mm: Vector) -> Vector | None:
+        """From that motion near the place which is nearest to the posture."""
+        away_mm = np.linalg.norm(motions.tip_mm - tip_mm, axis=1)
+        near = np.flatnonzero(away_mm <= _NEAR_MM)
+        if not near.size:
+            return None
+        drawn = (motions.u[near] - follower.posture) / follower.axes.scale
+        here = near[np.argmin((drawn**2).sum(axis=1) + (away_mm[near] / _NEAR_MM) ** 2)]
+        seen_mm, u = motions.tip_mm[here], motions.u[here]
+        return follower.axes_nearer(jacobian.at(seen_mm, u), tip_mm - seen_mm, u)
+
+    def known(tip_mm: Vector, u: Vector) -> Vector | None:
+        return jacobian.at(tip_mm, u) if jacobian.covered(tip_mm, u) >= 1.0 else None
+
+    return Foresight(begin, known, follower.axis_velocity)
 
 
 # How the tip's direction answers to the axes: models that were learnt are of its position.

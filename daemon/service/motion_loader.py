@@ -17,6 +17,7 @@ from config.robot import Robot
 from config.tasks.controllers import Broyden, ControllerOptions, load_controller_options
 from config.tasks.trajectory import Planned, Waypoints, load_trajectory_options
 from daemon.control import guarded_controller
+from daemon.control.axis_speeds import HasForesight
 from daemon.control.controller import Controller, ControllerError
 from daemon.control.guarded_controller import Answering
 from daemon.control.reachability import Bounds, HasKinematics
@@ -127,6 +128,7 @@ class MotionLoader:
             controller.kinematics if isinstance(controller, HasKinematics) else None,
             getattr(options, "max_tip_speed_mm_s", None),
             AxisRanges.of(self._robot),
+            controller.foresight if isinstance(controller, HasForesight) else None,
         )
 
     async def _made(self, work: Callable[[], T]) -> T:

@@ -10,7 +10,7 @@ from config.tasks.planned_path import PlannedPath
 from daemon.control.controller import Controller
 from daemon.control.guarded_controller import at_once as answers_at_once
 from daemon.control.guarded_controller import in_a_thread
-from daemon.control.reachability import Bounds, looks
+from daemon.control.reachability import Bounds, looks, too_fast
 from daemon.messages import (
     Acquire,
     Answer,
@@ -167,10 +167,12 @@ class Operator:
         self, trajectory: Trajectory, controller: Controller, bounds: Bounds
     ) -> None:
         self._check_path(trajectory.path)
-        for why in looks(trajectory, bounds):
-            if why is not None:
-                raise CommandRefusedError("unreachable", why)
-            await asyncio.sleep(0)  # the bus cycle goes on in between
+        asked = (("unreachable", looks), ("axis_too_slow", too_fast))
+        for refusal, look in asked:
+            for why in look(trajectory, bounds):
+                if why is not None:
+                    raise CommandRefusedError(refusal, why)
+                await asyncio.sleep(0)  # the bus cycle goes on in between
         ahead = await self._look_ahead(trajectory.path)
         if self._service.supervisor.running:
             raise CommandRefusedError("wrong_state", "the robot was started meanwhile")

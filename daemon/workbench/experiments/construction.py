@@ -11,10 +11,15 @@ from config.documents.problems import ConfigError, Problem
 from config.documents.yaml_document import Location
 from config.loader import RobotFile
 from config.robot import Robot
+from daemon.control.axis_speeds import HasForesight
+from daemon.control.controller import Controller
+from daemon.control.reachability import Bounds, too_fast
 from daemon.controllers.make_controller import make_controller
 from daemon.host.clock import MonotonicClock
 from daemon.recording.flight_recorder import FlightRecorder
+from daemon.reference.trajectories import make_trajectory
 from daemon.risk.body_risk_source import make_risk_source
+from daemon.robot.axes import AxisRanges
 from daemon.robot.connections import RealConnections
 from daemon.service.dependencies import Dependencies
 from daemon.service.robot_service import RobotService
@@ -59,17 +64,30 @@ def experiment_problems(file: ExperimentFile) -> list[Problem]:
     )
     experiment = file.experiment
     if experiment.pretraining is None:
+        made: list[Controller] = []
         problems += _why_not(
             ("controller",),
             file.problem,
-            lambda: make_controller(experiment.controller, file.robot, experiment.seed),
+            lambda: made.append(
+                make_controller(experiment.controller, file.robot, experiment.seed)
+            ),
         )
+        for why in filter(None, (_why_too_fast(file, controller) for controller in made)):
+            problems.append(file.problem(("trajectory",), why))
     for index, happening in enumerate(experiment.happenings):
         if lab is not None and happening.inject is not None:
             where = ("happenings", index, "inject")
             ask = partial(understand, lab.devices, happening.inject)
             problems += _why_not(where, file.problem, ask)
     return problems
+
+
+def _why_too_fast(file: ExperimentFile, controller: Controller) -> str | None:
+    """Why the axes are too slow for the trajectory, as far as the controller knows the robot."""
+    foresight = controller.foresight if isinstance(controller, HasForesight) else None
+    trajectory = make_trajectory(file.experiment.trajectory, file.path.parent)
+    bounds = Bounds(axes=AxisRanges.of(file.robot), foresight=foresight)
+    return next(filter(None, too_fast(trajectory, bounds)), None)
 
 
 def _lab(robot: Robot, file: RobotFile, at: _At, problems: list[Problem]) -> Lab | None:

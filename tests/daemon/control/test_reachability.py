@@ -10,7 +10,15 @@ from config.control import Workspace
 from config.loader import load_robot
 from config.tasks.controllers import Broyden, ConstantCurvature
 from config.tasks.trajectory import Circle, Hold, TrajectoryOptions, Waypoints
-from daemon.control.reachability import Bounds, HasKinematics, KinematicModel, looks, unreachable
+from daemon.control.axis_speeds import HasForesight
+from daemon.control.reachability import (
+    Bounds,
+    HasKinematics,
+    KinematicModel,
+    looks,
+    too_fast,
+    unreachable,
+)
 from daemon.controllers.make_controller import make_controller
 from daemon.reference.trajectories import make_trajectory
 from daemon.robot.axes import AxisRanges
@@ -123,13 +131,15 @@ def test_a_single_leg_that_is_too_fast_is_found(tmp_path: Path) -> None:
 
 def test_an_axis_that_would_have_to_be_too_fast_is_named() -> None:
     axes = AxisRanges.of(ROBOT)
+    controller = make_controller(ConstantCurvature(kind="constant_curvature"), ROBOT, seed=1)
+    assert isinstance(controller, HasForesight)
     trajectory = make_trajectory(rectangle(60.0), Path())
-    assert unreachable(trajectory, Bounds(BOX, model(), 25.0, axes)) is None
+    bounds = Bounds(BOX, model(), 25.0, axes, controller.foresight)
+    assert not any(too_fast(trajectory, bounds))
     slow = replace(axes, max_velocity=axes.max_velocity * 0.01)
-    text = unreachable(trajectory, Bounds(BOX, model(), 25.0, slow))
-    assert text is not None
-    assert "where" in text
-    assert any(name in text for name in axes.names)
+    text = next(filter(None, too_fast(trajectory, replace(bounds, axes=slow))))
+    assert text.startswith("at ")
+    assert any(f"and {name} would have to go" in text for name in axes.names)
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in EXPERIMENTS.glob("*.yaml")))

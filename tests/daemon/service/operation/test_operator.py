@@ -1,6 +1,7 @@
 """What a client may ask, when, and what then happens: the daemon and its lab in virtual time."""
 
 import asyncio
+import re
 
 import pytest
 
@@ -165,6 +166,21 @@ def test_what_cannot_be_reached_is_refused_with_place_and_amount() -> None:
         assert wrong.name == "bad_trajectory"
         assert "radius_mm" in wrong.text
         assert (await rig.refused(Start)).name == "nothing_loaded"
+
+    on_a_rig(scene)
+
+
+def test_a_path_that_the_axes_are_too_slow_for_is_refused_with_what_would_do() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.do(Acquire)
+        hasty = SMALL_CIRCLE | {"radius_mm": 40.0, "cycle_s": 2.0, "cycles": 3}
+        controller = MODEL | {"max_tip_speed_mm_s": 200.0}
+        refusal = await rig.refused(Load, trajectory=hasty, controller=controller)
+        assert refusal.name == "axis_too_slow"
+        found = re.search(r"let a cycle take ([\d.]+) s instead of 2$", refusal.text)
+        assert found is not None
+        slower = hasty | {"cycle_s": float(found[1])}
+        await rig.do(Load, trajectory=slower, controller=controller)
 
     on_a_rig(scene)
 
