@@ -209,11 +209,12 @@ class TipFollower:
         fast they are. jacobian: (3, m)."""
         lowest, highest = self.axes.step_range(u)
         drawn = self._options.posture_gain_per_s * _FORESEEN_S * (self._posture - u)
-        bounds = [in_rows(one / self.unit) for one in (drawn, lowest, highest)]
-        step = kernels.bounded_step(
-            in_rows(jacobian * self.unit),
-            in_rows(_FORESEEN_S * tip_velocity),
-            *bounds,
+        step = bounded_step(
+            jacobian * self.unit,
+            _FORESEEN_S * tip_velocity,
+            drawn / self.unit,
+            lowest / self.unit,
+            highest / self.unit,
             self._options.damping_mm,
         )
         return np.asarray(step * self.unit / _FORESEEN_S)
