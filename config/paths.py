@@ -86,8 +86,8 @@ def shipped_or_beside(reference: str, folder: str, robot_path: Path) -> Path:
     return robot_path.parent / reference
 
 
-def controller_model(reference: str) -> Path:
-    """The file that a controller's `model` means: a shipped one, or one of whoever runs it."""
+def named_model(reference: str) -> Path:
+    """The file of that model: a shipped one, or one of whoever runs it."""
     if reference.startswith(BUILTIN):
         return shipped_or_beside(reference, "models", Path())
     return Path(reference).expanduser()
@@ -99,7 +99,7 @@ def is_shipped_model(reference: str) -> bool:
     plain = (
         reference.startswith(BUILTIN) and name not in {"", ".", ".."} and Path(name).name == name
     )
-    return plain and is_file(controller_model(reference))
+    return plain and is_file(named_model(reference))
 
 
 def is_file(path: Path) -> bool:

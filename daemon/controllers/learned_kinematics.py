@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from config.paths import controller_model
+from config.paths import named_model
 from config.robot import Robot
 from config.tasks.controllers import LearnedKinematics
 from daemon.array_files import ModelError
@@ -45,7 +45,7 @@ class LearnedKinematicsController:
         self._follower = TipFollower(options, robot)
         self._adaptation: PoseAdaptation | None = None
         try:
-            self.load(controller_model(options.model))
+            self.load(named_model(options.model))
         except (ModelError, OSError) as error:
             raise ControllerError(f"the model cannot be loaded: {error}") from None
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from config.paths import controller_model
+from config.paths import named_model
 from config.robot import Robot
 from config.tasks.controllers import Learner
 from config.tasks.exploration import MotorBabbling
@@ -206,7 +206,7 @@ class LearningController(ABC):
         self._axes = LaggedAxes()
         self._was_late = False
         if options.model is not None:
-            self._load_first(controller_model(options.model))
+            self._load_first(named_model(options.model))
         elif not options.learning:
             raise ControllerError(f"{self.name} has no model and shall not learn one: give `model`")
 

@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from config.paths import named_model
 from daemon.commands.outcome.failures import as_failed
 from daemon.commands.outcome.result import Result
 from daemon.robot.checked_robot import add_robot_argument, robot_with_warnings_told
@@ -15,7 +16,10 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_robot_argument(parser)
-    parser.add_argument("--model", type=Path, required=True, metavar="MODEL.npz")
+    parser.add_argument(
+        "--model", type=named_model, required=True, metavar="MODEL.npz",
+        help="`builtin:` and its name for a shipped one",
+    )  # fmt: skip
     parser.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="for the figure and contact.json"
     )

@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from config.paths import named_model
 from daemon.commands.body_model.train import add_data_arguments, prepare_torch
 from daemon.commands.outcome.failures import as_failed
 from daemon.commands.outcome.result import Result
@@ -17,7 +18,10 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_robot_argument(parser)
     add_data_arguments(parser)
-    parser.add_argument("--model", type=Path, required=True, metavar="MODEL.npz")
+    parser.add_argument(
+        "--model", type=named_model, required=True, metavar="MODEL.npz",
+        help="`builtin:` and its name for a shipped one",
+    )  # fmt: skip
     parser.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="for figures and evaluation.json"
     )

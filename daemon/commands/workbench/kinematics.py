@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from config.emulation import ConcentricTubesPlant
-from config.paths import shipped_or_beside
+from config.paths import named_model
 from daemon.commands.outcome.failures import CommandError, UsageError, as_failed
 from daemon.commands.outcome.result import Result
 from daemon.robot.checked_robot import add_robot_argument, robot_with_warnings_told
@@ -21,7 +21,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("--out", type=Path, metavar="MODEL.npz", help="learn, and keep it there")
     what.add_argument(
-        "--model", metavar="MODEL.npz", help="say how well this one does; `builtin:` for a shipped"
+        "--model",
+        type=named_model,
+        metavar="MODEL.npz",
+        help="say how well this one does; `builtin:` for a shipped",
     )
     parser.add_argument(
         "--points",
@@ -83,8 +86,7 @@ def run(arguments: argparse.Namespace) -> Result:
     try:
         tubes = RelativeTubes(plant, robot.axes, extension_mm)
         if arguments.model is not None:
-            path = shipped_or_beside(arguments.model, "models", Path.cwd() / "any.yaml")
-            found = evaluate_pose(PoseModel.load(path), tubes, settings)
+            found = evaluate_pose(PoseModel.load(arguments.model), tubes, settings)
         else:
             check_can_be_made(arguments.out)
             found = learn_pose(tubes, settings, _about(arguments, plant), _say)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from config.control import Port, Surface
 from config.loader import RobotFile
-from config.paths import shipped_or_beside
+from config.paths import named_model
 from daemon.commands.outcome.exit_codes import EXIT_FAILED
 from daemon.commands.outcome.failures import UsageError
 from daemon.commands.outcome.result import Result
@@ -61,7 +61,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "the way inwards (default: the robot file's)",
     )  # fmt: skip
     port.add_argument("--no-port", action="store_true", help="there is no way in")
-    parser.add_argument("--model", metavar="MODEL.npz", help="instead of the robot file's")
+    parser.add_argument(
+        "--model", type=named_model, metavar="MODEL.npz", help="instead of the robot file's"
+    )
     parser.add_argument(
         "--preset", choices=_PRESETS, default=_PRESETS[0],
         help="`thompson`: the paper's own method, to compare with (default: %(default)s)",
@@ -99,7 +101,7 @@ def run(arguments: argparse.Namespace) -> Result:
         files = read_risk_files(
             checked.file,
             surface=_surface(arguments, checked.file),
-            model=_model(arguments, checked.file),
+            model=arguments.model,
         )
         return _planned(arguments, checked.file, files, progress)
 
@@ -204,12 +206,6 @@ def _surface(arguments: argparse.Namespace, file: RobotFile) -> Surface | None:
             centre_mm=(x, y, z), inwards=(dx, dy, dz), radius_mm=radius_mm, depth_mm=depth_mm
         )
     return surface.model_copy(update=update)
-
-
-def _model(arguments: argparse.Namespace, file: RobotFile) -> Path | None:
-    if arguments.model is None:
-        return None
-    return shipped_or_beside(arguments.model, "models", Path.cwd() / file.path.name)
 
 
 def _wrong_usage(arguments: argparse.Namespace) -> str | None:

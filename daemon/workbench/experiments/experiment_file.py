@@ -14,7 +14,7 @@ from config.documents.schema_errors import schema_problems
 from config.documents.yaml_document import Location, YamlDocument, read_yaml
 from config.emulation import Emulation, Plant
 from config.loader import RobotFile
-from config.paths import BUILTIN, controller_model, is_file
+from config.paths import BUILTIN, is_file, named_model
 from config.robot import Robot
 from config.tasks.experiment import Experiment
 from daemon.recording.run_folder import describe_run
@@ -43,7 +43,7 @@ class ExperimentFile:
         wall_ns: None in virtual time. surroundings: a binary STL file, mm.
         """
         model = getattr(self.experiment.controller, "model", None)
-        models = {} if model is None else {"controller": controller_model(model)}
+        models = {} if model is None else {"controller": named_model(model)}
         describe_run(
             folder, self.robot, self.file.path, wall_ns, seed, models, surroundings=surroundings
         )

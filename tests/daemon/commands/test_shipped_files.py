@@ -43,6 +43,21 @@ def test_it_is_understood_by_every_command(words: list[str]) -> None:
     assert any(path.is_absolute() and path.is_file() for path in paths)
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["mdn", "calibrate", "builtin:soft_arm", "--out", "found"],
+        ["mdn", "evaluate", "builtin:soft_arm", "clouds.npz", "--out", "found"],
+        ["plan", "builtin:soft_arm", "--to", "0,0,100"],
+        ["kinematics", "builtin:concentric_tubes"],
+    ],
+    ids=" ".join,
+)
+def test_so_is_a_shipped_model(words: list[str]) -> None:
+    assert parsed([*words, "--model", "builtin:soft_arm.npz"]).model.is_file()
+    assert parsed([*words, "--model", "own.npz"]).model == Path("own.npz")
+
+
 def test_what_is_meant_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit, match="64"):
         main(["experiment", "builtin:rectangel", "--out", "run"])
