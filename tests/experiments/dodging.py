@@ -5,9 +5,11 @@ are turned aside by the clearance of the whole body alone (`whole`) and once by 
 with the tip's task in view (`parts`): a ball, a slab, a slot or two balls, beside the tip, the
 middle or the base of an arm, where the body comes by when nothing is there. Contacts are counted by
 the plant's own shape, which nothing in the daemon can see. Prints a line for each scene and one
-JSON; ends with exit code 1 where anything is touched with the parts, or where the tip is further
-off than without them. A few scenes by default; `--full`: all kinds of both arms and the tubes,
-100 scenes of several seeds, an hour and more on one core.
+JSON; ends with exit code 1 where anything is touched with the parts, where the tip is further off
+than without them, or where more steps are refused. A few scenes by default; `--full`: all kinds of
+both arms and what there is room for beside the tubes, 108 scenes of several seeds, an hour and more
+on one core; `--share 2/3` of them, `--robot tendon` alone. What `--out` has kept is not played
+again.
 """
 
 import argparse
@@ -18,92 +20,44 @@ import os
 import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from config.control import RiskSettings
 from config.loader import load_robot
 from config.robot import Robot
-from daemon.host.processes import worker_processes
+from daemon.host.processes import WHOLE, Share, worker_processes
 from daemon.loop.step_messages import SLIDING
 from daemon.messages import Risk, Tip
 from daemon.risk.body_risk_source import BodyRiskSource, make_risk_source
 from daemon.risk.mesh_file import write_mesh
-from daemon.workbench.body_model.evaluation.shapes import ball, box, joined
+from daemon.workbench.body_model.evaluation.shapes import joined
 from safety.gate import RISK
-from safety.risk.surroundings.environment import Mesh
 from safety.risk_source import Clearance, KnownBody, RiskReading, RiskSource, TipComparison
 from safety.states import OperatingState
-from tests import SOFT_ARM
-from tests.daemon.service.grazing import (
-    BROYDEN,
-    TENDON_ARM,
-    TUBES,
-    TUBES_CIRCLE,
-    StoppedClock,
-    once_round,
-)
+from tests.daemon.service.grazing import StoppedClock, once_round
 from tests.daemon.service.rig import Rig, on_a_rig
+from tests.experiments.dodging_scenes import (
+    HOME_MM,
+    INTO_MM,
+    KINDS,
+    PARTS,
+    SUBJECTS,
+    Floats,
+    Scene,
+    Solid,
+    Stands,
+    Subject,
+)
 
-Floats = NDArray[np.float64]
-
-PARTS: Final = {"tip": 1.0, "middle": 0.6, "base": 0.4}
-"""Where along the body something stands, as a share of its length."""
-INTO_MM: Final = {"soft": 0.0, "tendon": 3.0, "tubes": 1.0}
-"""How far it reaches into where the body would be, at most: more than what a body may be off by."""
-HOME_MM: Final = {"soft": 8.0, "tendon": 5.0, "tubes": 3.0}
-"""At least so far it stays from where the body is armed, which is refused otherwise."""
-KINDS: Final = ("ball", "slab", "slot", "two balls")
 _CYCLE_S: Final = 15.0
 _WITHIN_MM: Final = 0.1
 """Noise of a mean error: seeds of the tracker alone make it another by so much."""
-
-
-@dataclass(frozen=True)
-class Subject:
-    """A robot that goes round a circle."""
-
-    file: Path
-    model: str
-    controller: dict[str, Any]
-    circle: dict[str, Any]
-
-
-SUBJECTS: Final = {
-    "soft": Subject(
-        SOFT_ARM,
-        "builtin:soft_arm.npz",
-        {"kind": "broyden"},
-        {"kind": "circle", "center_mm": [0.0, 0.0, 187.0], "radius_mm": 30.0},
-    ),
-    "tendon": Subject(
-        TENDON_ARM,
-        "builtin:tendon_arm.npz",
-        BROYDEN,
-        {"kind": "circle", "center_mm": [0.0, 0.0, 197.5], "radius_mm": 25.0},
-    ),
-    "tubes": Subject(TUBES, "builtin:concentric_tubes.npz", {"kind": "broyden"}, {**TUBES_CIRCLE}),
-}
-
-
-@dataclass(frozen=True)
-class Scene:
-    """What stands where."""
-
-    robot: str
-    kind: str
-    part: str
-    seed: int
-
-    @property
-    def name(self) -> str:
-        return f"{self.robot}, {self.kind} beside the {self.part}, seed {self.seed}"
 
 
 @dataclass(frozen=True)
@@ -121,31 +75,6 @@ class Passed:
     shortened: int
     turned_aside: int
     steps: int
-
-
-@dataclass(frozen=True)
-class Solid:
-    """A ball, or a box along the columns of `turn`."""
-
-    centre_mm: Floats
-    half_mm: Floats
-    """(1,) the ball's radius, (3,) of the box."""
-    turn: Floats
-
-    def mesh(self) -> Mesh:
-        if self.half_mm.size == 1:
-            return ball(float(self.half_mm[0]), self.centre_mm.tolist(), 2000)
-        made = box((2.0 * self.half_mm).tolist(), (0.0, 0.0, 0.0), 6)
-        return Mesh(made.vertices_mm @ self.turn.T + self.centre_mm, made.triangles)
-
-    def distance_mm(self, places: Floats) -> float:
-        """Least of (n, 3) places from its surface, negative inside."""
-        away = places - self.centre_mm
-        if self.half_mm.size == 1:
-            return float(np.linalg.norm(away, axis=1).min() - self.half_mm[0])
-        beyond = np.abs(away @ self.turn) - self.half_mm
-        outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
-        return float((outside + np.minimum(beyond.max(axis=1), 0.0)).min())
 
 
 class WholeBody:
@@ -269,43 +198,23 @@ def solids_of(scene: Scene) -> list[Solid]:
     out -= (out @ along) * along
     out /= np.linalg.norm(out)
     aside = np.cross(along, out)
-    stands = _Stands(place, np.stack([out, aside, along], axis=1), thick_mm)
+    stands = Stands(place, np.stack([out, aside, along], axis=1), thick_mm)
     into_mm = INTO_MM[scene.robot] - random.uniform(0.0, 2.0)
+    behind_mm = 0.6 * thick_mm + 2.0 * float(np.ptp(lines[:, node]))
+    return solids_between(stands, scene.kind, into_mm, behind_mm, (home, HOME_MM[scene.robot]))
+
+
+def solids_between(
+    stands: Stands, kind: str, into_mm: float, behind_mm: float, home: tuple[Floats, float]
+) -> list[Solid]:
+    """As far into the way as is said, but for the room at home: (n, 3) the body there, and how much
+    of it it needs."""
+    line, room_mm = home
     while True:
-        solids = stands.solids(scene.kind, into_mm, 0.6 * thick_mm + 2.0 * np.ptp(lines[:, node]))
-        clear_mm = min(solid.distance_mm(home) for solid in solids) - thick_mm
-        if clear_mm >= HOME_MM[scene.robot]:
+        solids = stands.solids(kind, into_mm, behind_mm)
+        if min(solid.distance_mm(line) for solid in solids) - stands.thick_mm >= room_mm:
             return solids
         into_mm -= 0.25
-
-
-class _Stands(NamedTuple):
-    """Beside a place of the body. turn: its columns lead out, aside and along the body."""
-
-    place: Floats
-    turn: Floats
-    thick_mm: float
-
-    def solids(self, kind: str, into_mm: float, behind_mm: float) -> list[Solid]:
-        out, aside, _ = self.turn.T
-        if kind == "ball":
-            return [self._ball(out, into_mm)]
-        if kind == "slab":
-            return [self._slab(out, into_mm)]
-        if kind == "slot":  # the other wall stands as far behind as the body needs to start
-            return [self._slab(out, into_mm), self._slab(-out, -behind_mm)]
-        return [
-            self._ball(np.cos(lean) * out + np.sin(lean) * aside, into_mm) for lean in (0.9, -0.9)
-        ]
-
-    def _ball(self, way: Floats, into_mm: float) -> Solid:
-        size_mm = 8.0 if self.thick_mm < 5.0 else 12.0
-        centre = self.place + (self.thick_mm + size_mm - into_mm) * way
-        return Solid(centre, np.array([size_mm]), self.turn)
-
-    def _slab(self, way: Floats, into_mm: float) -> Solid:
-        centre = self.place + (self.thick_mm + 3.0 - into_mm) * way
-        return Solid(centre, np.array([3.0, 20.0, 8.0]), self.turn)
 
 
 def both_ways(scene: Scene) -> tuple[Scene, Passed, Passed]:
@@ -378,30 +287,74 @@ def _in_words(scene: Scene, whole: Passed, parts: Passed) -> str:
     return f"{scene.name}{mark}\n   whole {of(whole)}\n   parts {of(parts)}"
 
 
-def main() -> int:
-    """Prints one JSON."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--full", action="store_true", help="every robot, kind and part")
-    parser.add_argument("--robots", nargs="*", default=["soft", "tendon"], choices=SUBJECTS)
-    parser.add_argument("--kinds", nargs="*", default=["ball"], choices=KINDS)
-    parser.add_argument("--parts", nargs="*", default=list(PARTS), choices=PARTS)
-    parser.add_argument("--seeds", type=int, nargs="*", default=[1])
-    parser.add_argument("--processes", type=int, default=1, metavar="N")
-    asked = parser.parse_args()
-    lists = (asked.robots, asked.kinds, asked.parts, asked.seeds)
+def scenes_of(asked: argparse.Namespace) -> list[Scene]:
+    """Which are asked for, in an order in which kinds and parts come early."""
+    lists = (asked.robot, asked.kinds, asked.parts, asked.seeds)
     if asked.full:
         lists = (["soft", "tendon"], list(KINDS), list(PARTS), [1, 2, 3, 4])
     scenes = [Scene(*parts) for parts in itertools.product(*lists)]
     if asked.full:
-        scenes += [Scene("tubes", "ball", "tip", seed) for seed in (1, 2, 3, 4)]
+        by_tubes = (["tubes"], ["ball", "slab"], ["tip", "middle"], [1, 2, 3])
+        scenes += [Scene(*parts) for parts in itertools.product(*by_tubes)]
+        scenes = [scene for scene in scenes if scene.robot in asked.robot]
+    scenes.sort(key=lambda scene: scene.seed)
+    return [scene for number, scene in enumerate(scenes) if asked.share.has(number)]
+
+
+def kept(path: Path | None) -> dict[Scene, tuple[Passed, Passed]]:
+    """What was played before, by its scene. A line that was cut off was not."""
+    if path is None or not path.exists():
+        return {}
+    found = {}
+    for line in path.read_text().splitlines():
+        try:
+            one = json.loads(line)
+            found[Scene(**one["scene"])] = Passed(**one["whole"]), Passed(**one["parts"])
+        except (ValueError, KeyError, TypeError):
+            continue
+    return found
+
+
+def keep(path: Path | None, scene: Scene, whole: Passed, parts: Passed) -> None:
+    """For `kept`."""
+    if path is not None:
+        one = {"scene": asdict(scene), "whole": asdict(whole), "parts": asdict(parts)}
+        with path.open("a") as file:
+            file.write(f"{json.dumps(one)}\n")
+
+
+def options(words: Sequence[str] | None = None) -> argparse.Namespace:
+    """words: None: those of the command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--full", action="store_true", help="every kind and part")
+    parser.add_argument("--robot", nargs="*", choices=SUBJECTS)
+    parser.add_argument("--kinds", nargs="*", default=["ball"], choices=KINDS)
+    parser.add_argument("--parts", nargs="*", default=list(PARTS), choices=PARTS)
+    parser.add_argument("--seeds", type=int, nargs="*", default=[1])
+    parser.add_argument("--share", type=Share.of, default=WHOLE, metavar="K/N")
+    parser.add_argument("--out", type=Path, metavar="SCENES.jsonl", help="each as it ends")
+    parser.add_argument("--processes", type=int, default=1, metavar="N")
+    asked = parser.parse_args(words)
+    if asked.robot is None:
+        asked.robot = list(SUBJECTS) if asked.full else ["soft", "tendon"]
+    return asked
+
+
+def main() -> int:
+    """Prints one JSON."""
+    asked = options()
+    scenes, before = scenes_of(asked), kept(asked.out)
+    found = [(scene, *before[scene]) for scene in scenes if scene in before]
     with worker_processes(asked.processes) as workers:
-        found = []
-        for one in workers.map(both_ways, scenes):
+        for one in workers.map(both_ways, [scene for scene in scenes if scene not in before]):
             found.append(one)
+            keep(asked.out, *one)
             print(_in_words(*one), file=sys.stderr, flush=True)
     figures = figures_of(found)
     print(json.dumps(figures, indent=2))
-    return 1 if figures["all"]["parts"]["touched"] or figures["all"]["worse"] else 0
+    of_all = figures["all"]
+    refused_more = of_all["parts"]["refused"] > of_all["whole"]["refused"]
+    return 1 if of_all["parts"]["touched"] or of_all["worse"] or refused_more else 0
 
 
 if __name__ == "__main__":

@@ -10,15 +10,17 @@ the body leans on a wall nevertheless. Equation 10 hardly sees that. The chest h
 the body's base, since equation 10 counts the wall round the port: 20 waypoints at rest in the
 middle of the cavity have 0.34 with it (`--closed`).
 The default is small; the whole of it: `--chests 3 --pairs 7 --rollouts 1000`, with `--robot
-soft_arm` again.
+soft_arm` and `--robot concentric_tubes` again. `--times`: how long planning takes, and nothing else
+of each path. Pairs that `--out` has kept are not planned again.
 """
 
 import argparse
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -34,13 +36,15 @@ from daemon.workbench.planning.clearance_slopes import distance_at
 from daemon.workbench.planning.gaussian_process import ITERATIONS, lowered
 from daemon.workbench.planning.goals import TipGoal
 from daemon.workbench.planning.path_risk import interval, resampled
-from daemon.workbench.planning.plan import Settings
+from daemon.workbench.planning.plan import Candidate, Plan, Settings
 from daemon.workbench.planning.planner import Planner
 from safety.risk.model.mixture import FloatArray
 from safety.risk.surroundings.distance_grid import distance_grid
 from safety.risk.surroundings.environment import Mesh, environment
 from tests import SHIPPED_ROBOTS
 
+ROBOTS: Final = ("tendon_arm", "soft_arm", "concentric_tubes")
+_CLOCK: Final = MonotonicClock()
 _TRIANGLES = 2000
 _OPENING_MM = 60.0
 _OPENING_RAD = 0.35
@@ -98,103 +102,185 @@ class Rollouts:
         return float(distance_at(self._in_place.grid, centreline_mm)[0].min() - self._radius_mm)
 
 
-def one_chest(arguments: argparse.Namespace, number: int) -> list[dict[str, Any]]:
+@dataclass(frozen=True, eq=False)
+class Chest:
+    """One cavity with the robot in it, ready to be planned in."""
+
+    number: int
+    body: BodyInPlace
+    planner: Planner
+    roadmap_s: float
+    """How long its roadmap took: who plans once makes it first."""
+
+    @classmethod
+    def of(cls, robot_name: str, number: int, closed: bool) -> "Chest":
+        """closed: there is no opening behind the body's base."""
+        robot = load_robot(SHIPPED_ROBOTS / f"{robot_name}.yaml").robot
+        model = read_model(SHIPPED_ROBOTS.parent / "models" / f"{robot_name}.npz").model
+        mesh = shapes.chest(_TRIANGLES, 9 + number)
+        around = environment(
+            *(mesh if closed else opened(mesh)), free="inside", port=shapes.CHEST_PORT
+        )
+        grid = distance_grid(around, 2.0, model.basis.thickest_mm + 10.0)
+        body = BodyInPlace(robot, model, around, grid)
+        planner = Planner(body, Settings(seed=1 + number))
+        began_ns = _CLOCK.now_ns()
+        assert len(planner.roadmap.places)
+        return cls(number, body, planner, (_CLOCK.now_ns() - began_ns) * 1e-9)
+
+    @property
+    def safe(self) -> list[int]:
+        """Places of the roadmap between which it is planned."""
+        return [k for k, one in enumerate(self.planner.roadmap.standings) if one.risk <= _SAFE]
+
+    def pairs(self, count: int) -> Iterator[tuple[FloatArray, TipGoal, Candidate]]:
+        """Starts and goals, and the nominal path between them; always the same ones."""
+        random, places = np.random.default_rng(self.number), self.planner.roadmap.places
+        tips, safe, found = self.planner.roadmap.tips(), self.safe, 0
+        for _ in range(_TRIED):
+            if found == count:
+                return
+            a, b = (int(k) for k in random.choice(safe, 2, replace=False))
+            start, goal = places[a], TipGoal(tips[b])
+            nominal = self.planner.nominal(start, [goal])
+            if isinstance(nominal, Blocked) or nominal.risk.probability < _WORTH:
+                continue
+            found += 1
+            yield start, goal, nominal
+
+
+class Kept:
+    """Figures of each pair, by chest and number, as a file of lines that may be cut off."""
+
+    def __init__(self, path: Path | None) -> None:
+        """None: nothing is kept."""
+        self._path = path
+        self._found: dict[tuple[int, int], dict[str, Any]] = {}
+        for line in path.read_text().splitlines() if path is not None and path.exists() else ():
+            try:
+                one = json.loads(line)
+                self._found[one["chest"], one["number"]] = one
+            except (ValueError, KeyError, TypeError):
+                continue
+
+    def __contains__(self, key: tuple[int, int]) -> bool:
+        return key in self._found
+
+    def all(self) -> list[dict[str, Any]]:
+        """In their order."""
+        return [self._found[key] for key in sorted(self._found)]
+
+    def add(self, one: dict[str, Any]) -> None:
+        self._found[one["chest"], one["number"]] = one
+        text = json.dumps(one)
+        print(text, file=sys.stderr, flush=True)
+        if self._path is not None:
+            with self._path.open("a") as file:
+                file.write(f"{text}\n")
+
+
+def one_chest(arguments: argparse.Namespace, number: int, kept: Kept) -> None:
     """All pairs in one chest."""
-    robot = load_robot(SHIPPED_ROBOTS / f"{arguments.robot}.yaml").robot
-    model = read_model(SHIPPED_ROBOTS.parent / "models" / f"{arguments.robot}.npz").model
-    mesh = shapes.chest(_TRIANGLES, 9 + number)
-    around = environment(
-        *(mesh if arguments.closed else opened(mesh)), free="inside", port=shapes.CHEST_PORT
-    )
-    grid = distance_grid(around, 2.0, model.basis.thickest_mm + 10.0)
-    body = BodyInPlace(robot, model, around, grid)
-    planner = Planner(body, Settings(seed=1 + number))
-    roadmap = planner.roadmap
-    safe = [k for k, one in enumerate(roadmap.standings) if one.risk <= _SAFE]
-    rollouts = Rollouts(body, [roadmap.places[k] for k in safe], arguments.bodies)
-    random, clock = np.random.default_rng(number), MonotonicClock()
-    found: list[dict[str, Any]] = []
-    tips = roadmap.tips()
-    for _ in range(_TRIED):
-        if len(found) == arguments.pairs:
-            break
-        a, b = (int(k) for k in random.choice(safe, 2, replace=False))
-        start, goal = roadmap.places[a], TipGoal(tips[b])
-        nominal = planner.nominal(start, [goal])
-        if isinstance(nominal, Blocked) or nominal.risk.probability < _WORTH:
+    wanted = range(arguments.pairs)
+    if all((number, one) in kept or _left_out(arguments, number, one) for one in wanted):
+        return
+    chest = Chest.of(arguments.robot, number, arguments.closed)
+    starts = [chest.planner.roadmap.places[k] for k in chest.safe]
+    rollouts = Rollouts(chest.body, starts, arguments.bodies)
+    for one, (start, goal, nominal) in enumerate(chest.pairs(arguments.pairs)):
+        if (number, one) in kept or _left_out(arguments, number, one):
             continue
-        began_ns = clock.now_ns()
-        plan = planner.plan(start, [goal])
-        took_s = (clock.now_ns() - began_ns) * 1e-9
-        if isinstance(plan, Blocked):
-            found.append(
-                {"none": plan.why, "took_s": took_s, "nominal_risk": nominal.risk.probability}
-            )
-            continue
-        waypoints = resampled(body, nominal.waypoints, planner.settings.waypoints)
-        paper = lowered(body, waypoints, ITERATIONS, 1, Unheard())
-        twice = planner.risks.of(resampled(body, plan.u, 2 * len(plan.u)))
+        began_ns = _CLOCK.now_ns()
+        plan = chest.planner.plan(start, [goal])
+        took_s = (_CLOCK.now_ns() - began_ns) * 1e-9
         pair: dict[str, Any] = {
+            "chest": number,
+            "number": one,
             "took_s": took_s,
-            "eq_10": [nominal.printed, paper.course[-1], plan.printed],
-            "contact_risk": [
-                nominal.risk.probability,
-                planner.risks.of(paper.waypoints).probability,
-                plan.risk.probability,
-            ],
-            "upper_limit": plan.risk.upper_limit,
-            "twice_the_waypoints_within": plan.risk.lowest
-            <= twice.probability
-            <= plan.risk.highest,
+            "with_roadmap_s": took_s + chest.roadmap_s,
+            "nominal_risk": nominal.risk.probability,
         }
-        if arguments.rollouts:
-            pair["touched_nominal"] = rollouts.touching(nominal.waypoints, arguments.rollouts, 1)
-            pair["touched"] = rollouts.touching(plan.u, arguments.rollouts, 1)
-        found.append(pair)
-        print(json.dumps(pair), file=sys.stderr)
-    return found
+        if isinstance(plan, Blocked):
+            pair |= {"none": plan.why, "text": plan.text}
+        elif not arguments.times:
+            pair |= _compared(chest, nominal, plan)
+            if arguments.rollouts:
+                for name, way in (("touched_nominal", nominal.waypoints), ("touched", plan.u)):
+                    pair[name] = rollouts.touching(way, arguments.rollouts, 1)
+        kept.add(pair)
 
 
-def figures_of(pairs: Sequence[dict[str, Any]], rollouts: int) -> dict[str, Any]:
+def _left_out(arguments: argparse.Namespace, chest: int, pair: int) -> bool:
+    return chest * arguments.pairs + pair < arguments.skip
+
+
+def _compared(chest: Chest, nominal: Candidate, plan: Plan) -> dict[str, Any]:
+    """Risks of the nominal path, the paper's and ours."""
+    body, planner = chest.body, chest.planner
+    waypoints = resampled(body, nominal.waypoints, planner.settings.waypoints)
+    paper = lowered(body, waypoints, ITERATIONS, 1, Unheard())
+    twice = planner.risks.of(resampled(body, plan.u, 2 * len(plan.u)))
+    return {
+        "eq_10": [nominal.printed, paper.course[-1], plan.printed],
+        "contact_risk": [
+            nominal.risk.probability,
+            planner.risks.of(paper.waypoints).probability,
+            plan.risk.probability,
+        ],
+        "upper_limit": plan.risk.upper_limit,
+        "twice_the_waypoints_within": bool(
+            plan.risk.lowest <= twice.probability <= plan.risk.highest
+        ),
+    }
+
+
+def figures_of(pairs: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Of all pairs together, for JSON."""
-    planned = [pair for pair in pairs if "none" not in pair]
     if not pairs:
         return {"pairs": 0}
     figures: dict[str, Any] = {
         "pairs": len(pairs),
-        "planned": len(planned),
+        "planned": sum("none" not in pair for pair in pairs),
         "none": [pair["none"] for pair in pairs if "none" in pair],
-        "planning_p95_s": float(np.quantile([pair["took_s"] for pair in pairs], 0.95)),
     }
-    if not planned:
+    for name in ("took_s", "with_roadmap_s"):
+        times = [pair[name] for pair in pairs]
+        figures[name] = {
+            f"p{share}": float(np.quantile(times, 0.01 * share)) for share in (50, 95, 100)
+        }
+    compared = [pair for pair in pairs if "eq_10" in pair]
+    if not compared:
         return figures
     for name in ("eq_10", "contact_risk"):
-        means = np.mean([pair[name] for pair in planned], axis=0).tolist()
+        means = np.mean([pair[name] for pair in compared], axis=0).tolist()
         figures[f"mean_{name}"] = dict(zip(("nominal", "paper", "optimised"), means, strict=True))
     figures["twice_the_waypoints_within"] = sum(
-        pair["twice_the_waypoints_within"] for pair in planned
+        pair["twice_the_waypoints_within"] for pair in compared
     )
-    if rollouts:
-        for name in ("touched_nominal", "touched"):
-            count, of = np.sum([pair[name] for pair in planned], axis=0).tolist()
+    for name in ("touched_nominal", "touched"):
+        if counts := [pair[name] for pair in compared if name in pair]:
+            count, of = np.sum(counts, axis=0).tolist()
             figures[name] = {"bodies": count, "of": of, "between": interval(count, max(of, 1))}
     return figures
 
 
 def main() -> int:
+    """Prints one JSON."""
     parser = argparse.ArgumentParser(prog="python -m tests.experiments.planning")
-    parser.add_argument("--robot", choices=("tendon_arm", "soft_arm"), default="tendon_arm")
+    parser.add_argument("--robot", choices=ROBOTS, default=ROBOTS[0])
     parser.add_argument("--chests", type=int, default=1)
     parser.add_argument("--pairs", type=int, default=3, help="in each chest")
+    parser.add_argument("--skip", type=int, default=0, metavar="N", help="the first N of them all")
     parser.add_argument("--rollouts", type=int, default=4, help="bodies along each path")
     parser.add_argument("--bodies", type=int, default=40, help="that differ; 0: the robot's own")
     parser.add_argument("--closed", action="store_true", help="without an opening behind the base")
-    parser.add_argument("--out", type=Path, help="each pair, as JSON")
+    parser.add_argument("--times", action="store_true", help="only how long planning takes")
+    parser.add_argument("--out", type=Path, metavar="PAIRS.jsonl", help="each as it ends")
     arguments = parser.parse_args()
-    pairs = [pair for number in range(arguments.chests) for pair in one_chest(arguments, number)]
-    if arguments.out is not None:
-        arguments.out.write_text(json.dumps(pairs))
-    figures = figures_of(pairs, arguments.rollouts)
+    kept = Kept(arguments.out)
+    for number in range(arguments.chests):
+        one_chest(arguments, number, kept)
+    figures = figures_of(kept.all())
     print(json.dumps(figures, indent=2))
     touched = figures.get("touched", {"between": (0.0, 0.0)})["between"][0]
     return int(touched > 0.05)
