@@ -119,6 +119,9 @@ class RiskStatus(msgspec.Struct, frozen=True, kw_only=True):
     Empty: nothing is known of them."""
     moving_obstacles: int = 0
     """How many count, besides."""
+    moving_mm: list[list[float]] = []
+    """Each of them, as the capsule in which it may be while it is believed: three numbers of where
+    that begins, three of the way to its end, and its radius."""
 
 
 class LeaseStatus(msgspec.Struct, frozen=True, kw_only=True):

@@ -6,7 +6,7 @@ from typing import Final
 
 from config.axis import Axis
 from daemon.messages import MovingObstacle, Obstacles
-from safety.risk.moving_obstacles import MovingBall, Swept
+from safety.risk.moving_obstacles import NOTHING_MOVES, MovingBall, Swept
 
 _LONGEST_VALIDITY_S: Final = 1.0
 MOST_BALLS: Final = 16
@@ -46,6 +46,8 @@ class MovingObstacles:
         self._changed = changed
         self._streams: dict[str, _Stream] = {}
         self._until_ns: int | None = None
+        self.swept = NOTHING_MOVES
+        """Where balls may be, as the gate counts with them."""
 
     @property
     def count(self) -> int:
@@ -83,7 +85,8 @@ class MovingObstacles:
     def _tell(self) -> None:
         streams = self._streams.values()
         self._until_ns = min((stream.until_ns for stream in streams), default=None)
-        self._changed(Swept.of([ball for one in streams for ball in one.balls]), self._until_ns)
+        self.swept = Swept.of([ball for one in streams for ball in one.balls])
+        self._changed(self.swept, self._until_ns)
 
     def _unwanted(self, user: str, message: Obstacles, t_ns: int) -> str:
         there = self._streams.get(user)

@@ -99,7 +99,7 @@ class RobotService:
             buses,
             self.loop,
             dependencies.risk,
-            lambda: self.obstacles.count,
+            lambda: self.obstacles.swept.capsules.tolist(),
             self.supervisor,
             self.timekeeping,
             dependencies.real_time,

@@ -1,8 +1,8 @@
 """Planning while the robot stands: what is asked of the planner, and what becomes of its answer.
 
 The planner itself is no part of the running daemon. It is asked in a process of its own, with what
-is in force: the robot file, the surroundings, and where the axes are. What comes back is a path
-file, for `load` as any; nothing moves by it.
+is in force: the robot file, the surroundings, what moves among them, and where the axes are. What
+comes back is a path file, for `load` as any; nothing moves by it.
 """
 
 from collections.abc import Awaitable, Callable
@@ -37,6 +37,9 @@ class PlanRequest(msgspec.Struct, frozen=True):
 
     robot_path: str
     surface: dict[str, Any]
+    moving: list[list[float]]
+    """Where obstacles that move may be while they are believed: capsules, each with three numbers
+    of where it begins, three of the way to its end, and its radius, mm."""
     u: list[float]
     to_mm: list[float]
     via_mm: list[list[float]]
@@ -107,11 +110,18 @@ class Planning:
             self._busy = False
 
     def _request(self, source: BodyRiskSource, command: Plan) -> bytes:
-        """Raises CommandRefusedError where the robot does not stand, or does not know where."""
+        """Raises CommandRefusedError where the robot does not stand, or does not know where, or
+        nobody knows where obstacles are that move."""
         service = self._service
         if service.supervisor.state not in _STANDS:
             text = f"the robot is {service.supervisor.state.value}: plan while it is armed or held"
             raise CommandRefusedError("wrong_state", text)
+        if gone := service.obstacles.late(service.clock.now_ns()):
+            text = (
+                f"where the moving obstacles of {gone} are is no longer known: plan when their "
+                "stream is back, or has ended"
+            )
+            raise CommandRefusedError("obstacles_late", text)
         u = [
             min(max(c.scale.position(c.position_counts), c.axis.travel[0]), c.axis.travel[1])
             for c in service.loop.channels
@@ -119,6 +129,7 @@ class Planning:
         request = PlanRequest(
             robot_path=str(self._robot_path.absolute()),
             surface=source.files.surroundings.surface.model_dump(mode="json"),
+            moving=service.obstacles.swept.capsules.tolist(),
             u=u,
             to_mm=command.to_mm,
             via_mm=command.via_mm,

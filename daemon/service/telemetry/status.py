@@ -40,7 +40,7 @@ class StatusReport:
         buses: Sequence[DriveBus],
         loop: ControlLoop,
         risk: RiskSource,
-        moving_obstacles: Callable[[], int],
+        moving_mm: Callable[[], list[list[float]]],
         supervisor: Supervisor,
         timekeeping: Timekeeping,
         real_time: RealTime | None,
@@ -52,7 +52,7 @@ class StatusReport:
         self._buses = buses
         self._loop = loop
         self._risk = risk
-        self._moving_obstacles = moving_obstacles
+        self._moving_mm = moving_mm
         self._supervisor = supervisor
         self._timekeeping = timekeeping
         self._real_time = real_time
@@ -141,6 +141,7 @@ class StatusReport:
 
     def _risk_status(self) -> RiskStatus:
         decision, identity = self._loop.decision, identity_of(self._risk)
+        moving_mm = self._moving_mm()
         return RiskStatus(
             source=name_of(self._risk),
             contact_risk=None if decision is None else decision.risk,
@@ -151,7 +152,8 @@ class StatusReport:
             minute_risk=self._loop.minute_risk,
             path_risk=self._loop.path_risk,
             surroundings_sha256="" if identity is None else identity.surroundings_sha256,
-            moving_obstacles=self._moving_obstacles(),
+            moving_obstacles=len(moving_mm),
+            moving_mm=moving_mm,
         )
 
 

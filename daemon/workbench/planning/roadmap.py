@@ -23,7 +23,6 @@ from daemon.workbench.planning.body_in_place import (
     CLOSE_SHARE,
     BodyInPlace,
     Standing,
-    body_motion_mm,
 )
 from safety.risk.model.mixture import FloatArray, IndexArray
 
@@ -77,15 +76,22 @@ class Roadmap:
     """Places, what they are like, and what is known of the ways between them."""
 
     def __init__(
-        self, body: BodyInPlace, places: FloatArray, standings: Sequence[Standing], neighbours: int
+        self,
+        body: BodyInPlace,
+        places: FloatArray,
+        standings: Sequence[Standing],
+        neighbours: int,
+        centrelines: Sequence[FloatArray] = (),
     ) -> None:
-        """places: (n, m). standings: of each. neighbours: of each that ways lead to."""
+        """places: (n, m). standings: of each. neighbours: of each that ways lead to. centrelines:
+        of the first of them, where they are known."""
         self.body = body
         self.places = places
         self.standings = list(standings)
         self._neighbours = neighbours
         self._swept: dict[tuple[int, int], Standing] = {}
-        self._centrelines = np.array([body.centreline(u) for u in places])
+        more = [body.centreline(u) for u in places[len(centrelines) :]]
+        self._centrelines = np.array([*centrelines, *more])
         self._edges, self._lengths = self._joined()
 
     def joined_with(self, more: FloatArray, standings: Sequence[Standing]) -> "Roadmap":
@@ -95,6 +101,7 @@ class Roadmap:
             np.concatenate([self.places, more]),
             [*self.standings, *standings],
             self._neighbours,
+            list(self._centrelines),
         )
         other._swept = dict(self._swept)
         return other
@@ -112,11 +119,8 @@ class Roadmap:
         self, start: int, goals: Sequence[int], preference: Preference, judge: Judge
     ) -> RoadmapPath | None:
         """The best one; None: there is none in this roadmap."""
-        costs = np.array([self._expected(a, b, preference) for a, b in self._edges.tolist()])
-        index = {tuple(edge): row for row, edge in enumerate(self._edges.tolist())}
-        for row, edge in enumerate(self._edges.tolist()):
-            if tuple(edge) in self._swept:
-                costs[row] = preference.cost(self._lengths[row], self._swept[edge[0], edge[1]])
+        index = {(a, b): row for row, (a, b) in enumerate(self._edges.tolist())}
+        costs = np.array([self._cost(edge, row, preference) for edge, row in index.items()])
         for _ in range(_MOST_ROUNDS):
             found = self._cheapest(start, goals, costs)
             if found is None:
@@ -137,7 +141,7 @@ class Roadmap:
         self,
         start: int,
         edges: list[tuple[int, int]],
-        index: dict[tuple[int, ...], int],
+        index: dict[tuple[int, int], int],
         costs: FloatArray,
     ) -> RoadmapPath:
         nodes = [start]
@@ -168,16 +172,17 @@ class Roadmap:
             node = last
         return edges[::-1]
 
-    def _expected(self, a: int, b: int, preference: Preference) -> float:
-        """Of a way that nobody has looked at: what its ends say, which it hardly falls short of."""
-        first, second = self.standings[a], self.standings[b]
+    def _cost(self, edge: tuple[int, int], row: int, preference: Preference) -> float:
+        """Of a way as far as it is known: where nobody has looked at it, what its ends say, which
+        it hardly falls short of."""
+        length_mm = float(self._lengths[row])
+        if (known := self._swept.get(edge)) is not None:
+            return preference.cost(length_mm, known)
+        first, second = (self.standings[end] for end in edge)
         worse = first if first.clearance_mm < second.clearance_mm else second
         allowed = first.allowed and second.allowed
         both = Standing(allowed, max(first.risk, second.risk), worse.clearance_mm, None)
-        return preference.cost(float(self._length(a, b)), both)
-
-    def _length(self, a: int, b: int) -> float:
-        return float(body_motion_mm(self._centrelines[[a, b]])[0])
+        return preference.cost(length_mm, both)
 
     def _joined(self) -> tuple[IndexArray, FloatArray]:
         """(e, 2) neighbours by number, the smaller first, and (e,) how far the body goes, mm."""

@@ -156,6 +156,8 @@ def test_a_stream_that_stops_holds_the_robot_by_name_until_it_is_back(file: Robo
         await asyncio.sleep(2.0)
         assert rig.in_state(S.RUNNING)
         assert rig.status.risk.moving_obstacles == 1
+        (capsule,) = rig.status.risk.moving_mm
+        assert capsule == pytest.approx([90.0, 0.0, 150.0, 0.0, 0.0, 0.0, 5.0])
         await ended(stream_of)
         taken_s = await rig.until_state(S.HOLD, within_s=1.0)
         assert taken_s < 0.4, "0.3 s it was valid, and a cycle to see that"
@@ -178,6 +180,7 @@ def test_a_stream_that_stops_holds_the_robot_by_name_until_it_is_back(file: Robo
         rig.operator.obstacles("local", stream(10_000))
         await asyncio.sleep(1.0)
         assert rig.in_state(S.RUNNING) and rig.status.risk.moving_obstacles == 0
+        assert rig.status.risk.moving_mm == []
 
     rig = play(scene, file)
     assert len([told for told in rig.told if isinstance(told, ObstaclesTaken)]) > 40

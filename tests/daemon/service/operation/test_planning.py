@@ -5,12 +5,23 @@ import json
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
 from config.loader import RobotFile
 from daemon.host.processes import ApartError
-from daemon.messages import Hold, Load, PathPlanned, Plan, Resume, Start, Surround
+from daemon.messages import (
+    Hold,
+    Load,
+    MovingObstacle,
+    Obstacles,
+    PathPlanned,
+    Plan,
+    Resume,
+    Start,
+    Surround,
+)
 from daemon.reference.planned_path import read_path
 from daemon.service.operation.planning import PlanRequest
 from daemon.workbench.planning.plan_process import answer
@@ -118,6 +129,50 @@ def test_what_was_loaded_among_others_is_not_started(file: RobotFile) -> None:
         await rig.do(Surround)
         await rig.do(Start)
         assert rig.in_state(S.RUNNING)
+
+    play(scene, file, plan_path=plan_here)
+
+
+def test_what_moves_is_kept_away_from_where_it_may_be(file: RobotFile) -> None:
+    beside = MovingObstacle(centre_mm=[60.0, 5.0, 190.0], radius_mm=6.0, velocity_mm_s=[-9.0, 0, 0])
+    asked: list[PlanRequest] = []
+
+    async def heard(request: bytes) -> bytes:
+        asked.append(msgspec.json.decode(request, type=PlanRequest))
+        return answer(request)
+
+    async def scene(rig: Rig) -> None:
+        await rig.armed()
+        far = await rig.do(Plan, to_mm=THERE)
+        rig.operator.obstacles("camera", Obstacles(sequence=1, balls=[beside], valid_for_s=1.0))
+        refused = await rig.refused(Plan, to_mm=[45.0, 5.0, 190.0])
+        assert "with 1 moving obstacle where they may be" in refused.text
+        near = await rig.do(Plan, to_mm=[-x for x in THERE[:2]] + THERE[2:])
+        assert far.path is not None and near.path is not None
+        assert far.path["figures"]["moving_obstacles"] == 0
+        assert near.path["figures"]["moving_obstacles"] == 1
+        assert near.path["surroundings_sha256"] == far.path["surroundings_sha256"]
+
+    play(scene, file, plan_path=heard)
+    assert [len(request.moving) for request in asked] == [0, 1, 1]
+    x, y, z, *way, radius_mm = asked[1].moving[0]
+    assert (x, y, z, radius_mm) == (60.0, 5.0, 190.0, 6.0)
+    assert -14.0 < way[0] < -9.0, "a second that it is believed, and a step that is begun by then"
+
+
+def test_while_nobody_knows_where_something_moves_nothing_is_planned(file: RobotFile) -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.armed()
+        there = MovingObstacle(centre_mm=[80.0, 0.0, 150.0], radius_mm=5.0)
+        rig.operator.obstacles("camera", Obstacles(sequence=1, balls=[there]))
+        await asyncio.sleep(1.0)
+        shafts = rig.shafts()
+        refused = await rig.refused(Plan, to_mm=THERE)
+        assert refused.name == "obstacles_late"
+        assert "camera" in refused.text
+        assert rig.shafts() == pytest.approx(shafts, abs=2.0)
+        rig.operator.obstacles("camera", Obstacles(sequence=2, balls=[]))
+        await rig.do(Plan, to_mm=THERE)
 
     play(scene, file, plan_path=plan_here)
 

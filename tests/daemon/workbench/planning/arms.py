@@ -19,12 +19,13 @@ from tests import SHIPPED_ROBOTS
 
 REST = np.zeros(4)
 SMALL = Settings(places=160, waypoints=10, iterations=8, samples=400)
+TENDONS = SHIPPED_ROBOTS / "tendon_arm.yaml"
 MODEL = SHIPPED_ROBOTS.parent / "models" / "tendon_arm.npz"
 
 
 @cache
 def tendon_arm() -> RobotFile:
-    return load_robot(SHIPPED_ROBOTS / "tendon_arm.yaml")
+    return load_robot(TENDONS)
 
 
 @cache
