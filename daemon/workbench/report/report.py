@@ -19,6 +19,7 @@ from daemon.remote.reason_groups import detail_of
 from daemon.workbench.report.report_body import body_figure
 from daemon.workbench.report.report_data import RunData, Series, read_run
 from daemon.workbench.report.report_paths import close_up_figure, path_figure
+from daemon.workbench.report.report_plans import plans_figure, plans_table
 from daemon.workbench.report.report_series import (
     actuator_figure,
     error_figure,
@@ -69,6 +70,12 @@ _FIGURES: Final[tuple[tuple[str, str, Callable[[RunData], Figure | None]], ...]]
         risk_figure,
     ),
     (
+        "Planned paths",
+        "Above: where they lead the tip, and where it went. Below: how likely a body touches at "
+        "each place, as planned, and what was told of the rest of the path while it was gone.",
+        plans_figure,
+    ),
+    (
         "The body and what is near",
         "Dots joined: the components of the mixture over the body, at some moments, and blue where "
         "there was least room. Grey: places of the surface that were nearest at some moment.",
@@ -101,6 +108,7 @@ def report_html(
         _tiles(run),
         _section("Tip error by cycle", _error_tables(run)),
         *draw(lambda place: _figure(run, place), len(_FIGURES)),
+        _section("What was planned", plans_table(run.plans)) if run.plans else "",
         _events(run),
         _internal_errors(run),
         _provenance(run),

@@ -8,8 +8,20 @@ from typing import Final, NamedTuple
 import msgspec
 import numpy as np
 
+from config.tasks.planned_path import PlannedPath
 from daemon.host.real_time import collector_paused
-from daemon.messages import Axes, AxisStatus, Event, InternalError, Loop, Message, Risk, Status, Tip
+from daemon.messages import (
+    Axes,
+    AxisStatus,
+    Event,
+    InternalError,
+    Loop,
+    Message,
+    PathPlanned,
+    Risk,
+    Status,
+    Tip,
+)
 from daemon.recording.format.channels import MESSAGES
 from daemon.recording.result import CycleError, ErrorTable, Result, read_result
 from daemon.recording.run_folder import (
@@ -21,6 +33,7 @@ from daemon.recording.run_folder import (
 from daemon.recording.run_parts import RunParts, run_files, segment_number
 from daemon.recording.run_reader import RunMessage, UnreadableRunError
 from daemon.recording.run_writer import HEADER
+from daemon.reference.planned_path import PlannedPathError, read_path
 from daemon.workbench.report.report_table import Array, Column, MessageTable, fitted, number
 from safety.risk_source import NoModel
 from safety.states import OperatingState
@@ -72,6 +85,8 @@ _COLUMNS: Final[dict[type[Message], dict[str, Column]]] = {
         "means_mm": Column(lambda risk: _flat(risk.means_mm)),
         "tip_statistic": number(lambda risk: risk.tip_statistic),
         "tip_off_mm": number(lambda risk: risk.tip_off_mm),
+        "path": number(lambda risk: risk.path_risk),
+        "minute": number(lambda risk: risk.minute_risk),
     },
     Loop: {
         "lateness_p50_s": number(lambda loop: loop.status.lateness_p50_s),
@@ -105,6 +120,41 @@ class Gap(NamedTuple):
     after: str
 
 
+class PlannedInRun(NamedTuple):
+    """One path that was planned in a run."""
+
+    t_s: float
+    """When, since the run's beginning."""
+    told: PathPlanned
+    path: PlannedPath | None
+    """Its file beside the recording; None: it is not there, or cannot be read."""
+
+    def figure(self, name: str) -> float | None:
+        """One of the planner's own figures."""
+        value = None if self.path is None else self.path.figures.get(name)
+        return float(value) if isinstance(value, int | float) else None
+
+    @property
+    def before(self) -> float | None:
+        """Contact risk of the roadmap's path, before it was refined."""
+        value = None if self.path is None else self.path.figures.get("before")
+        found = value.get("contact_risk") if isinstance(value, dict) else None
+        return float(found) if isinstance(found, int | float) else None
+
+    @property
+    def course(self) -> tuple[Array, Array] | None:
+        """(k,) s and (k,) share of the bodies that touch at each place, as it was planned."""
+        if self.path is None:
+            return None
+        risks = self.path.figures.get("contact_risk_by_place")
+        if not isinstance(risks, list) or len(risks) != len(self.path.t_s):
+            return None
+        try:
+            return np.array(self.path.t_s), np.array(risks, np.float64)
+        except (TypeError, ValueError):
+            return None
+
+
 @dataclass
 class RunData:
     """All that a report tells. A part that was not recorded is None or empty."""
@@ -135,7 +185,7 @@ class RunData:
     """actual, target, proposed, permitted, force."""
     risk: Series | None
     """contact, body_point, threshold, scale, clearance_mm, aside_arc_mm, given_up_mm, place_mm,
-    obstacle_mm, means_mm, tip_statistic, tip_off_mm."""
+    obstacle_mm, means_mm, tip_statistic, tip_off_mm, path, minute."""
     loop: Series | None
     """lateness_p50_s, lateness_p99_s, lateness_max_s, step_p50_s, step_p99_s, missed."""
     states: list[tuple[float, str]]
@@ -146,6 +196,8 @@ class RunData:
     cycles: list[CycleError]
     risk_sources: tuple[str, ...] = ()
     """Who told of the risk."""
+    plans: list[PlannedInRun] = field(default_factory=list)
+    """Paths that were planned meanwhile."""
     result: Result | None = None
     provenance: Provenance | None = None
     robot_yaml: str = ""
@@ -212,6 +264,7 @@ class _Gathered:
     """The last one."""
     events: list[tuple[int, Event]] = field(default_factory=list)
     internal_errors: list[tuple[int, InternalError]] = field(default_factory=list)
+    plans: list[tuple[int, PathPlanned]] = field(default_factory=list)
     risk_sources: set[str] = field(default_factory=set)
     errors: ErrorTable = field(default_factory=ErrorTable)
     tables: dict[type[Message], MessageTable] = field(
@@ -251,6 +304,8 @@ class _Gathered:
             self.events.append((wall_ns, message))
         elif isinstance(message, InternalError):
             self.internal_errors.append((wall_ns, message))
+        elif isinstance(message, PathPlanned):
+            self.plans.append((wall_ns, message))
         elif isinstance(message, Status) and (self.status is None or wall_ns >= self.status[0]):
             self.status = wall_ns, message
 
@@ -287,6 +342,10 @@ class _Gathered:
             internal_errors=[(self._s(wall_ns), error) for wall_ns, error in self.internal_errors],
             cycles=self.errors.rows(),
             risk_sources=tuple(sorted(self.risk_sources)),
+            plans=[
+                PlannedInRun(self._s(wall_ns), told, _path_beside(file, told))
+                for wall_ns, told in self.plans
+            ],
         )
 
     def _s(self, wall_ns: int) -> float:
@@ -300,6 +359,14 @@ class _Gathered:
         times, columns = table.read()
         t_s = (times - self.first_ns).astype(np.float64) * _NS
         return Series(t_s, columns)
+
+
+def _path_beside(recording: Path, told: PathPlanned) -> PlannedPath | None:
+    """What the file holds that was kept with it; None: it is not there, or is no path."""
+    try:
+        return read_path(recording.parent / Path(told.file).name)
+    except PlannedPathError:
+        return None
 
 
 def _one_of_more(path: Path) -> bool:
