@@ -9,7 +9,7 @@ import math
 import os
 import threading
 import time
-from collections.abc import Coroutine, Iterator, Sequence
+from collections.abc import Callable, Coroutine, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -37,6 +37,7 @@ from daemon.messages import (
     Verb,
     verb,
 )
+from daemon.remote.server.server import RemoteServer
 from daemon.remote.surroundings import cut_surroundings
 from daemon.service.lease import Lease
 from tests.daemon.remote.rig import ROBOT, FakeRobot, serving
@@ -68,6 +69,10 @@ class StagedRobot(FakeRobot):
         """Whether what is held stands armed as soon as nothing is against it: so does a daemon."""
         self.aside: dict[str, Any] = {}
         """What each step's risk says of what it was turned aside for."""
+        self.room_sha256 = ""
+        self.moving_mm: list[list[float]] = []
+        """Where obstacles that move may be."""
+        self.remote: RemoteServer | None = None
         self._following = ""
         self._begun_s = 0.0
 
@@ -93,7 +98,7 @@ class StagedRobot(FakeRobot):
     def begin_anew(self) -> None:
         """As it was at first, whatever the last test has left."""
         self.state, self.reasons, self._following = "ready", [], ""
-        self.aside, self.settles = {}, False
+        self.aside, self.settles, self.moving_mm = {}, False, []
         self.lease = Lease(self._lease_s)
         self.tip = np.array([0.0, 0.0, 100.0])
         for kept in (self.carried_out, self.setpoints, self.came_s, self.stopped_ns):
@@ -147,8 +152,12 @@ class StagedRobot(FakeRobot):
     def status(self) -> Status:
         energised = self.state in ("armed", "running", "hold")
         followed = {"start": "circle", "teleoperate": "set-points"}.get(self._following)
+        told = super().status()
         return msgspec.structs.replace(
-            super().status(),
+            told,
+            risk=msgspec.structs.replace(
+                told.risk, surroundings_sha256=self.room_sha256, moving_mm=self.moving_mm
+            ),
             state=self.state,
             tip_mm=self.tip.tolist(),
             reasons=self.reasons,
@@ -168,6 +177,13 @@ class StagedRobot(FakeRobot):
             if followed and energised
             else None,
         )
+
+    def surrounded_by(self, *regions: dict[str, Any]) -> None:
+        """Others, from this moment on. In the event loop."""
+        assert self.remote is not None
+        self.room_sha256 = f"{len(self.room_sha256)}{len(regions)}"
+        room = cut_surroundings("", b"", _WORKSPACE, self.room_sha256, regions)
+        self.remote.show(room)
 
     def told(self, number: int) -> Sequence[Any]:
         """What is published of one step."""
@@ -307,6 +323,14 @@ class Stage:
     def do(self, what: Coroutine[Any, Any, T]) -> T:
         return asyncio.run_coroutine_threadsafe(what, self._loop).result(PATIENCE_S)
 
+    def call(self, what: Callable[[], None]) -> None:
+        """In the robot's own event loop."""
+
+        async def called() -> None:
+            what()
+
+        self.do(called())
+
     def leave(self) -> None:
         """Whatever has happened, nothing is left of it."""
         self.server.leave()
@@ -320,6 +344,7 @@ async def _play(folder: Path, robot: StagedRobot, name: str, opened: asyncio.Eve
     """Behind the wire, until it is cancelled."""
     surroundings = cut_surroundings("", b"", _WORKSPACE)
     async with serving(folder, robot, surroundings=surroundings, name=name) as (remote, _):
+        robot.remote = remote
         opened.set()
         number, heard = 0, 0
         while True:

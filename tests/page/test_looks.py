@@ -1,10 +1,15 @@
 """What everybody needs to see, to reach and to hear: on a desk, on a phone, in the dark."""
 
+import io
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
+from PIL import Image
 
 from daemon.messages import Reason
 from tests.page.browsing import Browsing, browsing, until
@@ -12,6 +17,8 @@ from tests.page.stage import Stage
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Route
+
+Array = NDArray[np.float64]
 
 pytestmark = pytest.mark.page
 
@@ -134,6 +141,64 @@ def test_where_the_body_gives_way_and_what_that_takes_is_told_where_the_eyes_are
         assert 50.0 < seen.probe()["ring"][2] < 70.0, "60 mm along a body that goes up"
         on.robot.aside = {}
         until(lambda: "gives way" not in why.inner_text() and not seen.probe()["ring"])
+
+
+SHAPES: Final[dict[str, dict[str, Any]]] = {
+    "ball": {"centre_mm": [-45.0, 0.0, 80.0], "radius_mm": 12.0},
+    "box": {
+        "centre_mm": [-45.0, 0.0, 110.0],
+        "size_mm": [12.0, 12.0, 12.0],
+        "turned": [1, 1, 0, 0],
+    },
+    "capsule": {"from_mm": [-20.0, 0.0, 130.0], "to_mm": [0.0, 0.0, 130.0], "radius_mm": 6.0},
+    "cylinder": {"from_mm": [30.0, 0.0, 120.0], "to_mm": [50.0, 0.0, 135.0], "radius_mm": 6.0},
+    "half_space": {"point_mm": [0.0, 0.0, 8.0], "normal": [0.0, 0.0, 2.0]},
+}
+MIDDLES: Final = {
+    "ball": (-45.0, 0.0, 80.0),
+    "box": (-45.0, 0.0, 110.0),
+    "capsule": (-10.0, 0.0, 130.0),
+    "cylinder": (40.0, 0.0, 127.5),
+    "half_space": (30.0, -40.0, 8.0),
+    "moving": (45.0, 0.0, 65.0),
+}
+
+
+def colours(seen: Browsing, places: dict[str, Sequence[float]]) -> dict[str, Array]:
+    """(3,) of what is drawn there, the mean of a few pixels."""
+    shot = Image.open(io.BytesIO(seen.page.locator("#scene").screenshot())).convert("RGB")
+    pixels = np.asarray(shot, np.float64)
+    found = {}
+    for name, place in places.items():
+        x, y = seen.page.evaluate("(place) => window.placeOnScreen(place)", list(place))
+        here = pixels[round(y) - 2 : round(y) + 3, round(x) - 2 : round(x) + 3]
+        found[name] = here.reshape(-1, 3).mean(axis=0)
+    return found
+
+
+def test_regions_and_what_moves_are_drawn_where_they_are_and_go_again(
+    browser: "Browser", on: Stage
+) -> None:
+    with browsing(browser, on.address) as seen:
+        seen.until_live()
+        seen.page.locator('[data-view="front"]').click()
+        until(lambda: seen.probe()["drawn"] > 2)
+        time.sleep(1.0)
+        empty = colours(seen, MIDDLES)
+
+        def other_than_empty() -> set[str]:
+            now = colours(seen, MIDDLES)
+            return {name for name in now if np.abs(now[name] - empty[name]).max() > 12.0}
+
+        on.robot.moving_mm = [[60.0, 0.0, 65.0, -30.0, 0.0, 0.0, 6.0]]
+        until(lambda: other_than_empty() == {"moving"}, other_than_empty)
+        regions = [{"kind": kind, "keep": "out", "name": "", **one} for kind, one in SHAPES.items()]
+        on.call(lambda: on.robot.surrounded_by(*regions))
+        until(lambda: other_than_empty() == set(MIDDLES), other_than_empty)
+        on.robot.moving_mm = []
+        on.call(lambda: on.robot.surrounded_by())
+        until(lambda: not other_than_empty(), other_than_empty)
+        assert seen.errors == []
 
 
 def test_a_phone_has_one_column_and_stop_in_its_corner(browser: "Browser", on: Stage) -> None:

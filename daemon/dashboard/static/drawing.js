@@ -5,6 +5,7 @@ import * as THREE from "./vendor/three/three.module.js";
 const AROUND = 20, MOST = 32, TRAIL = 900, TRIAD_MM = 30;
 const REFERENCE = { free: 0x27a567, reduced: 0xe0a022, held: 0xe0464f };
 const TIP = 0x1f6feb, TARGET = 0xb455d6, GIVES_WAY = 0xe0a022, NEAR = 0xe0464f;
+const FORBIDDEN = 0xc76a72, TO_STAY_IN = 0x27a567, MOVING = 0xe0a022, ENDLESS_MM = 400;
 const DOT_PX = 2.4;  // WebGL's own lines are one pixel wide, however fine the pixels are
 const UP = new THREE.Vector3(0, 1, 0), RING_AXIS = new THREE.Vector3(0, 0, 1);
 const FENCE_ASKED_MS = 3, GIVEN_UP_MS = 1000;
@@ -38,6 +39,7 @@ export class Drawing {
     this.bar = this.add(new THREE.Mesh(new THREE.CylinderGeometry(0.7, 0.7, 1, 8), new THREE.MeshBasicMaterial({ color: NEAR, depthTest: false })));
     this.bar.renderOrder = 6;
     this.ring = this.add(new THREE.Mesh(new THREE.TorusGeometry(1, 0.09, 8, 40), new THREE.MeshBasicMaterial({ color: GIVES_WAY })));
+    this.solids = { regions: [], movers: [] };
     this.ellipsoids = [];
     this.unit = new THREE.SphereGeometry(1, 24, 16);
   }
@@ -195,6 +197,23 @@ export class Drawing {
     this.scene.add(this.surroundings);
   }
 
+  // Where the body must not be, or is to stay: as `risk.surface.regions` has them.
+  regions(told) { this.showSolids("regions", told || [], ({ keep }) => (keep === "in" ? TO_STAY_IN : FORBIDDEN), 0.2); }
+
+  // Where obstacles that move may be: capsules, from where, on what way, how thick.
+  movers(told) {
+    const capsules = (told || []).map(([x, y, z, dx, dy, dz, radius_mm]) => (
+      { kind: "capsule", from_mm: [x, y, z], to_mm: [x + dx, y + dy, z + dz], radius_mm }));
+    this.showSolids("movers", capsules, () => MOVING, 0.45);
+  }
+
+  showSolids(name, told, color, opacity) {
+    for (const { geometry, material } of this.solids[name]) { geometry.dispose(); material.dispose(); }
+    this.scene.remove(...this.solids[name]);
+    this.solids[name] = told.map((one) => translucent(one, color(one), opacity));
+    if (told.length) this.scene.add(...this.solids[name]);
+  }
+
   // What is drawn no more is kept by nobody.
   leave(name) {
     const object = this[name];
@@ -204,6 +223,25 @@ export class Drawing {
     object.geometry.dispose();
     object.material.dispose();
   }
+}
+
+// A ball, box, capsule, cylinder or half-space, whose plane is drawn as far as one looks.
+function translucent(one, color, opacity) {
+  const { radius_mm: radius, from_mm: from } = one, way = from ? new THREE.Vector3(...one.to_mm).sub(new THREE.Vector3(...from)) : UP;
+  const length = way.length(), geometry = {
+    ball: () => new THREE.SphereGeometry(radius, 24, 16), box: () => new THREE.BoxGeometry(...one.size_mm),
+    capsule: () => new THREE.CapsuleGeometry(radius, length, 8, 20), cylinder: () => new THREE.CylinderGeometry(radius, radius, length, 28),
+    half_space: () => new THREE.PlaneGeometry(ENDLESS_MM, ENDLESS_MM),
+  }[one.kind]();
+  const mesh = new THREE.Mesh(geometry, new THREE.MeshLambertMaterial({ color, transparent: true, opacity, side: THREE.DoubleSide, depthWrite: false }));
+  mesh.position.fromArray(from || one.centre_mm || one.point_mm);
+  if (from) {
+    mesh.position.addScaledVector(way, 0.5);
+    mesh.quaternion.setFromUnitVectors(UP, length > 0 ? way.normalize() : UP);
+  }
+  if (one.normal) mesh.quaternion.setFromUnitVectors(RING_AXIS, new THREE.Vector3(...one.normal).normalize());
+  if (one.turned) { const [w, x, y, z] = one.turned; mesh.quaternion.set(x, y, z, w).normalize(); }
+  return mesh;
 }
 
 function putAt(object, place) {

@@ -27,6 +27,7 @@ export class FlatScene {
   clear() { this.way = []; this.told = this.tip = this.target = null; this.dirty = true; }
   setWorkspace() {}
   setMesh() {}
+  setRegions() {}
   view() {}
   follow() {}
   lock() {}

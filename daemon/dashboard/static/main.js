@@ -160,6 +160,7 @@ async function showRoom(about, mesh) {
   look.workspace = about.workspace_mm;
   look.room = about.counts_sha256;
   scene.setWorkspace(about.workspace_mm);
+  scene.setRegions(about.regions || []);
   scene.setMesh(about.parts ? await (await fetch(mesh)).arrayBuffer() : null);
 }
 
@@ -279,5 +280,6 @@ window.probe = () => ({
   ring: scene.aside ? scene.aside.place : null,
   pace: scene.pace ? { every_ms: scene.pace.every_ms, cost_ms: scene.pace.cost_ms, fineness: scene.pace.fineness } : null,
 });
+window.placeOnScreen = (place) => scene.onScreen(place);
 window.drawnTimes = () => drawnTimes.splice(0);
 window.beFine = (on) => (scene.flat ? undefined : scene.beFine(on));

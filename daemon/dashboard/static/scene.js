@@ -9,13 +9,14 @@ const VIEWS = { free: [0.85, -1, 0.35], front: [0, -1, 0], side: [1, 0, 0], top:
 const FIELD = 38, NEAREST_MM = 1, FARTHEST_MM = 5000, TRAIL = 900;
 const TRAIL_MM = 0.3;  // a tracker's noise is no way that was gone
 const FINE = 2, LABEL_EVERY_MS = 95;
-const EMPTY = { body: null, tip: null, reference: null, aside: null, mesh: null, workspace: null };
+const EMPTY = { body: null, tip: null, reference: null, aside: null, mesh: null, regions: [], movers: [], workspace: null };
 
 export class Scene {
   // wake: called when there is something new to draw.
   constructor(element, easel, wake) {
     Object.assign(this, { element, easel, wake });
     this.drawn = 0;
+    this.movers = "[]";
     this.parts = {};  // what is another than in the last picture
     this.trails = { trail: [], aims: [] };
     this.waiting = true;  // drawn only where there is something new, where it is seen, and as often as it may
@@ -46,6 +47,7 @@ export class Scene {
 
   // What is told of one moment, live or recorded.
   take({ status, risk, tip, body }) {
+    if (status && status.risk) this.setMovers(status.risk.moving_mm || []);
     if (status) this.moves = status.state === "running";  // steps are made, so that something gives way to something
     if (risk) this.risk = risk;
     if (tip) this.setTip(tip);
@@ -111,9 +113,12 @@ export class Scene {
     return { place: place.toArray(), along: along.normalize().toArray(), radius_mm: 1.12 * this.body.radius_mm[n] };
   }
 
+  // Where it is the same, it is looked at from where it was.
   setWorkspace(box) {
+    const words = JSON.stringify(box), same = words === this.room;
+    this.room = words;
     this.tell("workspace", box);
-    if (!box) return;
+    if (!box || same) return;
     const [x, y, z] = box;
     const room = new THREE.Box3(new THREE.Vector3(x[0], y[0], z[0]), new THREE.Vector3(x[1], y[1], z[1]));
     room.expandByPoint(new THREE.Vector3(0, 0, 0));
@@ -124,9 +129,21 @@ export class Scene {
 
   setMesh(buffer) { this.tell("mesh", buffer); }
 
+  setRegions(told) { this.tell("regions", told); }
+
+  // Told ten times a second, and seldom anything else than before.
+  setMovers(told) {
+    const words = JSON.stringify(told);
+    if (words === this.movers) return;
+    this.movers = words;
+    this.tell("movers", told);
+  }
+
   // Another robot: nothing of the one before stays.
   clear() {
     this.tip = this.body = this.risk = null;
+    this.movers = "[]";
+    this.room = "";
     this.moves = false;
     this.trails = { trail: [], aims: [] };
     this.setTrails([], []);
