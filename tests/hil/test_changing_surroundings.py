@@ -3,6 +3,7 @@
 import asyncio
 import hashlib
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from daemon.messages import MovingObstacle, Upload
 from daemon.remote.client.client_errors import RefusedError
 from daemon.risk.mesh_file import binary_stl, write_mesh
 from daemon.workbench.body_model.evaluation.shapes import CHEST_PORT, ball, chest
+from daemon.workbench.report.report import write_report
 from safety.states import OperatingState
 from tests.hil.daemon_rig import Rig, short_folder
 from tests.hil.test_tendon_arm import BROYDEN, ended, patient, seen
@@ -106,7 +108,9 @@ CLOSE_MM = 5.0
 
 
 def test_what_comes_in_the_way_of_a_planned_path_is_gone_round() -> None:
-    """Plan, follow; a ball comes in the way, the arm holds; plan anew from there, and arrive."""
+    """Plan, follow; a ball comes in the way, the arm holds. While it is where the path has to end
+    there is none, and that is told; then plan anew among all that is there, and arrive. The report
+    shows both plans and what they were said to risk."""
     with short_folder() as folder:
         one = Rig(folder, in_the_open(folder))
         try:
@@ -118,10 +122,13 @@ def test_what_comes_in_the_way_of_a_planned_path_is_gone_round() -> None:
             one.user.do(one.client.load({"kind": "planned", "file": first.file}, FOLLOWING))
             one.user.do(one.client.start())
             one.until(lambda: off_mm(one) < 20.0, WITHIN_S)
-            tell_of(one, in_the_way(first.path))
+            camera = Camera(one)
+            camera.sees(in_the_way(first.path))
             one.until(lambda: one.state is S.HOLD, 20.0)
             assert "risk_too_high" in {why.name for why in one.status().stopped_by}
-            tell_of(one, None)
+            none = one.user.refused(one.client.plan(GOAL))
+            assert "with 1 moving obstacle where they may be" in none.text, none
+            camera.sees(ASIDE_MM)
             put = {"kind": "ball", "centre_mm": [*BESIDE_MM], "radius_mm": 6.0}
             one.user.do(one.client.surround({"regions": [put]}, add=True))
             with pytest.raises(RefusedError) as refused:
@@ -130,11 +137,13 @@ def test_what_comes_in_the_way_of_a_planned_path_is_gone_round() -> None:
             second = one.user.do(one.client.plan(GOAL))
             assert second.path is not None
             assert second.path["surroundings_sha256"] != first.path["surroundings_sha256"]
+            assert second.path["figures"]["moving_obstacles"] == 1
             one.user.do(one.client.load({"kind": "planned", "file": second.file}, FOLLOWING))
             one.user.do(one.client.start())
             one.until(lambda: ended(one), WITHIN_S)
             assert one.state is S.ARMED, one.causes()
             assert off_mm(one) < CLOSE_MM
+            camera.sees(None)
             recorded = Path(str(one.status().recording))
             one.user.do(one.client.disarm())
         finally:
@@ -144,6 +153,11 @@ def test_what_comes_in_the_way_of_a_planned_path_is_gone_round() -> None:
         for told in planned:
             (models_directory() / told["file"]).unlink()
         assert all((recorded / told["file"]).is_file() for told in planned)
+        page = write_report(recorded).read_text()
+        for said in ("Planned paths", "What was planned", first.file, second.file, "risk_too_high"):
+            assert said in page
+        left = [told["path_risk"] for told in seen(recorded, "/risk")]
+        assert any(risk is not None for risk in left), "of what is left of the path"
         assert len(seen(recorded, "/surroundings_changed")) == 2
         assert seen(recorded, "/obstacles_taken")
 
@@ -151,6 +165,8 @@ def test_what_comes_in_the_way_of_a_planned_path_is_gone_round() -> None:
 WITHIN_S = 150.0
 BESIDE_MM = (45.0, 45.0, 150.0)
 """Where what came in the way has gone."""
+ASIDE_MM = (-45.0, -45.0, 150.0)
+"""Where the camera sees it then."""
 
 
 def in_the_open(folder: Path) -> Path:
@@ -169,21 +185,31 @@ def in_the_way(path: dict[str, Any]) -> list[float]:
     return [1.4 * x, 1.4 * y, z - 5.0]
 
 
-def tell_of(one: Rig, place_mm: list[float] | None) -> None:
-    """Stream a ball there for two seconds; None: it has gone."""
+class Camera:
+    """Tells of one ball again and again, on the client's own loop."""
 
-    async def stream() -> None:
+    def __init__(self, one: Rig) -> None:
+        self._one = one
+        self._telling: asyncio.Task[None] | None = None
+
+    def sees(self, place_mm: Sequence[float] | None) -> None:
+        """None: it has gone."""
+        self._one.user.do(self._change(place_mm))
+
+    async def _change(self, place_mm: Sequence[float] | None) -> None:
+        if self._telling is not None:
+            self._telling.cancel()
+            self._telling = None
         if place_mm is None:
-            one.client.send_obstacles([])
-            return
-        for _ in range(150):
-            seen_there = MovingObstacle(centre_mm=place_mm, radius_mm=6.0)
-            one.client.send_obstacles([seen_there], valid_for_s=1.0)
-            await asyncio.sleep(0.05)
-            if (await one.client.status()).state == S.HOLD.value:
-                return
+            self._one.client.send_obstacles([])
+        else:
+            self._telling = asyncio.create_task(self._tell(list(place_mm)))
 
-    one.user.do(stream())
+    async def _tell(self, place_mm: list[float]) -> None:
+        ball = MovingObstacle(centre_mm=place_mm, radius_mm=6.0)
+        while True:
+            self._one.client.send_obstacles([ball], valid_for_s=1.0)
+            await asyncio.sleep(0.05)
 
 
 def off_mm(one: Rig) -> float:
