@@ -211,7 +211,7 @@ def one_chest(arguments: argparse.Namespace, number: int, kept: Kept) -> None:
 
 
 def _left_out(arguments: argparse.Namespace, chest: int, pair: int) -> bool:
-    return chest * arguments.pairs + pair < arguments.skip
+    return bool(chest * arguments.pairs + pair < arguments.skip)
 
 
 def _compared(chest: Chest, nominal: Candidate, plan: Plan) -> dict[str, Any]:

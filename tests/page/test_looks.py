@@ -2,7 +2,7 @@
 
 import io
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -164,7 +164,7 @@ MIDDLES: Final = {
 }
 
 
-def colours(seen: Browsing, places: dict[str, Sequence[float]]) -> dict[str, Array]:
+def colours(seen: Browsing, places: Mapping[str, Sequence[float]]) -> dict[str, Array]:
     """(3,) of what is drawn there, the mean of a few pixels."""
     shot = Image.open(io.BytesIO(seen.page.locator("#scene").screenshot())).convert("RGB")
     pixels = np.asarray(shot, np.float64)

@@ -116,7 +116,7 @@ def distances(files: RiskFiles, moving: list[list[float]], places: FloatArray) -
     at = np.rint((places - grid.origin_mm) / grid.spacing_mm).astype(int)
     assert (at >= 0).all() and (at < grid.values_mm.shape).all()
     i, j, k = at.T
-    return grid.values_mm[i, j, k].astype(np.float64)
+    return np.asarray(grid.values_mm[i, j, k], np.float64)
 
 
 def test_a_grid_reaches_as_far_as_what_moves_and_never_tells_too_much_room(
