@@ -10,7 +10,7 @@ import { fetchReplay, openReplay, reading } from "./replay.js";
 import { showRuns } from "./runs.js";
 import { Hand } from "./teleoperation.js";
 
-const STALE_S = 0.5, RUNS_EVERY_MS = 15000, SHOWN_EVERY_MS = 95, SHOWN_WITHIN_MS = 250, HANGS_S = 1.5;
+const STALE_S = 0.5, RUNS_EVERY_MS = 15000, SHOWN_EVERY_MS = 95, SHOWN_WITHIN_MS = 250, HANGS_S = 1.5, TOLD_WITHIN_MS = 30;
 const replayed = new URLSearchParams(location.search).get("replay");
 const look = {
   frames: 0, status: null, risk: null, tip: null, body: null, heard: 0, age: Infinity, number: 0, drawnNumber: 0, drawnHeard: -Infinity,
@@ -21,7 +21,7 @@ const look = {
 const fetched = replayed ? fetchReplay(replayed, reading) : null;
 if (fetched) fetched.catch(() => {});  // told where it is opened
 const drawnTimes = [];
-let scene = null, plots = null, axisNames = "", replay = null, hand = null, awake = false;
+let scene = null, plots = null, axisNames = "", replay = null, hand = null, awake = false, timer = 0;
 let unshown = null, shown_ms = -Infinity, turn = 0;
 
 async function makeScene() {
@@ -99,6 +99,7 @@ function takeLive(frame) {
   unshown = { ...unshown, ...frame, events: [...((unshown && unshown.events) || []), ...(frame.events || [])] };
   if (frame.tip) look.tip = frame.tip;
   scene.take(frame);
+  if (frame.tip && scene.beside && !eager() && scene.waits_ms(performance.now()) <= 0) each();
   if (performance.now() - shown_ms >= SHOWN_WITHIN_MS) show();
   wake();
 }
@@ -235,16 +236,20 @@ function drawnAt(at_ms, age_s, sent_s) {
   if (drawnTimes.length > 2000) drawnTimes.shift();
 }
 
+// Whether each of the browser's own pictures is wanted: a hand that leads is looked at with it.
+function eager() { return !scene || replay || (hand && (hand.held || hand.offered)); }
+
 // Asks for a picture, and not before it may be drawn: each that a browser is asked for costs it something,
-// with nothing new in it too, and what is pressed waits for that. A hand that leads is looked at with each.
+// with nothing new in it too, and what is pressed waits for that. Beside the page it is drawn when the next step
+// is told, so that none is of an old one; and soon in any case. Who turns the picture waits for no step.
 function wake() {
-  const eager = !scene || replay || (hand && (hand.held || hand.offered));
-  const wait = eager ? 0 : scene.waits_ms(performance.now());
-  if (awake || wait === Infinity) return;
+  const beside = !eager() && scene.beside, wait = eager() ? 0 : scene.waits_ms(performance.now());
+  if ((awake && !(beside && scene.hurried)) || wait === Infinity) return;
   awake = true;
-  const turn = eager || !scene.beside ? () => requestAnimationFrame(each) : each;
-  if (wait > 0 || turn === each) setTimeout(turn, Math.max(wait, 0));
-  else turn();
+  clearTimeout(timer);
+  if (beside) timer = setTimeout(each, scene.hurried ? 0 : Math.max(wait, 0) + TOLD_WITHIN_MS);
+  else if (wait > 0) timer = setTimeout(() => requestAnimationFrame(each), wait);
+  else requestAnimationFrame(each);
 }
 
 // Returns whether a picture was drawn.
@@ -260,6 +265,7 @@ function picture(now) {
 
 function each(now) {
   let drawn = false;
+  clearTimeout(timer);
   try { if (scene) drawn = picture(now); } finally { awake = false; }  // what it has changed itself asks for no other
   if (!scene) return;
   if (drawn) look.tipFresh = false;
