@@ -36,6 +36,7 @@ from daemon.loop.step_messages import SLIDING
 from daemon.messages import Risk, Tip
 from daemon.risk.body_risk_source import BodyRiskSource, make_risk_source
 from daemon.risk.mesh_file import write_mesh
+from daemon.workbench.body_model.clouds.emulated_body import evenly_spaced
 from daemon.workbench.body_model.evaluation.shapes import joined
 from safety.gate import RISK
 from safety.risk_source import Clearance, KnownBody, RiskReading, RiskSource, TipComparison
@@ -123,7 +124,9 @@ class Witness:
             state = rig.lab.body.record.state
             line = np.asarray(state.centreline_mm)
             self.radius_mm = state.radius_mm
-            self.lines_mm.append(line.copy())
+            # Of tubes that slide the plant has not always as many.
+            nodes = len(self.lines_mm[0]) if self.lines_mm else len(line)
+            self.lines_mm.append(evenly_spaced(line, nodes).copy())
             shares = np.linspace(0.0, 1.0, 5)[:, None, None]
             fine = (line[:-1] + shares * (line[1:] - line[:-1])).reshape(-1, 3)
             for solid in self._solids:

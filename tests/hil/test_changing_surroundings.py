@@ -156,7 +156,7 @@ def test_what_comes_in_the_way_of_a_planned_path_is_gone_round() -> None:
         page = write_report(recorded).read_text()
         for said in ("Planned paths", "What was planned", first.file, second.file, "risk_too_high"):
             assert said in page
-        left = [told["path_risk"] for told in seen(recorded, "/risk")]
+        left = [told.get("path_risk") for told in seen(recorded, "/risk")]
         assert any(risk is not None for risk in left), "of what is left of the path"
         assert len(seen(recorded, "/surroundings_changed")) == 2
         assert seen(recorded, "/obstacles_taken")

@@ -26,6 +26,8 @@ _ITERATIONS: Final = 25
 _STEP: Final = 1e-3
 """In the network's inputs, for differences."""
 _DAMPING: Final = 1.0
+_LEAST_DAMPING: Final = 1e-6
+"""A body that has more axes than a tip has coordinates is nowhere determined without any."""
 _LONGEST: Final = 0.4
 """In the network's inputs: a step of the search goes no farther."""
 _APART: Final = 0.15
@@ -106,7 +108,7 @@ def _solved(body: BodyInPlace, goal: TipGoal, beginning: FloatArray) -> FloatArr
             there = np.clip(u + step / scale, ranges.lowest, ranges.highest)
             missed = _off(body, goal, there)
             if missed @ missed < off @ off:
-                u, off, damping = there, missed, 0.3 * damping
+                u, off, damping = there, missed, max(0.3 * damping, _LEAST_DAMPING)
                 break
             damping *= 4.0
         else:

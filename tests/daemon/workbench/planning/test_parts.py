@@ -1,11 +1,16 @@
 """The parts of a planner: slopes, risks along a path, times, the paper's method."""
 
+from types import SimpleNamespace
+from typing import cast
+
 import numpy as np
 import pytest
 
 from daemon.host.progress import Unheard
+from daemon.workbench.planning.body_in_place import BodyInPlace
 from daemon.workbench.planning.clearance_slopes import ClearanceLack, distance_at
 from daemon.workbench.planning.gaussian_process import lowered
+from daemon.workbench.planning.goals import TipGoal, places_for
 from daemon.workbench.planning.path_risk import (
     PathRisks,
     interval,
@@ -101,6 +106,22 @@ def test_where_there_is_little_room_it_goes_slower() -> None:
     tight = timed(places, tips, np.full(101, 5.0), speeds)
     assert tight[-1] == pytest.approx(2.0 * free[-1], rel=0.02)
     assert free[-1] == pytest.approx(5.0, rel=0.05)
+
+
+def test_a_body_with_axes_that_do_the_same_is_led_as_far_as_any() -> None:
+    """Nothing but damping says how two such axes share a step, however long the way is."""
+    axes, twice = 6, 500.0 * np.hstack([np.eye(3), np.eye(3)])
+    made_up = SimpleNamespace(
+        model=SimpleNamespace(scale=np.ones(axes)),
+        ranges=SimpleNamespace(lowest=np.full(axes, -50.0), highest=np.full(axes, 50.0)),
+        closeness=lambda u: 0.0,
+        allowed=lambda u: True,
+        tip=lambda u: np.concatenate([twice @ u, [0.0, 0.0, 1.0]]),
+    )
+    goal = TipGoal(np.array([6900.0, 0.0, 0.0]))
+    found = places_for(cast(BodyInPlace, made_up), goal, [np.zeros(axes)], 1)
+    assert found.nearest_mm < 1.0
+    assert found.places[0][[0, 3]] == pytest.approx([6.9, 6.9], abs=0.01)
 
 
 def test_the_papers_method_lowers_equation_10_and_nothing_else_decides() -> None:
