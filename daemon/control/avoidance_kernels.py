@@ -1,7 +1,8 @@
-"""The step nearest to a proposed one that leaves parts of the body their room, compiled.
+"""A step turned aside, so that parts of the body keep their room, compiled.
 
 Every function that is cached on disk stands in this one file: numba notices a change only in the
-file of the cached function itself.
+file of the cached function itself. What belongs together is handed over in few arrays, because each
+costs a tenth of a microsecond.
 """
 
 from collections.abc import Callable
@@ -13,17 +14,65 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
-UNSOLVED: Final = -1
+STAYS, ASIDE, UNSOLVED = 0, 1, -1
+TASK_ROWS: Final = 6
+_RESERVE_MM: Final = 0.5
+"""h₀: the gate counts the way there too, and braking."""
+_CLOSER_PER_S: Final = 4.0
+"""γ."""
+_LEAST_SLOPE_MM_S: Final = 1.0
+"""With all axes at full speed. Where less clearance is gained by that, there is no way along."""
+_GAINS_FROM: Final = 0.5
+"""Of what the tip would give up without its task in view; with more than that, nothing is gained.
+Chosen: arms that can give way ask for a tenth to a fifth, those that cannot for nine tenths."""
 _SOFT: Final = 1e-4
 """Of what it costs to keep a row: a share by which it may be missed, so that rows that contradict
 each other, or the axes' limits, have an answer."""
 _TINY: Final = 1e-9
+_LOWEST, _HIGHEST, _SPEED, _SLACK, _TIGHT = range(5)
+"""Rows of what axes may do ..."""
+_CONSTANT, _LEAST, _MOST, _FASTEST, _FACTORS = range(5)
+"""... columns of coupled limits ..."""
+_OF, _OFFSET, _VALUE, _WITHIN, _PERIOD, _WEIGHTS = range(6)
+"""... and of their conditions; the last of each is the first of m."""
+_PLACE, _TASKS = 0, 3
+"""Rows of what the axes do to the tip."""
+_MISSING, _ALLOWED, _SHARE, _PRICE, _WAY, _LOW, _HIGH, _STEP = range(8)
+"""Rows of the room for the work."""
 
 _kernel = njit(cache=True, error_model="numpy", nogil=True)
 _inlined: Callable[..., Any] = njit(  # type: ignore[call-overload]
     cache=True, error_model="numpy", nogil=True, forceinline=True, _nrt=False
 )
 """These make no arrays, and do not count who holds one."""
+
+
+class Bounds(NamedTuple):
+    """What m axes may do. axes: (5, m) lowest and highest place, highest speed, and the tensions
+    below which no tendon is let out, and above which none is pulled; infinite: at none.
+
+    limits: (l, 4 + m) of what they may not do together: constant, lowest, highest and fastest
+    change of a sum, and its factors. conditions: (c, 5 + m) of a limit that counts only while they
+    are met: which limit, constant of the sum, value that it is near, how near, after how much it
+    comes round (0: never), and its factors.
+    """
+
+    axes: FloatArray
+    limits: FloatArray
+    conditions: FloatArray
+
+
+class Near(NamedTuple):
+    """A clearance. u: (m,) where it is of.
+
+    rows: (1 + p, m + 2) of the whole body, and of its parts: slope, mm, and the square of what
+    is gained with all axes at full speed, mm²/s². tip: (15, m) of the tip's place, mm; and of its
+    task as it counts beside the axes, six rows where it may point anywhere and six where not.
+    """
+
+    u: FloatArray
+    rows: FloatArray
+    tip: FloatArray
 
 
 class Wanted(NamedTuple):
@@ -47,29 +96,145 @@ class Wanted(NamedTuple):
 class Room(NamedTuple):
     """Arrays for the work, made once: see `room_for`."""
 
-    factor: FloatArray
+    matrices: FloatArray
     rows: FloatArray
-    missing: FloatArray
-    gram: FloatArray
-    share: FloatArray
-    price: FloatArray
+    slope: FloatArray
+    vectors: FloatArray
     active: NDArray[np.int64]
-    way: FloatArray
 
 
 def room_for(axes: int, parts: int) -> Room:
-    """For so many axes, and parts at most."""
+    """For so many axes, and parts and sides of coupled limits at most."""
     rows, wide = parts + 2 * axes, axes + parts
     return Room(
-        np.empty((axes, axes)),
+        np.empty((2, wide + 1, wide + 1)),
         np.empty((rows, wide)),
-        np.empty(rows),
-        np.empty((wide + 1, wide + 1)),
-        np.empty(wide + 1),
-        np.empty(wide + 1),
+        np.empty((parts, axes)),
+        np.empty((_STEP + 1, rows + 1)),
         np.empty(wide + 1, np.int64),
-        np.empty(wide),
     )
+
+
+@_kernel
+def turn_aside(bounds, near, room, asked, dt_s, points, found):  # type: ignore[no-untyped-def]
+    """Write the (m + 1,) step to take, and how many mm it leads the tip from where it was to go.
+
+    asked: (3, m) proposed step, where the axes are told to be, and measured tensions, NaN: unknown.
+    points: whether the tip's direction is part of its task. Returns ASIDE, or STAYS where the
+    proposed step may stay as it is, or nothing can be said.
+    """
+    axes, parts, short = asked.shape[1], 0, False
+    proposed, low, high = asked[0], room.vectors[_LOW], room.vectors[_HIGH]
+    speed, step, allowed = bounds.axes[_SPEED], room.vectors[_STEP], room.vectors[_ALLOWED]
+    whole = False
+    for i in range(near.rows.shape[0]):
+        if near.rows[i, axes + 1] < _LEAST_SLOPE_MM_S * _LEAST_SLOPE_MM_S:
+            continue
+        change, least = _changes(near, i, asked, dt_s)
+        if i == 0:
+            whole = change < least
+            share = (least - change) / near.rows[i, axes + 1]
+            for k in range(axes):
+                found[k] = proposed[k] + share * near.rows[i, k] * speed[k] * speed[k]
+        else:
+            room.slope[parts], allowed[parts] = near.rows[i, :axes], least
+            short, parts = short or change < least, parts + 1
+    first = _TASKS + (TASK_ROWS if points else 0)
+    task = near.tip[first : first + TASK_ROWS]
+    if short:
+        parts = _coupled(bounds, asked[1], dt_s, room, parts)
+        _within(bounds, asked, dt_s, low, high)
+        slope = room.slope[:parts]
+        wanted = Wanted(proposed, low[:axes], high[:axes], speed, slope, allowed[:parts], task)
+        short = nearest_step(wanted, room, step[:axes]) != UNSOLVED
+    if not (whole or short):
+        return STAYS
+    if short and (
+        not whole
+        or _given_up(task, step, proposed)
+        <= _GAINS_FROM * _GAINS_FROM * _given_up(task, found, proposed)
+    ):
+        found[:axes] = step[:axes]
+    found[axes] = np.sqrt(_given_up(near.tip[_PLACE:_TASKS], found, proposed))
+    return ASIDE
+
+
+@_inlined
+def _changes(near, i, asked, dt_s):  # type: ignore[no-untyped-def]
+    """By how much the proposed step changes a clearance, and by how much it may at least."""
+    axes, change = asked.shape[1], 0.0
+    here = near.rows[i, axes]
+    for k in range(axes):
+        here += near.rows[i, k] * (asked[1, k] - near.u[k])
+        change += near.rows[i, k] * asked[0, k]
+    return change, -min(1.0, _CLOSER_PER_S * dt_s) * (here - _RESERVE_MM)
+
+
+@_inlined
+def _within(bounds, asked, dt_s, low, high):  # type: ignore[no-untyped-def]
+    """Lowest and highest step: travel, speed, and no tendon that hardly pulls is let out, nor one
+    pulled that pulls nearly as much as it may."""
+    limits = bounds.axes
+    for k in range(asked.shape[1]):
+        at, pull, most = asked[1, k], asked[2, k], limits[_SPEED, k] * dt_s
+        low[k] = max(min(limits[_LOWEST, k] - at, 0.0), -most)
+        high[k] = min(max(limits[_HIGHEST, k] - at, 0.0), most)
+        if pull < limits[_SLACK, k]:
+            low[k] = 0.0
+        if pull > limits[_TIGHT, k]:
+            high[k] = 0.0
+
+
+@_inlined
+def _coupled(bounds, targets, dt_s, room, parts):  # type: ignore[no-untyped-def]
+    """Put the coupled limits that the step could reach behind so many parts, and return how many
+    rows there are then.
+
+    A limit that counts only sometimes is kept where it counts as the step begins; what is beyond
+    one already needs not come back.
+    """
+    limits, allowed = bounds.limits, room.vectors[_ALLOWED]
+    for i in range(limits.shape[0]):
+        if not _counts(bounds.conditions, i, targets):
+            continue
+        value, most = limits[i, _CONSTANT], limits[i, _FASTEST] * dt_s
+        for k in range(targets.size):
+            value += limits[i, _FACTORS + k] * targets[k]
+        for side in (1.0, -1.0):
+            room_left = value - limits[i, _LEAST] if side > 0.0 else limits[i, _MOST] - value
+            if room_left <= most:
+                for k in range(targets.size):
+                    room.slope[parts, k] = side * limits[i, _FACTORS + k]
+                allowed[parts] = min(-room_left, 0.0)
+                parts += 1
+    return parts
+
+
+@_inlined
+def _counts(conditions, limit, targets):  # type: ignore[no-untyped-def]
+    """Whether all conditions of a limit are met."""
+    for c in range(conditions.shape[0]):
+        if conditions[c, _OF] == limit:
+            off, period = conditions[c, _OFFSET] - conditions[c, _VALUE], conditions[c, _PERIOD]
+            for k in range(targets.size):
+                off += conditions[c, _WEIGHTS + k] * targets[k]
+            if period > 0.0:
+                off -= period * np.floor(off / period + 0.5)
+            if not abs(off) < conditions[c, _WITHIN]:
+                return False
+    return True
+
+
+@_inlined
+def _given_up(rows, step, proposed):  # type: ignore[no-untyped-def]
+    """The square of what a step does otherwise than the proposed one, in (r, m) rows."""
+    square = 0.0
+    for r in range(rows.shape[0]):
+        off = 0.0
+        for k in range(proposed.size):
+            off += rows[r, k] * (step[k] - proposed[k])
+        square += off * off
+    return square
 
 
 @_kernel
@@ -82,9 +247,10 @@ def nearest_step(wanted: Wanted, room: Room, step: FloatArray) -> int:
     y = L⁻¹ c, with LLᵀ the objective's matrix: what a row does to another is their product.
     """
     axes, parts = wanted.unit.size, wanted.allowed.size
-    rows = parts + 2 * axes
+    rows, wide = parts + 2 * axes, axes + parts
     _prepare(wanted, room)
-    y, missing, active, price = room.rows, room.missing, room.active, room.price
+    y, active, missing = room.rows, room.active, room.vectors[_MISSING]
+    shares, price, ways = room.vectors[_SHARE], room.vectors[_PRICE], room.vectors[_WAY]
     count, looked = 0, 0
     if not np.isfinite(missing[:rows].sum()):
         return UNSOLVED
@@ -100,29 +266,29 @@ def nearest_step(wanted: Wanted, room: Room, step: FloatArray) -> int:
             looked += 1
             if looked > 4 * rows:
                 return UNSOLVED
-            _shares(room, worst, count)
+            _shares(room, worst, count, wide)
             square = 0.0
-            for k in range(room.way.size):
+            for k in range(wide):
                 way = y[worst, k]
                 for j in range(count):
-                    way -= room.share[j] * y[active[j], k]
-                room.way[k] = way
+                    way -= shares[j] * y[active[j], k]
+                ways[k] = way
                 square += way * way
             far, letting = np.inf, -1
             for j in range(count):
-                if room.share[j] > _TINY and price[j] < far * room.share[j]:
-                    far, letting = price[j] / room.share[j], j
+                if shares[j] > _TINY and price[j] < far * shares[j]:
+                    far, letting = price[j] / shares[j], j
             whole = -missing[worst] / square if square > _TINY * _TINY else np.inf
             length = min(far, whole)
             if not length < np.inf:
                 return UNSOLVED
             for j in range(count):
-                price[j] -= length * room.share[j]
+                price[j] -= length * shares[j]
             own += length
             if whole < np.inf:
                 for i in range(rows):
-                    for k in range(room.way.size):
-                        missing[i] += length * y[i, k] * room.way[k]
+                    for k in range(wide):
+                        missing[i] += length * y[i, k] * ways[k]
             if whole <= far:
                 active[count], price[count] = worst, own
                 missing[worst] = 0.0
@@ -140,7 +306,7 @@ def _prepare(wanted, room):  # type: ignore[no-untyped-def]
     """The objective's factor, the rows in it, and by how much the proposed step misses each."""
     proposed, lowest, highest, unit, slope, allowed, task = wanted
     axes, parts = unit.size, allowed.size
-    factor, y, missing = room.factor, room.rows, room.missing
+    factor, y, missing = room.matrices[0], room.rows, room.vectors[_MISSING]
     for i in range(axes):
         for j in range(i + 1):
             value = 1.0 if i == j else 0.0
@@ -149,9 +315,9 @@ def _prepare(wanted, room):  # type: ignore[no-untyped-def]
             for k in range(j):
                 value -= factor[i, k] * factor[j, k]
             factor[i, j] = np.sqrt(value) if i == j else value / factor[j, j]
-    y[:] = 0.0
+    y[: parts + 2 * axes, : axes + parts] = 0.0
     for i in range(parts):
-        missing[i], square = -allowed[i], 0.0
+        missing[i] = -allowed[i]
         for k in range(axes):
             missing[i] += slope[i, k] * proposed[k]
             y[i, k] = slope[i, k] * unit[k]
@@ -181,20 +347,20 @@ def _forwards(factor, row, first, axes):  # type: ignore[no-untyped-def]
 
 
 @_inlined
-def _shares(room, worst, count):  # type: ignore[no-untyped-def]
+def _shares(room, worst, count, wide):  # type: ignore[no-untyped-def]
     """How much of each active row is in the worst one: (Y Yᵀ)⁻¹ Y y by Cholesky's factor."""
-    y, gram, share, active = room.rows, room.gram, room.share, room.active
+    y, gram, share, active = room.rows, room.matrices[1], room.vectors[_SHARE], room.active
     for i in range(count):
         for j in range(i + 1):
             value = 0.0
-            for k in range(y.shape[1]):
+            for k in range(wide):
                 value += y[active[i], k] * y[active[j], k]
             for k in range(j):
                 value -= gram[i, k] * gram[j, k]
             gram[i, j] = np.sqrt(max(value, 1e-300)) if i == j else value / gram[j, j]
     for i in range(count):
         value = 0.0
-        for k in range(y.shape[1]):
+        for k in range(wide):
             value += y[active[i], k] * y[worst, k]
         for k in range(i):
             value -= gram[i, k] * share[k]
@@ -208,11 +374,12 @@ def _shares(room, worst, count):  # type: ignore[no-untyped-def]
 @_inlined
 def _write(wanted, room, count, step):  # type: ignore[no-untyped-def]
     """The proposed step, and what the active rows add: L⁻ᵀ Σ price · y."""
-    axes, factor, way = wanted.unit.size, room.factor, room.way
+    axes, factor, way = wanted.unit.size, room.matrices[0], room.vectors[_WAY]
+    price = room.vectors[_PRICE]
     for k in range(axes):
         way[k] = 0.0
         for j in range(count):
-            way[k] += room.price[j] * room.rows[room.active[j], k]
+            way[k] += price[j] * room.rows[room.active[j], k]
     for i in range(axes - 1, -1, -1):
         for k in range(i + 1, axes):
             way[i] -= factor[k, i] * way[k]

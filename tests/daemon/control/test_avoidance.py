@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from config.coupling.sums import AxesCondition, AxesLimit, AxesSum
-from daemon.control.avoidance import Aside, Avoidance, avoid
-from daemon.control.avoidance_kernels import nearest_step
+from daemon.control.avoidance import Aside, Avoidance
+from daemon.control.avoidance_kernels import turn_aside
 from daemon.robot.axes import AxisRanges
 from daemon.robot.coupled_axes import CoupledAxes
 from drivers.pose import Vector
@@ -19,6 +19,18 @@ from safety.risk_source import Clearance, PartClearance
 DT_S = 0.025
 FAST = np.array([5.0, 5.0])
 HERE = np.zeros(2)
+
+
+def avoid(
+    step: Vector, targets: Vector, clearance: Clearance, fast: Vector, dt_s: float
+) -> Vector | None:
+    """The step by the clearance of the whole body alone."""
+    none = np.zeros(fast.size)
+    names = tuple(map(str, range(fast.size)))
+    axes = AxisRanges(names, none - 10.0, none + 10.0, fast, none + 20.0, none)
+    whole = replace(clearance, parts=(), tip_slope=())
+    aside = Avoidance(axes).aside(step, targets, whole, dt_s)
+    return None if aside is None else aside.delta_u
 
 
 def towards_x(clearance_mm: float) -> Clearance:
@@ -270,9 +282,9 @@ def test_axes_that_are_beyond_a_coupled_limit_need_not_come_back_at_once() -> No
 def test_what_is_compiled_beforehand_is_all_that_a_step_needs() -> None:
     avoidance = Avoidance(THREE)
     avoidance.warm_up()
-    known = len(nearest_step.signatures)
+    known = len(turn_aside.signatures)
     avoidance.aside(np.array([0.05, 0.0, 0.0]), AT, near((80.0, 0.5, (-1.0, 0.0, -0.5))), DT_S)
-    assert len(nearest_step.signatures) == known
+    assert len(turn_aside.signatures) == known
 
 
 def test_far_from_everything_no_part_asks_for_anything() -> None:
