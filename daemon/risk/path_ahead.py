@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from safety.risk.body_risk import BodyRisk
-from safety.risk.contact import upper_limit
+from safety.risk.contact_figures import upper_limit
 from safety.risk.model.mixture import FloatArray
 
 _PIECE: Final = 0.1

@@ -13,12 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from safety.risk.body_point import BodyPointRisk
-from safety.risk.contact import ContactModel, ContactRisk, PathContactRisk, most_touching
+from safety.risk.contact import ContactModel
+from safety.risk.contact_figures import ContactRisk, PathContactRisk, most_touching
 from safety.risk.model.mixture import FloatArray, Mixture
 from safety.risk.model.risk_model import RiskModel
 from safety.risk.moving_obstacles import Swept
 from safety.risk.part_kernels import PartSlopes
 from safety.risk.seen_tip import FEWER, GivenTip, SeenTip, TipConditioning
+from safety.risk.shape_kernels import farthest_mm
 from safety.risk.surroundings.distance_grid import DistanceGrid
 from safety.risk.surroundings.environment import Environment
 from safety.risk_source import (
@@ -152,8 +154,7 @@ class BodyRisk:
         """
         self._shift, self._shift_mm, self._begin_shifted = shift, 0.0, None
         if shift is not None:
-            nodes = np.tensordot(shift, self._model.basis.modes, axes=1)
-            self._shift_mm = float(np.linalg.norm(nodes, axis=1).max())
+            self._shift_mm = float(farthest_mm(self._model.basis.modes, shift))
         for contact in (self._contact, self._fewer):
             contact.look_as_far_as(self._shift_mm + _NEAR_MM)
 

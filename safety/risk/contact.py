@@ -10,76 +10,25 @@ body stays the body that it was, and the risk does not flicker.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import betaincinv
 
+from safety.risk.contact_figures import (
+    ContactRisk,
+    PathContactRisk,
+    Touching,
+    WorstPlace,
+    share_touching,
+    threshold_mm,
+)
 from safety.risk.contact_kernels import CAP_MM, FINEST_MM, clearances, sweep
 from safety.risk.model.mixture import FloatArray, IndexArray, Mixture
 from safety.risk.model.shape_basis import ShapeBasis, SingleArray
 from safety.risk.moving_obstacles import NOTHING_MOVES, MovingClearance, Swept, longest_ways
 from safety.risk.part_kernels import Draws, PartSlopes, no_slopes, part_slopes
-from safety.risk.shape_kernels import Shapes, Skin, SolidArrays, place_shapes
+from safety.risk.shape_kernels import Shapes, Skin, SolidArrays, place_shapes, worst_place
 from safety.risk.surroundings.distance_grid import DistanceGrid
 from safety.risk.surroundings.environment import InsertionPort
-from safety.risk_source import Leaving
-
-CONFIDENCE: Final = 0.95
-"""Of the upper limit: the usual one of one-sided limits."""
-_WORST_SHARE: Final = 0.05
-"""Of the shapes, that say where the body is nearest: fifty of a thousand, enough for a middle."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class WorstPlace:
-    """Where most of the worst twentieth of the shapes are nearest to something."""
-
-    arc_mm: float
-    """Along the body."""
-    place_mm: FloatArray
-    """(3,) where that part of the body is, on the average of them."""
-    nearest_mm: FloatArray
-    """(3,) the place of the surface nearest to there."""
-    clearance_mm: float
-    """None of the worst twentieth has more."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ContactRisk:
-    """What the sampled shapes say. Clearances are of the body's skin, negative in what is solid."""
-
-    probability: float
-    """The share of shapes that touch: the estimate."""
-    upper_limit: float
-    """With CONFIDENCE, the probability is not above this (Clopper and Pearson). Counted are all
-    shapes that are not proved to be clear. What decides."""
-    samples: int
-    touching: int
-    not_surely_clear: int
-    lowest_1_percent_mm: float
-    """One shape in a hundred has no more clearance than this."""
-    lowest_5_percent_mm: float
-    median_mm: float
-    mean_of_worst_mm: float
-    """Mean clearance of the worst twentieth of the shapes."""
-    worst: WorstPlace
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PathContactRisk:
-    """Of a way through several mixtures, and of each of them."""
-
-    on_the_way: ContactRisk
-    """Touching anywhere, at the waypoints or between them."""
-    at_waypoints: tuple[float, ...]
-    """The estimate at each."""
-    leaving: Leaving | None
-    """None: the way does not lead away from what touches."""
-    touching: NDArray[np.bool_]
-    """(S,) which draws are not proved to be clear anywhere on it."""
 
 
 @dataclass(slots=True, eq=False)
@@ -95,32 +44,6 @@ class _Measured:
     """(S,) what no part of each is nearer to what moves; None: nothing that moves is near."""
     looked_mm: float = 0.0
     """So far it was looked for."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _How:
-    """How much of the body touches, at one end of a way."""
-
-    touching: NDArray[np.bool_]
-    """(S,) which shapes are not proved to be clear."""
-    count: int
-    mean_of_worst_mm: float
-    """Not taken where none touches."""
-
-    @classmethod
-    def of(cls, shapes: Shapes) -> "_How":
-        touching = ~(shapes.surely > 0.0)
-        count = int(np.count_nonzero(touching))
-        return cls(touching, count, _mean_of_worst(shapes.clearance) if count else np.inf)
-
-    def left(self, end: Shapes, surely: SingleArray) -> Leaving | None:
-        """Where the way from here to there leads out. surely: (S,) on the way."""
-        there = _How.of(end)
-        if there.count > self.count or not there.mean_of_worst_mm > self.mean_of_worst_mm:
-            return None
-        samples = self.touching.size
-        added = int(np.count_nonzero(~(surely > 0.0) & ~self.touching))
-        return Leaving(upper_limit(self.count, samples), upper_limit(added, samples))
 
 
 class ContactModel:
@@ -195,8 +118,8 @@ class ContactModel:
         """Of the body at rest."""
         self._measure(mixture)
         shapes = self._now.shapes
-        worst = self._worst(shapes, _threshold(shapes.clearance))
-        return _figures(shapes.clearance, shapes.surely, worst)
+        worst = self._worst(shapes, threshold_mm(shapes.clearance))
+        return ContactRisk.of(shapes.clearance, shapes.surely, worst)
 
     def clearance_mm(self, mixture: Mixture, share: float) -> float:
         """What this share of the shapes, or one of them, have no more clearance than."""
@@ -238,24 +161,24 @@ class ContactModel:
         if not mixtures:
             raise ValueError("a path has at least one waypoint")
         self._measure(mixtures[0])
-        start = _How.of(self._now.shapes)
+        start = Touching.of(self._now.shapes)
         swept, surely = self._now.shapes.clearance.copy(), self._now.shapes.surely.copy()
-        estimates, lowest_mm = [_share_touching(swept)], _threshold(swept)
+        estimates, lowest_mm = [share_touching(swept)], threshold_mm(swept)
         worst: WorstPlace | None = None
         for mixture in mixtures[1:]:
             before = self._now
             self._now, self._next = self._next, self._now
             self._measure_anew(mixture)
             self._sweep(before, self._now, swept, surely)
-            estimates.append(_share_touching(self._now.shapes.clearance))
-            there_mm = _threshold(self._now.shapes.clearance)
+            estimates.append(share_touching(self._now.shapes.clearance))
+            there_mm = threshold_mm(self._now.shapes.clearance)
             if there_mm <= lowest_mm:
                 lowest_mm, worst = there_mm, self._worst(self._now.shapes, there_mm)
             elif worst is None:  # where it begins: those shapes are still there
                 worst = self._worst(before.shapes, lowest_mm)
         leaving = start.left(self._now.shapes, surely) if start.count else None
         worst = worst or self._worst(self._now.shapes, lowest_mm)
-        figures, touching = _figures(swept, surely, worst), ~(surely > 0.0)
+        figures, touching = ContactRisk.of(swept, surely, worst), ~(surely > 0.0)
         return PathContactRisk(figures, tuple(estimates), leaving, touching)
 
     def _measure(self, mixture: Mixture) -> None:
@@ -338,14 +261,12 @@ class ContactModel:
 
     def _worst(self, shapes: Shapes, threshold: float) -> WorstPlace:
         """threshold: mm, that none of the worst has more than."""
-        worst = np.flatnonzero(shapes.clearance <= threshold)
-        node = int(np.bincount(shapes.node[worst]).argmax())
-        mine = worst[shapes.node[worst] == node]
-        place_mm = shapes.positions[mine, 3 * node : 3 * node + 3].mean(axis=0, dtype=np.float64)
-        nearest_mm = _nearest_surface(self._grid, place_mm)
-        away_mm, moving_mm = self._swept.nearest(place_mm)
-        if away_mm < np.linalg.norm(nearest_mm - place_mm):
-            nearest_mm = moving_mm
+        place_mm, nearest_mm = np.empty(3), np.empty(3)
+        node = worst_place(self._surroundings, shapes, threshold, place_mm, nearest_mm)
+        if self._swept.capsules.size:
+            away_mm, moving_mm = self._swept.nearest(place_mm)
+            if away_mm < np.linalg.norm(nearest_mm - place_mm):
+                nearest_mm = moving_mm
         return WorstPlace(float(self._basis.arc_mm[node]), place_mm, nearest_mm, threshold)
 
     def _buffers(self, samples: int) -> Shapes:
@@ -357,61 +278,6 @@ class ContactModel:
         )
 
 
-def upper_limit(count: int, samples: int, confidence: float = CONFIDENCE) -> float:
-    """Clopper and Pearson's: a larger probability would give so few with less than 1 − confidence.
-
-    None of 1000 gives 0.003.
-    """
-    if count >= samples:
-        return 1.0
-    return float(betaincinv(count + 1, samples - count, confidence))
-
-
-@lru_cache(maxsize=16)
-def most_touching(risk: float, samples: int) -> int:
-    """How many of the samples may touch for the upper limit not to be above a risk; −1: none may,
-    and not even that is enough."""
-    count = np.arange(samples)
-    limits = betaincinv(count + 1.0, samples - count, CONFIDENCE)
-    return int(np.searchsorted(limits, risk, side="right")) - 1
-
-
-def _figures(clearance: SingleArray, surely: SingleArray, worst: WorstPlace) -> ContactRisk:
-    samples = clearance.size
-    ordered = np.sort(clearance)
-    touching = int(np.searchsorted(ordered, 0.0, side="right"))
-    not_clear = samples - int(np.count_nonzero(surely > 0.0))
-    few = _few(samples)
-    return ContactRisk(
-        touching / samples,
-        upper_limit(not_clear, samples),
-        samples,
-        touching,
-        not_clear,
-        float(ordered[max(1, samples // 100) - 1]),
-        float(ordered[few - 1]),
-        float(ordered[samples // 2]),
-        float(ordered[:few].mean()),
-        worst,
-    )
-
-
-def _mean_of_worst(clearance: SingleArray) -> float:
-    few = _few(clearance.size)
-    return float(np.partition(clearance, few - 1)[:few].mean())
-
-
-def _threshold(clearance: SingleArray) -> float:
-    """None of the worst twentieth has more."""
-    few = _few(clearance.size)
-    return float(np.partition(clearance, few - 1)[few - 1])
-
-
-def _few(samples: int) -> int:
-    """How many are the worst twentieth."""
-    return max(1, int(_WORST_SHARE * samples))
-
-
 def _taken(shapes: Shapes, rows: IndexArray) -> Shapes:
     return Shapes(
         shapes.positions[rows], shapes.clearance[rows], shapes.node[rows], shapes.surely[rows]
@@ -421,10 +287,6 @@ def _taken(shapes: Shapes, rows: IndexArray) -> Shapes:
 def _put(shapes: Shapes, rows: IndexArray, others: Shapes) -> None:
     shapes.positions[rows], shapes.clearance[rows] = others.positions, others.clearance
     shapes.node[rows], shapes.surely[rows] = others.node, others.surely
-
-
-def _share_touching(clearance: SingleArray) -> float:
-    return int(np.count_nonzero(clearance <= 0.0)) / clearance.size
 
 
 def _surroundings(grid: DistanceGrid, port: InsertionPort | None) -> SolidArrays:
@@ -440,20 +302,3 @@ def _surroundings(grid: DistanceGrid, port: InsertionPort | None) -> SolidArrays
         np.array(frame, np.float32),
         np.array(hole, np.float32),
     )
-
-
-def _nearest_surface(grid: DistanceGrid, place_mm: FloatArray) -> FloatArray:
-    """(3,) from a place, as far as the distance says, down its slope."""
-    at = (place_mm - grid.origin_mm) / grid.spacing_mm
-    shape = np.array(grid.values_mm.shape)
-    if not np.isfinite(at).all():
-        return np.full(3, np.nan)
-    i, j, k = np.clip(np.rint(at), 1, shape - 2).astype(np.int64)
-    near = grid.values_mm[i - 1 : i + 2, j - 1 : j + 2, k - 1 : k + 2].astype(np.float64)
-    ends = [near[2, 1, 1] - near[0, 1, 1], near[1, 2, 1] - near[1, 0, 1]]
-    slope = np.array([*ends, near[1, 1, 2] - near[1, 1, 0]])
-    steepness = float(np.linalg.norm(slope))
-    if not steepness > 0.0:
-        return place_mm
-    nearest: FloatArray = place_mm - near[1, 1, 1] * slope / steepness
-    return nearest

@@ -6,17 +6,15 @@ often it does so in between: steps that are risky for the same bodies do not add
 are risky for others do. A product over the steps, as if each met another body, would be 1 soon.
 """
 
-from functools import lru_cache
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from safety.risk.contact import upper_limit
+from safety.risk.contact_figures import upper_limit
 
 MINUTE_NS: Final = 60_000_000_000
 _NEVER_NS: Final = np.iinfo(np.int64).min
-_limit = lru_cache(maxsize=1 << 12)(upper_limit)
 
 
 class MinuteBehind:
@@ -32,4 +30,4 @@ class MinuteBehind:
     def risk(self, t_ns: int) -> float:
         """Upper limit, with the confidence of a step's, of having touched since a minute before."""
         count = int(np.count_nonzero(self._touched_ns > t_ns - MINUTE_NS))
-        return _limit(count, self._touched_ns.size)
+        return upper_limit(count, self._touched_ns.size)

@@ -8,12 +8,13 @@ the tip counts as less accurately known by a share of the way that the model has
 """
 
 from dataclasses import dataclass, replace
-from math import isfinite
+from math import isfinite, sqrt
 from typing import Final
 
 import numpy as np
 
-from safety.risk.contact import ContactModel, PathContactRisk
+from safety.risk.contact import ContactModel
+from safety.risk.contact_figures import PathContactRisk
 from safety.risk.model.conditioning import (
     LinearObservation,
     bending_covariance,
@@ -44,6 +45,10 @@ _ASKEW: Final = 4.0
 """Standard deviations: a direction further from the model's is that of a sensor that lies askew."""
 
 
+_PLACE: Final = 3
+"""Coordinates of a place; a direction has as many."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenTip:
     """A measured tip, and what the model has for the axes at its time."""
@@ -68,8 +73,10 @@ class TipConditioning:
         """accuracy_mm, accuracy_rad: standard deviation per coordinate of the tip's place and of
         its direction, of what is measured from what the model means by them. accuracy_rad: None:
         the direction is not asked for."""
-        self._place, self._place_offset = tip_place(basis)
-        self._direction, self._direction_offset = tip_direction(basis)
+        place, direction = tip_place(basis), tip_direction(basis)
+        self._matrix = np.concatenate([place[0], direction[0]])
+        self._offset = np.concatenate([place[1], direction[1]])
+        self._place, self._direction = self._matrix[:_PLACE], self._matrix[_PLACE:]
         self._bends = bending_covariance(basis)
         self._variance = accuracy_mm**2
         self._direction_variance = None if accuracy_rad is None else accuracy_rad**2
@@ -87,7 +94,7 @@ class TipConditioning:
         A direction that is far from where the model has it, given the place, is left out.
         """
         mean = _mean(mixture)
-        off = place_mm - self._place_offset - self._place @ mean
+        off = place_mm - self._offset[:_PLACE] - self._place @ mean
         beside = OTHER_BODY * _spread(mixture, self._place) / 3.0 + OFF_SHARE**2 * float(off @ off)
         seen = SeenTip(mean, beside, place_mm, None, agrees)
         if direction is None or self._direction_variance is None:
@@ -95,7 +102,7 @@ class TipConditioning:
         given = self.there(seen, mixture)
         if given is None:
             return seen
-        turned = direction - self._direction_offset - self._direction @ _mean(given)
+        turned = direction - self._offset[_PLACE:] - self._direction @ _mean(given)
         variance = 3.0 * self._direction_variance + _spread(given, self._direction)
         near = float(turned @ turned) <= _ASKEW**2 * variance  # never of no number
         return replace(seen, direction=direction) if near else seen
@@ -105,21 +112,20 @@ class TipConditioning:
 
         The tip is taken to go as the mean of the model goes. None: there is no finite answer.
         """
-        on = _mean(mixture) - seen.mean
-        went = self._place @ on
-        went_mm = float(np.linalg.norm(went))
+        sees, unsure = seen.direction, self._direction_variance
+        rows = _PLACE if sees is None or unsure is None else 2 * _PLACE
+        matrix = self._matrix[:rows]
+        went = matrix @ (_mean(mixture) - seen.mean)
+        went_mm = _length(went[:_PLACE])
         if not (isfinite(seen.beside) and isfinite(went_mm)):
             return None
-        matrix, value = self._place, seen.place_mm - self._place_offset + went
-        variance = np.full(3, self._variance + (FORGETS * went_mm) ** 2)
-        if seen.direction is not None and self._direction_variance is not None:
-            turned = self._direction @ on
-            turned_rad = max(float(np.linalg.norm(turned)), went_mm / self._length_mm)
-            along = seen.direction - self._direction_offset + turned
-            unsure = self._direction_variance + (FORGETS * turned_rad) ** 2
-            matrix = np.concatenate([matrix, self._direction])
-            value = np.concatenate([value, along])
-            variance = np.concatenate([variance, np.full(3, unsure)])
+        value, variance = went - self._offset[:rows], np.empty(rows)
+        value[:_PLACE] += seen.place_mm
+        variance[:_PLACE] = self._variance + (FORGETS * went_mm) ** 2
+        if sees is not None and unsure is not None:
+            value[_PLACE:] += sees
+            turned_rad = max(_length(went[_PLACE:]), went_mm / self._length_mm)
+            variance[_PLACE:] = unsure + (FORGETS * turned_rad) ** 2
         observation = LinearObservation(matrix, value, variance)
         found = conditioned(mixture, observation, seen.beside * self._bends)
         return None if found is None else found.mixture
@@ -187,6 +193,10 @@ class GivenTip:
 def _spread(mixture: Mixture, matrix: FloatArray) -> float:
     """Sum of the variances of matrix · coefficients, of the whole mixture."""
     return float(spread(mixture.weights, mixture.means_mm, mixture.factors_per_mm, matrix))
+
+
+def _length(way: FloatArray) -> float:
+    return sqrt(float(way @ way))
 
 
 def _mean(mixture: Mixture) -> FloatArray:

@@ -1,4 +1,5 @@
-"""Sampled shapes of the body as the compiled code has them, and how they are made from draws.
+"""Sampled shapes of the body as the compiled code has them: how they are made from draws, and where
+the worst of them are.
 
 Every function that is cached on disk stands in this one file: numba notices a change only in the
 file of the cached function itself.
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 _LANES = 32
 """Rows are worked on in so many numbers at a time: what is left over would go one by one."""
+_kernel = njit(cache=True, error_model="numpy", nogil=True)
 _placing = njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})
 """A product and its sum are rounded once."""
 
@@ -116,3 +118,67 @@ def _own_modes(mean, factor, base, modes, middle, spread, row):  # type: ignore[
 def _scaled(values, share, row):  # type: ignore[no-untyped-def]
     for c in range(values.size):
         row[c] = share * values[c]
+
+
+@_kernel
+def worst_place(surroundings, shapes, threshold, place, nearest):  # type: ignore[no-untyped-def]
+    """The node where most of the shapes have their clearance that have no more than `threshold`.
+
+    Writes the (3,) place of that node on their average, and the (3,) place of the surface nearest
+    to there, as far as the distance says, down its slope; of no number, no number.
+    """
+    clearance, node, positions = shapes.clearance, shapes.node, shapes.positions
+    times = np.zeros(positions.shape[1] // 3, np.int64)
+    for s in range(clearance.size):
+        if clearance[s] <= threshold:
+            times[node[s]] += 1
+    worst = int(times.argmax())
+    place[:] = 0.0
+    for s in range(clearance.size):
+        if clearance[s] <= threshold and node[s] == worst:
+            for j in range(3):
+                place[j] += positions[s, 3 * worst + j] / times[worst]
+    _down_the_slope(surroundings, place, nearest)
+    return worst
+
+
+@_kernel
+def _down_the_slope(surroundings, place, nearest):  # type: ignore[no-untyped-def]
+    """Write the (3,) place of the surface that is nearest to a (3,) place."""
+    values, frame = surroundings.values, surroundings.frame
+    ny, nz = np.int64(surroundings.shape[1]), np.int64(surroundings.shape[2])
+    nearest[:] = np.nan
+    at = np.empty(3, np.int64)
+    for j in range(3):
+        along = (place[j] - frame[j]) * frame[3]
+        if not abs(along) < np.inf:
+            return
+        most = np.int64(surroundings.shape[j]) - 2
+        at[j] = np.int64(np.rint(min(max(along, 1.0), np.float64(most))))
+    here, steps = (at[0] * ny + at[1]) * nz + at[2], (ny * nz, nz, np.int64(1))
+    square = 0.0
+    for j in range(3):
+        slope = np.float64(values[here + steps[j]]) - np.float64(values[here - steps[j]])
+        nearest[j] = slope
+        square += slope * slope
+    for j in range(3):
+        if square > 0.0:
+            nearest[j] = place[j] - values[here] * nearest[j] / np.sqrt(square)
+        else:
+            nearest[j] = place[j]
+
+
+@_kernel
+def farthest_mm(modes, shift):  # type: ignore[no-untyped-def]
+    """How far the node goes that goes farthest, of (d, n, 3) modes and a (d,) change of their
+    coefficients; at least 0."""
+    most = 0.0
+    for i in range(modes.shape[1]):
+        square = 0.0
+        for j in range(3):
+            way = 0.0
+            for c in range(shift.size):
+                way += shift[c] * modes[c, i, j]
+            square += way * way
+        most = max(most, square)
+    return np.sqrt(most)

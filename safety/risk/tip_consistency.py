@@ -22,7 +22,7 @@ import numpy as np
 
 from safety.risk.model.mixture import FloatArray, Mixture
 from safety.risk.model.risk_model import RiskModel
-from safety.risk.tip_kernels import tail
+from safety.risk.tip_kernels import likeliest_shift, tail
 
 REFERENCE: Final = log(300.0)
 LIMIT_S: Final = 2.0
@@ -136,13 +136,8 @@ class TipModel:
 
     def _place(self, mixture: Mixture, probability: float, place: FloatArray) -> TipPlace:
         """As of one normal distribution over the coefficients, with the mixture's moments."""
-        mean = mixture.weights @ mixture.means_mm
-        apart = mixture.means_mm - mean
-        roots = np.linalg.inv(mixture.factors_per_mm)
-        within = np.einsum("k,kij,klj->il", mixture.weights, roots, roots)
-        covariance = within + np.einsum("k,ki,kj->ij", mixture.weights, apart, apart)
-        off = place - self._base - mean @ self._modes
-        with_tip = covariance @ self._modes
-        of_tip = self._modes.T @ with_tip + np.diag(self._variance)
-        shift = with_tip @ np.linalg.solve(of_tip, off)
-        return TipPlace(probability, float(np.linalg.norm(off)), shift, mixture)
+        shift = np.empty(mixture.dimensions)
+        parts = mixture.weights, mixture.means_mm, mixture.factors_per_mm
+        tip = self._base, self._modes, self._variance, place
+        off_mm = float(likeliest_shift(*parts, *tip, shift))
+        return TipPlace(probability, off_mm, shift, mixture)

@@ -33,7 +33,8 @@ from daemon.robot.axes import AxisRanges
 from daemon.workbench.body_model.clouds.configurations import Candidates
 from daemon.workbench.body_model.clouds.emulated_body import EmulatedBody, UnreachableError
 from daemon.workbench.body_model.evaluation.contact_calibration import Block, grazed_block
-from safety.risk.contact import ContactModel, ContactRisk
+from safety.risk.contact import ContactModel
+from safety.risk.contact_figures import ContactRisk
 from safety.risk.model.mixture import FloatArray, Mixture
 from safety.risk.seen_tip import LEFT_OUT_SHARE, TipConditioning
 from safety.risk.surroundings.distance_grid import distance_grid

@@ -7,7 +7,7 @@ import numpy as np
 
 from daemon.workbench.planning.body_in_place import BodyInPlace, Standing
 from daemon.workbench.planning.clearance_slopes import distance_at
-from safety.risk.contact import WorstPlace
+from safety.risk.contact_figures import WorstPlace
 from safety.risk.model.mixture import FloatArray
 
 Why = Literal[

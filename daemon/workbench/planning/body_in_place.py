@@ -15,7 +15,8 @@ from config.control import Workspace
 from config.robot import Robot
 from daemon.robot.axes import AxisRanges
 from safety.risk.body_point import BodyPointRisk
-from safety.risk.contact import ContactModel, ContactRisk, PathContactRisk, WorstPlace
+from safety.risk.contact import ContactModel
+from safety.risk.contact_figures import ContactRisk, PathContactRisk, WorstPlace
 from safety.risk.model.mixture import FloatArray, Mixture
 from safety.risk.model.risk_model import RiskModel
 from safety.risk.surroundings.distance_grid import DistanceGrid

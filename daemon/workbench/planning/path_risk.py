@@ -14,7 +14,8 @@ from scipy.special import betaincinv
 
 from daemon.workbench.planning.body_in_place import BodyInPlace
 from safety.risk.body_point import along_path
-from safety.risk.contact import CONFIDENCE, ContactModel, WorstPlace
+from safety.risk.contact import ContactModel
+from safety.risk.contact_figures import CONFIDENCE, WorstPlace
 from safety.risk.model.mixture import FloatArray
 
 

@@ -57,7 +57,7 @@ def conditioned(
     before = mixture.weights, mixture.means_mm, mixture.factors_per_mm
     about = observation.matrix, observation.value, observation.variance
     log_density = float(condition(*before, beside, *about, weights, means, factors))
-    if not (isfinite(log_density) and np.isfinite(means).all() and np.isfinite(factors).all()):
+    if not isfinite(log_density):
         return None
     return Conditioned(Mixture(weights, means, factors), log_density)
 

@@ -39,12 +39,16 @@ def condition(  # type: ignore[no-untyped-def]
     _cholesky(told, root, logs)
     _missed(means, matrix, value, variance, right, square)
     _move(root, right, square)
+    total = 0.0
     for k in range(components):
         for i in range(d):
             out_means[k, i] = means[k, i] + right[i, k]
+            total += abs(out_means[k, i])
             for j in range(d):
                 out_factors[k, i, j] = root[j, i, k] if j >= i else 0.0
-    return _weigh(weights, variance, square, logs, out_weights)
+                total += abs(out_factors[k, i, j])
+    log_density = _weigh(weights, variance, square, logs, out_weights)
+    return log_density if np.isfinite(total) else np.nan
 
 
 @_kernel

@@ -15,7 +15,7 @@ scaling: float64. (m,) offset and (m,) scale of the inputs, (d,) offset_mm of th
     of the inputs, 0: none.
 """
 
-from math import cos, pi, sin
+from math import cos, pi, sin, sqrt
 
 import numpy as np
 from numba import njit
@@ -53,6 +53,22 @@ def write_features(u, offset, scale, period, out):  # type: ignore[no-untyped-de
         else:
             out[place] = (u[i] - offset[i]) / scale[i]
             place += 1
+
+
+@_kernel
+def is_near(known, u, scale, period, reach):  # type: ignore[no-untyped-def]
+    """Whether one of (n, f) known features is no farther from those of (m,) u, which say 1 / scale
+    for one unit of an input; never of no number."""
+    place = np.empty(feature_count(period))
+    write_features(u, np.zeros(u.size), scale, period, place)
+    for k in range(known.shape[0]):
+        square = 0.0
+        for i in range(place.size):
+            way = known[k, i] - place[i]
+            square += way * way
+        if sqrt(square) <= reach:
+            return True
+    return False
 
 
 @_kernel

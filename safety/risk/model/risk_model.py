@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from safety.risk.model.mixture import FloatArray
 from safety.risk.model.mixture_network import MixtureNetwork, NetworkError
-from safety.risk.model.mixture_network_kernels import feature_count, write_features
+from safety.risk.model.mixture_network_kernels import feature_count, is_near, write_features
 from safety.risk.model.shape_basis import ShapeBasis, ShapeBasisError
 
 # The nearest of many vectors, compiled.
@@ -84,7 +84,11 @@ class RiskModel:
 
     def knows(self, u: Sequence[float] | FloatArray) -> bool:
         """Whether it may be asked there; never where u is not finite."""
-        return self.distance(u) <= self.reach
+        place = np.ascontiguousarray(u, np.float64)
+        if place.shape != self.scale.shape:
+            raise ValueError(f"the networks take {self.scale.size} numbers, not {place.shape}")
+        period = self.points.period
+        return bool(is_near(self.known_features, place, 1.0 / self.scale, period, self.reach))
 
 
 def risk_model(

@@ -6,7 +6,8 @@ import pytest
 from daemon.risk.path_ahead import PathAhead
 from daemon.workbench.body_model.evaluation.shapes import box
 from safety.risk.body_risk import BodyRisk
-from safety.risk.contact import ContactModel, upper_limit
+from safety.risk.contact import ContactModel
+from safety.risk.contact_figures import upper_limit
 from safety.risk.model.risk_model import RiskModel, risk_model
 from safety.risk.seen_tip import TipConditioning
 from safety.risk.surroundings.distance_grid import DistanceGrid, distance_grid

@@ -32,7 +32,7 @@ from daemon.workbench.body_model.clouds.configurations import Candidates
 from daemon.workbench.body_model.clouds.emulated_body import EmulatedBody
 from daemon.workbench.body_model.evaluation.shapes import ball
 from drivers.pose import Vector
-from safety.risk.contact import most_touching
+from safety.risk.contact_figures import most_touching
 from safety.risk.model.risk_model import RiskModel
 from safety.risk_source import Clearance, RiskReading, RiskSource
 from safety.states import OperatingState

@@ -14,7 +14,7 @@ from daemon.messages import Load, Resume, Risk, Start, Status
 from daemon.risk.body_risk_source import BodyRiskSource, make_risk_source
 from daemon.risk.mesh_file import write_mesh
 from daemon.workbench.body_model.evaluation.shapes import ball
-from safety.risk.contact import upper_limit
+from safety.risk.contact_figures import upper_limit
 from safety.risk_source import NoModel, RiskReading
 from safety.states import OperatingState
 from tests import SOFT_ARM

@@ -10,7 +10,8 @@ from scipy.stats import binom
 
 from daemon.workbench.body_model.evaluation.shapes import CHEST_PORT, ball, box, chest, slot, turned
 from safety.risk.body_point import BodyPointRisk
-from safety.risk.contact import ContactModel, most_touching, upper_limit
+from safety.risk.contact import ContactModel
+from safety.risk.contact_figures import most_touching, upper_limit
 from safety.risk.model.mixture import FloatArray, Mixture
 from safety.risk.model.shape_basis import ShapeBasis
 from safety.risk.surroundings.distance_grid import DistanceGrid, distance_grid

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from safety.risk.contact import upper_limit
+from safety.risk.contact_figures import upper_limit
 from safety.risk.minute_behind import MINUTE_NS, MinuteBehind
 
 SAMPLES, STEP_NS = 1000, 25_000_000

@@ -93,3 +93,17 @@ def test_both_networks_come_round_after_the_same() -> None:
 def test_a_place_of_another_length_is_an_error() -> None:
     with pytest.raises(ValueError, match="take 4 numbers"):
         risk_model(coming_round(), "relu", "relu").knows([0.0, 1.0])
+
+
+@pytest.mark.parametrize("period", [0.0, 6.0])
+def test_what_is_known_is_what_is_within_reach_of_the_training(period: float) -> None:
+    model = risk_model(coming_round(period) if period else model_arrays(), "relu", "relu")
+    random = np.random.default_rng(4)
+    off = random.normal(scale=0.6 * model.reach / model.scale, size=(400, 4))
+    places = model.known[random.integers(0, len(model.known), 400)] + off
+    known = [model.knows(u) for u in places]
+    assert known == [model.distance(u) <= model.reach for u in places]
+    assert 20 < sum(known) < 380
+    assert model.knows(model.known[-1])
+    assert not model.knows([np.nan, 0.0, 0.0, 0.0])
+    assert not model.knows([np.inf, 0.0, 0.0, 0.0])

@@ -1,0 +1,157 @@
+"""What sampled shapes of the body say of a contact: shares and upper limits, clearances, where."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import betaincinv
+
+from safety.risk.model.mixture import FloatArray
+from safety.risk.shape_kernels import Shapes, SingleArray
+from safety.risk_source import Leaving
+
+CONFIDENCE: Final = 0.95
+"""Of the upper limit: the usual one of one-sided limits."""
+_WORST_SHARE: Final = 0.05
+"""Of the shapes, that say where the body is nearest: fifty of a thousand, enough for a middle."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WorstPlace:
+    """Where most of the worst twentieth of the shapes are nearest to something."""
+
+    arc_mm: float
+    """Along the body."""
+    place_mm: FloatArray
+    """(3,) where that part of the body is, on the average of them."""
+    nearest_mm: FloatArray
+    """(3,) the place of the surface nearest to there."""
+    clearance_mm: float
+    """None of the worst twentieth has more."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ContactRisk:
+    """What the sampled shapes say. Clearances are of the body's skin, negative in what is solid."""
+
+    probability: float
+    """The share of shapes that touch: the estimate."""
+    upper_limit: float
+    """With CONFIDENCE, the probability is not above this (Clopper and Pearson). Counted are all
+    shapes that are not proved to be clear. What decides."""
+    samples: int
+    touching: int
+    not_surely_clear: int
+    lowest_1_percent_mm: float
+    """One shape in a hundred has no more clearance than this."""
+    lowest_5_percent_mm: float
+    median_mm: float
+    mean_of_worst_mm: float
+    """Mean clearance of the worst twentieth of the shapes."""
+    worst: WorstPlace
+
+    @classmethod
+    def of(cls, clearance: SingleArray, surely: SingleArray, worst: WorstPlace) -> "ContactRisk":
+        """Of (S,) shapes: their clearances, and what these are surely not below."""
+        samples = clearance.size
+        ordered = np.sort(clearance)
+        touching = int(ordered.searchsorted(0.0, side="right"))
+        not_clear = samples - int(np.count_nonzero(surely > 0.0))
+        few = _few(samples)
+        return cls(
+            touching / samples,
+            upper_limit(not_clear, samples),
+            samples,
+            touching,
+            not_clear,
+            float(ordered[max(1, samples // 100) - 1]),
+            float(ordered[few - 1]),
+            float(ordered[samples // 2]),
+            float(ordered[:few].mean()),
+            worst,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PathContactRisk:
+    """Of a way through several mixtures, and of each of them."""
+
+    on_the_way: ContactRisk
+    """Touching anywhere, at the waypoints or between them."""
+    at_waypoints: tuple[float, ...]
+    """The estimate at each."""
+    leaving: Leaving | None
+    """None: the way does not lead away from what touches."""
+    touching: NDArray[np.bool_]
+    """(S,) which draws are not proved to be clear anywhere on it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Touching:
+    """How much of the body touches, at one end of a way."""
+
+    which: NDArray[np.bool_]
+    """(S,) shapes that are not proved to be clear."""
+    count: int
+    mean_of_worst_mm: float
+    """Not taken where none touches."""
+
+    @classmethod
+    def of(cls, shapes: Shapes) -> "Touching":
+        which = ~(shapes.surely > 0.0)
+        count = int(np.count_nonzero(which))
+        return cls(which, count, _mean_of_worst(shapes.clearance) if count else np.inf)
+
+    def left(self, end: Shapes, surely: SingleArray) -> Leaving | None:
+        """Where the way from here to there leads out. surely: (S,) on the way."""
+        there = Touching.of(end)
+        if there.count > self.count or not there.mean_of_worst_mm > self.mean_of_worst_mm:
+            return None
+        samples = self.which.size
+        added = int(np.count_nonzero(~(surely > 0.0) & ~self.which))
+        return Leaving(upper_limit(self.count, samples), upper_limit(added, samples))
+
+
+def upper_limit(count: int, samples: int, confidence: float = CONFIDENCE) -> float:
+    """Clopper and Pearson's: a larger probability would give so few with less than 1 − confidence.
+
+    None of 1000 gives 0.003.
+    """
+    return 1.0 if count >= samples else float(_limits(samples, confidence)[count])
+
+
+def most_touching(risk: float, samples: int) -> int:
+    """How many of the samples may touch for the upper limit not to be above a risk; −1: none may,
+    and not even that is enough."""
+    return int(_limits(samples, CONFIDENCE).searchsorted(risk, side="right")) - 1
+
+
+@lru_cache(maxsize=16)
+def _limits(samples: int, confidence: float) -> FloatArray:
+    """(samples,) the upper limits of all that can be counted, at once: one is asked for with every
+    step, and each takes tens of microseconds."""
+    count = np.arange(samples)
+    return np.asarray(betaincinv(count + 1.0, samples - count, confidence))
+
+
+def share_touching(clearance: SingleArray) -> float:
+    """The estimate, of (S,) clearances."""
+    return int(np.count_nonzero(clearance <= 0.0)) / clearance.size
+
+
+def threshold_mm(clearance: SingleArray) -> float:
+    """None of the worst twentieth has more."""
+    few = _few(clearance.size)
+    return float(np.partition(clearance, few - 1)[few - 1])
+
+
+def _mean_of_worst(clearance: SingleArray) -> float:
+    few = _few(clearance.size)
+    return float(np.partition(clearance, few - 1)[:few].mean())
+
+
+def _few(samples: int) -> int:
+    """How many are the worst twentieth."""
+    return max(1, int(_WORST_SHARE * samples))
