@@ -120,7 +120,8 @@ def _bounds(axes: AxisRanges, tensions_n: Sequence[tuple[float, float] | None]) 
     low, high = np.array([one or (-np.inf, np.inf) for one in tensions_n], np.float64).T
     kept = np.where(np.isfinite(high - low), _TENSION_KEPT * (high - low), 0.0)
     alone = [axes.lowest, axes.highest, axes.max_velocity, low + kept, high - kept]
-    limits, conditions = axes.coupled.limits, []
+    limits = axes.coupled.limits
+    conditions: list[list[float]] = []
     for number, limit in enumerate(limits):
         for one in limit.only_while:
             period = one.period or 0.0

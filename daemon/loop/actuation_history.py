@@ -8,6 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 _KEPT: Final = 64
+_FRAMES: Final = 32
+_ABOUT_NS: Final = 13_000_000
+"""Half of a frame's time, and a little."""
 
 
 class ActuationHistory:
@@ -17,6 +20,7 @@ class ActuationHistory:
         self._axes = axes
         # The newest first: that is where what is asked for lies.
         self._kept: deque[tuple[int, Sequence[float]]] = deque(maxlen=_KEPT)
+        self._frames: deque[tuple[int, NDArray[np.float64]]] = deque(maxlen=_FRAMES)
 
     @property
     def known(self) -> bool:
@@ -45,3 +49,18 @@ class ActuationHistory:
                 return np.array([a + share * (b - a) for a, b in zip(before, after, strict=True)])
             ends_ns, after = begins_ns, before
         return np.array(after)
+
+    def at_frame(self, t_ns: int) -> NDArray[np.float64]:
+        """The same at the time of a frame, which is remembered."""
+        u = self.at(t_ns)
+        self._frames.appendleft((t_ns, u))
+        return u
+
+    def about(self, t_ns: int) -> NDArray[np.float64]:
+        """(m,) u at the time of the frame that is nearest to `t_ns`, the very one that was told for
+        it: whoever has worked something out for it need not do so again. At `t_ns` itself where no
+        frame is near."""
+        at_ns, u = min(self._frames, key=lambda frame: abs(frame[0] - t_ns), default=(None, None))
+        if at_ns is None or u is None or abs(at_ns - t_ns) > _ABOUT_NS:
+            return self.at(t_ns)
+        return u

@@ -229,7 +229,7 @@ class ControlLoop:
             channel.scale.position(target)
             for channel, target in zip(self.channels, self.target_counts(now_ns), strict=True)
         ]
-        u = self.history.at(frame.t_ns)
+        u = self.history.at_frame(frame.t_ns)
         return Sensed(frame, dt_s, u, np.array(targets), Measured(counts, tensions))
 
     def target_counts(self, now_ns: int) -> Sequence[int]:
@@ -257,7 +257,7 @@ class ControlLoop:
         tip, t_ns = self.tip, sensed.frame.t_ns
         if tip is None or self._tip_comparing is None:
             return
-        lately = [self.history.at(t_ns - ago_ns).tolist() for ago_ns in _LATELY_NS]
+        lately = [self.history.about(t_ns - ago_ns).tolist() for ago_ns in _LATELY_NS]
         at_mm, along = tip.position_mm.tolist(), tip_axis(tip.quaternion).tolist()
         found = compared(self._tip_comparing, lately, at_mm, t_ns, along)
         if found is None:

@@ -296,6 +296,8 @@ class BodyRisk:
             self._fewer.part_slopes(mixture, 0.0, self._part_ends, np.inf)
             self.see(mixture, np.zeros(3), np.zeros(3), agrees=True)
             self.forget_tip()
+            self.take_as_shifted(np.zeros(mixture.dimensions))
+            self.take_as_shifted(None)
 
     def _beside(self, u: FloatArray, axis: int, step: float) -> tuple[Mixture, Mixture] | None:
         """With one axis a step further, and a step back."""

@@ -44,6 +44,8 @@ class _Measured:
     """(S,) what no part of each is nearer to what moves; None: nothing that moves is near."""
     looked_mm: float = 0.0
     """So far it was looked for."""
+    looked_at: bool = True
+    """Whether what is sure of each shape was looked for, and does not only follow from before."""
 
 
 class ContactModel:
@@ -76,7 +78,11 @@ class ContactModel:
         order = np.argsort(uniform)
         self._uniform = uniform[order]
         self._normal = random.standard_normal((samples, basis.coefficients))[order]
+        self._base = basis.base_mm.ravel()
         self._modes = basis.modes.reshape(basis.coefficients, -1)
+        self._nothing_known = np.zeros(samples, np.float32)
+        self._has_port = port is not None
+        """What is in it is no contact, and may be one when it has come out."""
         self._surroundings = _surroundings(grid, port)
         safe = basis.radius_mm + basis.left_out_mm
         self._skin = Skin(basis.radius_mm, safe, basis.left_out_mm.max())
@@ -168,7 +174,7 @@ class ContactModel:
         for mixture in mixtures[1:]:
             before = self._now
             self._now, self._next = self._next, self._now
-            self._measure_anew(mixture)
+            self._measure_anew(mixture, before)
             self._sweep(before, self._now, swept, surely)
             estimates.append(share_touching(self._now.shapes.clearance))
             there_mm = threshold_mm(self._now.shapes.clearance)
@@ -182,13 +188,14 @@ class ContactModel:
         return PathContactRisk(figures, tuple(estimates), leaving, touching)
 
     def _measure(self, mixture: Mixture) -> None:
-        """Have the mixture's shapes now. Those of the last two mixtures are kept."""
+        """Have the mixture's shapes now, looked at. Those of the last two mixtures are kept."""
         if self._next.mixture is mixture:
             self._now, self._next = self._next, self._now
-        if self._now.mixture is not mixture:
+        if self._now.mixture is not mixture or not self._now.looked_at:
             self._measure_anew(mixture)
 
-    def _measure_anew(self, mixture: Mixture) -> None:
+    def _measure_anew(self, mixture: Mixture, before: _Measured | None = None) -> None:
+        """before: what the draws are on their way from, if they are."""
         if mixture.dimensions != self._basis.coefficients:
             raise ValueError(
                 f"the body's shape has {self._basis.coefficients} coefficients, and the mixture is "
@@ -197,20 +204,28 @@ class ContactModel:
         component = mixture.chosen(self._uniform)
         self._now.mixture = None
         self._now.looked_mm = self._moving_clearance.far_mm
-        self._now.moving = self._place(mixture, component, self._normal, self._now.shapes)
+        shapes, known = self._now.shapes, self._nothing_known
+        place_shapes(*self._placing(mixture, component, self._normal), shapes.positions)
+        self._now.looked_at = before is None or self._has_port
+        if before is not None and not self._has_port:
+            known = _still_known(before, component, shapes.positions)
+        self._now.moving = self._look(shapes, known)
         self._now.mixture, self._now.component = mixture, component
 
-    def _place(
-        self, mixture: Mixture, component: IndexArray, normal: FloatArray, shapes: Shapes
-    ) -> SingleArray | None:
-        """Fill `shapes` with those of the draws, and their clearances.
+    def _placing(
+        self, mixture: Mixture, component: IndexArray, normal: FloatArray
+    ) -> tuple[FloatArray | IndexArray | SingleArray, ...]:
+        """What shapes are placed by."""
+        means, factors = mixture.means_mm, mixture.factors_per_mm
+        return means, factors, component, normal, self._base, self._modes
+
+    def _look(self, shapes: Shapes, known: SingleArray) -> SingleArray | None:
+        """Fill `shapes`, whose positions there are, with their clearances. known: (S,) what these
+        are not below; what is above zero is not looked for.
 
         Returns what no part of each is nearer to what moves; None: nothing that moves is near.
         """
-        base, modes = self._basis.base_mm.ravel(), self._modes
-        means, factors = mixture.means_mm, mixture.factors_per_mm
-        place_shapes(means, factors, component, normal, base, modes, shapes.positions)
-        clearances(self._surroundings, self._skin, shapes)
+        clearances(self._surroundings, self._skin, shapes, known)
         found = self._moving_clearance.look(self._swept, shapes.positions)
         if found is None:
             return None
@@ -231,7 +246,9 @@ class ContactModel:
             self._pass_moving(start, end.shapes, end.moving, surely)
             return
         arriving = self._buffers(changed.size)
-        there = self._place(end.mixture, start.component[changed], self._normal[changed], arriving)
+        parts = self._placing(end.mixture, start.component[changed], self._normal[changed])
+        place_shapes(*parts, arriving.positions)
+        there = self._look(arriving, self._nothing_known[: changed.size])
         kept = _taken(end.shapes, changed)
         _put(end.shapes, changed, arriving)
         sweep(surroundings, skin, start.shapes, end.shapes, swept, surely)
@@ -276,6 +293,15 @@ class ContactModel:
             np.empty(samples, np.int64),
             np.empty(samples, np.float32),
         )
+
+
+def _still_known(before: _Measured, component: IndexArray, positions: SingleArray) -> SingleArray:
+    """(S,) what the clearances of shapes at (S, 3n) positions are not below, by where they come
+    from: nothing comes nearer by more than the node goes that goes farthest. 0: nothing is known,
+    as of those that are another component's now."""
+    left = before.shapes.surely - longest_ways(before.shapes.positions, positions)
+    left[before.component != component] = 0.0
+    return left
 
 
 def _taken(shapes: Shapes, rows: IndexArray) -> Shapes:

@@ -16,6 +16,8 @@ from numba import njit
 
 FINEST_MM = 0.5
 """What is between nodes, or between two shapes on the way, is cut no finer than this."""
+_LOOKED_MM = 1.0
+"""... and no finer than this where only the interpolated distance is looked for."""
 CAP_MM = 0.6
 """More clearance need not be proved: shapes do not move by twice as much between two questions."""
 _MOST_CUTS = 64
@@ -26,7 +28,7 @@ _ORDER, _SEGMENT = range(2)
 be near."""
 _TOGETHER = 50
 """Shapes are bounded together before they are looked at one by one."""
-_ZERO, _HALF, _TWO = np.float32(0.0), np.float32(0.5), np.float32(2.0)
+_ZERO, _HALF, _ONE, _TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
 _FAR = np.float32(np.inf)
 
 _kernel = njit(cache=True, error_model="numpy", nogil=True)
@@ -38,8 +40,9 @@ distances."""
 
 
 @_kernel
-def clearances(surroundings, skin, shapes):  # type: ignore[no-untyped-def]
-    """Write clearance, node and what is sure of each shape."""
+def clearances(surroundings, skin, shapes, known):  # type: ignore[no-untyped-def]
+    """Write clearance, node and what is sure of each shape. known: (S,) what it is not below as far
+    as is known already; what is above zero is taken for sure."""
     grid, values, port = _unpacked(surroundings, skin), surroundings.values, surroundings.port
     positions, clearance, node, surely = (
         shapes.positions,
@@ -59,6 +62,9 @@ def clearances(surroundings, skin, shapes):  # type: ignore[no-untyped-def]
             clearance[s], node[s] = _clearance(
                 grid, values, port, positions, s, opened, table, listed, pieces
             )
+            if known[s] > _ZERO and clearance[s] > _ZERO:
+                surely[s] = known[s]
+                continue
             surely[s] = _surely(
                 grid, values, port, positions, s, clearance[s], opened, table, listed, pieces
             )
@@ -211,7 +217,7 @@ def _distance_of_all(grid, values, box, i):  # type: ignore[no-untyped-def]
 
 @_inlined
 def _length(x, y, z):  # type: ignore[no-untyped-def]
-    return np.float32(sqrt(x * x + y * y + z * z))
+    return _root(x * x + y * y + z * z)
 
 
 @_inlined
@@ -309,7 +315,7 @@ def _surely(grid, values, port, positions, s, clearance, opened, table, listed, 
     Interpolated distances may be wrong by the grid's error. Where that leaves it open whether the
     shape touches, bounds from the grid's corners are taken, which are nearer to the truth.
     """
-    cut, cap = np.float32(_HALF * FINEST_MM), np.float32(CAP_MM)
+    cut, cap = np.float32(_HALF * _LOOKED_MM), np.float32(CAP_MM)
     if not clearance > _ZERO:
         return clearance
     if clearance > grid[9] + cut + cap + grid[10]:
@@ -346,7 +352,7 @@ def _between(grid, values, port, positions, s, i, thick, ends, enough, surely, p
     if _is_in_port(port, x0, y0, z0) and _is_in_port(port, x, y, z):
         return _FAR, _FAR
     dx, dy, dz = x - x0, y - y0, z - z0
-    length = _length(dx, dy, dz)
+    length, finest = _length(dx, dy, dz), FINEST_MM if surely else _LOOKED_MM
     pieces[0, 0], pieces[0, 1], pieces[0, 2], pieces[0, 3] = 0.0, 1.0, ends[0], ends[1]
     waiting, found, least = 1, _FAR, _FAR
     while waiting > 0 and found > _ZERO:
@@ -354,7 +360,7 @@ def _between(grid, values, port, positions, s, i, thick, ends, enough, surely, p
         begin, end, before, after = _row(pieces, waiting)
         piece = (end - begin) * length
         lowest = _HALF * (before + after - piece) - thick
-        if lowest > enough or piece < FINEST_MM or waiting + 2 > _MOST_CUTS:
+        if lowest > enough or piece < finest or waiting + 2 > _MOST_CUTS:
             half = _HALF * (begin + end)
             if not _is_in_port(port, x0 + half * dx, y0 + half * dy, z0 + half * dz):
                 least = min(least, lowest)
@@ -380,12 +386,13 @@ def _is_in_port(port, x, y, z):  # type: ignore[no-untyped-def]
 
 @_inlined
 def _unpacked(surroundings, skin):  # type: ignore[no-untyped-def]
-    """Shape and frame of the grid, and the skin's largest difference, as numbers of their own: they
-    stay in registers."""
+    """Shape and frame of the grid, the skin's largest difference and the grid's spacing, as numbers
+    of their own: they stay in registers."""
     shape, frame = surroundings.shape, surroundings.frame
     return (
         *(shape[0], shape[1], shape[2]),
         *(frame[0], frame[1], frame[2], frame[3], frame[4], frame[5], frame[6], skin.most),
+        _ONE / frame[3],
     )
 
 
@@ -418,20 +425,33 @@ def _distance(grid, values, x, y, z):  # type: ignore[no-untyped-def]
 def _at_least(grid, values, x, y, z):  # type: ignore[no-untyped-def]
     """A distance that a place surely has: distances have a slope of one, from whichever corner."""
     nx, ny, nz = grid[0], grid[1], grid[2]
-    best = _distance(grid, values, x, y, z) - grid[9]
     u, v, w = (x - grid[3]) * grid[6], (y - grid[4]) * grid[6], (z - grid[5]) * grid[6]
     inside = u >= _ZERO and v >= _ZERO and w >= _ZERO
     one = np.uint64(1)
     if not (inside and u < nx - one and v < ny - one and w < nz - one):
-        return best
+        return _outside(grid, u, v, w) - grid[9]
     i, j, k = np.uint32(u), np.uint32(v), np.uint32(w)
-    for corner in range(8):
-        a, b, c = np.uint32(corner & 1), np.uint32((corner >> 1) & 1), np.uint32(corner >> 2)
-        p, q, r = u - np.float32(i + a), v - np.float32(j + b), w - np.float32(k + c)
-        at = (np.uint64(i + a) * ny + np.uint64(j + b)) * nz + np.uint64(k + c)
-        away = np.float32(sqrt(p * p + q * q + r * r)) / grid[6]
-        best = max(best, values[at] - away)
-    return best
+    u, v, w = u - np.float32(i), v - np.float32(j), w - np.float32(k)
+    here = (np.uint64(i) * ny + np.uint64(j)) * nz + np.uint64(k)
+    beside, above = here + nz, here + ny * nz
+    over = above + nz
+    a0, a1, b0, b1 = values[here], values[here + one], values[beside], values[beside + one]
+    c0, c1, d0, d1 = values[above], values[above + one], values[over], values[over + one]
+    a, b, c, d = a0 + w * (a1 - a0), b0 + w * (b1 - b0), c0 + w * (c1 - c0), d0 + w * (d1 - d0)
+    a, c = a + v * (b - a), c + v * (d - c)
+    best, mm = a + u * (c - a) - grid[9], grid[11]
+    # What corners say: the squares of the ways to them, along each axis to either side.
+    p, q, r, s, t = u * u, v * v, w * w, _ONE - u, _ONE - v
+    s, t, u = s * s, t * t, (_ONE - w) * (_ONE - w)
+    best = max(best, a0 - mm * _root(p + q + r), a1 - mm * _root(p + q + u))
+    best = max(best, b0 - mm * _root(p + t + r), b1 - mm * _root(p + t + u))
+    best = max(best, c0 - mm * _root(s + q + r), c1 - mm * _root(s + q + u))
+    return max(best, d0 - mm * _root(s + t + r), d1 - mm * _root(s + t + u))
+
+
+@_inlined
+def _root(square):  # type: ignore[no-untyped-def]
+    return np.float32(sqrt(square))
 
 
 @_kernel

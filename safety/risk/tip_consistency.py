@@ -39,6 +39,8 @@ _MOST: Final = 2.0
 _LONGEST_S: Final = 0.1
 """A gap between frames says nothing of what was in it."""
 _LEAST: Final = 1e-30
+_KEPT: Final = 64
+"""Mixtures: those of a second and a half at 40 frames a second."""
 
 
 def false_alarms_per_hour(renewed_s: float = RENEWED_S) -> float:
@@ -103,6 +105,8 @@ class TipModel:
         self._base = model.basis.base_mm[-1].astype(np.float64)
         self._modes = np.ascontiguousarray(model.basis.modes[:, -1], np.float64)
         self._variance = np.full(3, accuracy_mm**2)
+        self._kept: dict[bytes, Mixture | None] = {}
+        """Of the last places of the axes: each is asked for again some frames later."""
 
     def place(self, lately: Sequence[FloatArray], tip_mm: FloatArray) -> TipPlace | None:
         """Of a (3,) tip, with the axes lately at several (m,); None where the model cannot tell.
@@ -127,7 +131,13 @@ class TipModel:
         return None if mixture is None else self.beyond(mixture, np.asarray(tip_mm, np.float64))
 
     def _mixture(self, u: FloatArray) -> Mixture | None:
-        return self._model.shapes.mixture(u) if self._model.knows(u) else None
+        key = u.tobytes()
+        if key not in self._kept:
+            if len(self._kept) >= _KEPT:
+                del self._kept[next(iter(self._kept))]
+            known = self._model.knows(u)
+            self._kept[key] = self._model.shapes.mixture(u) if known else None
+        return self._kept[key]
 
     def beyond(self, mixture: Mixture, place: FloatArray) -> float:
         """The same in a mixture over the shape's coefficients."""

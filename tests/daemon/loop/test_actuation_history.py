@@ -39,3 +39,33 @@ def test_a_straight_motion_is_read_back_exactly(count: int, share: float) -> Non
     oldest = max(0, count - 64)
     t_ns = round(1000 * (oldest + share * (count - 1 - oldest)))
     np.testing.assert_allclose(made.at(t_ns), [t_ns / 1000, -t_ns / 1000], atol=1e-9)
+
+
+MS = 1_000_000
+
+
+def test_what_was_told_for_a_frame_is_told_again_for_times_about_it() -> None:
+    made = history((0, 0.0), (100 * MS, 1.0))
+    told = made.at_frame(50 * MS)
+    assert told.tolist() == [0.5, -0.5]
+    made.add(200 * MS, (9.0, -9.0))
+    later = made.at_frame(110 * MS)
+    assert made.about(50 * MS) is told
+    assert made.about(63 * MS) is told
+    assert made.about(100 * MS) is later
+    assert made.at_frame(50 * MS).tolist() == told.tolist()
+
+
+def test_where_no_frame_is_near_it_is_worked_out() -> None:
+    made = history((0, 0.0), (100 * MS, 1.0))
+    assert made.about(20 * MS).tolist() == [0.2, -0.2]
+    made.at_frame(100 * MS)
+    assert made.about(20 * MS).tolist() == [0.2, -0.2]
+    assert made.about(86 * MS).tolist() == pytest.approx([0.86, -0.86])
+
+
+def test_frames_are_not_remembered_for_ever() -> None:
+    made = history((0, 0.0), (10_000 * MS, 100.0))
+    for frame in range(100):
+        made.at_frame(frame * 25 * MS)
+    assert len(made._frames) == 32

@@ -217,6 +217,35 @@ def test_a_way_on_from_the_last_question_is_the_same_as_one_from_anew() -> None:
         assert risk.worst.clearance_mm == anew.worst.clearance_mm
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_what_follows_from_where_a_way_begins_says_no_more_than_is_true(seed: int) -> None:
+    """Who has a port looks at the end again, though it is far from here. What was proved where the
+    way begins may prove what looking at its end leaves open, and never the other way round."""
+    random = np.random.default_rng(seed)
+    port = InsertionPort((0.0, 0.0, -900.0), (0.0, 0.0, 1.0), radius_mm=8.0, depth_mm=2.0)
+    follows, looks = (ContactModel(rod(), wall(), one, samples=400) for one in (None, port))
+    x, y = random.uniform(25.0, 33.0), 0.0
+    for _ in range(6):
+        to_x, to_y = x + random.normal(scale=0.4), y + random.normal(scale=0.4)
+        path = [at(x, y, sigma_mm=1.5), at(to_x, to_y, sigma_mm=random.uniform(1.4, 1.6))]
+        one, other = follows.along(path), looks.along(path)
+        assert not (one.touching & ~other.touching).any()
+        assert np.count_nonzero(one.touching != other.touching) <= 4
+        assert one.on_the_way.touching == other.on_the_way.touching
+        assert one.at_waypoints == other.at_waypoints
+        centres = follows.centrelines(path[1])[:, :, 0].max(axis=1)
+        assert one.touching[centres + RADIUS_MM >= 40.0].all()
+        x, y = to_x, to_y
+
+
+def test_what_comes_out_of_the_port_beside_its_hole_touches() -> None:
+    room = turned(box((120.0, 120.0, 200.0), (0.0, 0.0, 100.0), 4))
+    port = InsertionPort((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), radius_mm=8.0, depth_mm=12.0)
+    model = ContactModel(rod(), grid_of(room), port, samples=10)
+    assert model.along([at(7.6), at(7.9)]).on_the_way.not_surely_clear == 0
+    assert model.along([at(7.9), at(8.2)]).on_the_way.not_surely_clear == 10
+
+
 def test_the_same_question_has_the_same_answer() -> None:
     one, other = (ContactModel(rod(), wall(), None, seed=5) for _ in range(2))
     mixture = at(30.0, sigma_mm=5.0)

@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import chi2
 
 from safety.risk import tip_consistency
-from safety.risk.model.mixture import Mixture
+from safety.risk.model.mixture import FloatArray, Mixture
 from safety.risk.model.risk_model import RiskModel, risk_model
 from safety.risk.tip_consistency import (
     LIMIT_S,
@@ -258,3 +258,27 @@ def test_a_less_accurate_tip_is_less_of_a_surprise_and_moves_the_shape_less(
     assert coarse is not None
     assert fine.probability < coarse.probability
     assert np.linalg.norm(fine.shift) > np.linalg.norm(coarse.shift)
+
+
+def test_places_that_are_asked_for_again_are_not_worked_out_again() -> None:
+    random = np.random.default_rng(6)
+    one = mixture(random, 2, 4)
+    asked: list[tuple[float, ...]] = []
+
+    def of(u: FloatArray) -> Mixture:
+        asked.append(tuple(u))
+        return one
+
+    model = SimpleNamespace(
+        basis=SimpleNamespace(base_mm=np.ones((2, 3)), modes=random.normal(size=(4, 2, 3))),
+        shapes=SimpleNamespace(mixture=of),
+        knows=lambda u: u[0] < 1000.0,
+    )
+    tip = TipModel(cast(RiskModel, model), 1.0)
+    ring = [np.array([float(k), 0.0]) for k in range(100)]
+    for k in range(3, 100):
+        assert tip.place([ring[k], ring[k - 1], ring[k - 2], ring[k - 3]], np.zeros(3)) is not None
+    assert len(asked) == len(set(asked)) == 100
+    assert tip.place([np.array([2000.0, 0.0])], np.zeros(3)) is None
+    assert tip.place([np.array([2000.0, 0.0])], np.zeros(3)) is None
+    assert len(tip._kept) == 64
