@@ -143,7 +143,7 @@ def _bounds(axes: AxisRanges, tensions_n: Sequence[tuple[float, float] | None]) 
 
 def _near(clearance: Clearance, parts: Sequence[PartClearance], speeds: Vector) -> Near:
     """parts: none where only the whole body is known."""
-    whole_and_parts = (clearance, *parts)
+    whole_and_parts: list[Clearance | PartClearance] = [clearance, *parts]
     rows = np.empty((len(whole_and_parts), speeds.size + 2))
     rows[:, :-2] = [one.slope for one in whole_and_parts]
     rows[:, -2] = [one.clearance_mm for one in whole_and_parts]

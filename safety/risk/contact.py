@@ -205,19 +205,19 @@ class ContactModel:
         self._now.mixture = None
         self._now.looked_mm = self._moving_clearance.far_mm
         shapes, known = self._now.shapes, self._nothing_known
-        place_shapes(*self._placing(mixture, component, self._normal), shapes.positions)
+        self._place(mixture, component, self._normal, shapes.positions)
         self._now.looked_at = before is None or self._has_port
         if before is not None and not self._has_port:
             known = _still_known(before, component, shapes.positions)
         self._now.moving = self._look(shapes, known)
         self._now.mixture, self._now.component = mixture, component
 
-    def _placing(
-        self, mixture: Mixture, component: IndexArray, normal: FloatArray
-    ) -> tuple[FloatArray | IndexArray | SingleArray, ...]:
-        """What shapes are placed by."""
-        means, factors = mixture.means_mm, mixture.factors_per_mm
-        return means, factors, component, normal, self._base, self._modes
+    def _place(
+        self, mixture: Mixture, component: IndexArray, normal: FloatArray, positions: SingleArray
+    ) -> None:
+        """Write where the shapes of draws are."""
+        means, factors, base = mixture.means_mm, mixture.factors_per_mm, self._base
+        place_shapes(means, factors, component, normal, base, self._modes, positions)
 
     def _look(self, shapes: Shapes, known: SingleArray) -> SingleArray | None:
         """Fill `shapes`, whose positions there are, with their clearances. known: (S,) what these
@@ -246,8 +246,8 @@ class ContactModel:
             self._pass_moving(start, end.shapes, end.moving, surely)
             return
         arriving = self._buffers(changed.size)
-        parts = self._placing(end.mixture, start.component[changed], self._normal[changed])
-        place_shapes(*parts, arriving.positions)
+        component, normal = start.component[changed], self._normal[changed]
+        self._place(end.mixture, component, normal, arriving.positions)
         there = self._look(arriving, self._nothing_known[: changed.size])
         kept = _taken(end.shapes, changed)
         _put(end.shapes, changed, arriving)
@@ -299,7 +299,7 @@ def _still_known(before: _Measured, component: IndexArray, positions: SingleArra
     """(S,) what the clearances of shapes at (S, 3n) positions are not below, by where they come
     from: nothing comes nearer by more than the node goes that goes farthest. 0: nothing is known,
     as of those that are another component's now."""
-    left = before.shapes.surely - longest_ways(before.shapes.positions, positions)
+    left: SingleArray = before.shapes.surely - longest_ways(before.shapes.positions, positions)
     left[before.component != component] = 0.0
     return left
 
