@@ -25,8 +25,14 @@ _SHORT_S, _LONG_S = 0.2, 0.4
 """Up to the one a lag is led by the reference alone, from the other on by prediction alone."""
 _AVERAGED_S: Final = 0.15
 """To either side: a corner is rounded for the prediction, which a lag would do as well."""
-_GAIN_BY_LAG: Final = 3.0
+_GAIN_BY_LAG: Final = 6.0
 """Gain times lag, at most, where the tip is predicted: more rings where the prediction is wrong."""
+_CATCHING: Final = 0.35
+"""So much more gain while a tip that was pushed or loaded is caught, where the body is prompt.
+Twice as much more is hardly quicker, and so hasty that the filter loses the tip where it stops."""
+_HURRY: Final = 0.35
+"""... and so much more of what is missing is told at first than shall come of it, where the lag is
+long: what a first-order lag keeps back then comes sooner."""
 _GAIN_APPROACH_S: Final = 1.0
 """Time constant of the way to the gains that were found: nothing jumps."""
 _LEARNT_CYCLE: Final = 0.5
@@ -95,20 +101,23 @@ class Leading:
         """(3,) mm to ask for in this step."""
         error = observation.reference_mm - observation.tip_mm
         lag_s, gain, share = self.lag.lag_s, self._gain_per_s, self.predicted
-        changes = np.zeros(3)
+        changes, hurry = np.zeros(3), 1.0
         if self._disturbance.just_jumped(observation.t_ns * 1e-9):
             # All the way back is told before much of it is seen, which alone would overshoot.
+            gain *= 1.0 + max(1.0 - 2.0 * share, 0.0) * _CATCHING
+            hurry += max(2.0 * share - 1.0, 0.0) * _HURRY
             share = 1.0
         if share > 0.0:
             gain += share * (min(gain, _GAIN_BY_LAG / max(lag_s, _SHORT_S)) - gain)
             changes = self._changes_mm(lag_s + 1.0 / gain)
         # What is led because it is seen to change, the next cycle shall know beforehand.
         self._learn_cycle(observation, dt_s, error - share * changes)
-        velocity, there = self._ahead(observation)
+        velocity, due, further = self._ahead(observation)
         error = error + self._correction(observation.phase, 0.0)[0]
         if share > 0.0:
-            missing = there - observation.tip_mm - self._underway.left_mm - changes
-            error = error + share * (missing - error)
+            coming, left = self._underway.coming_mm, self._underway.left_mm
+            late = due - observation.tip_mm - coming - changes
+            error = error + share * (hurry * late + further - (left - coming) - error)
         return np.asarray((min(gain * dt_s, 1.0) * error + velocity * dt_s) / self._gains)
 
     def _changes_mm(self, horizon_s: float) -> Vector:
@@ -134,9 +143,10 @@ class Leading:
             return np.zeros(3), np.zeros(3)
         return self._cycles.at(phase.seconds + lead_s)
 
-    def _ahead(self, observation: Observation) -> tuple[Vector, Vector]:
-        """(3,) mm/s that the reference will have after the lag, and (3,) mm where all that is told
-        should have led to by then: after the dead time, and as far on as the first-order lag is."""
+    def _ahead(self, observation: Observation) -> tuple[Vector, Vector, Vector]:
+        """(3,) mm/s that the reference will have after the lag; (3,) mm where it is after the dead
+        time; and (3,) mm that what is told is to be ahead of that, as far as the first-order lag
+        is."""
         lag_s = self.lag.lag_s
         dead_s, first_order_s = parts(lag_s)
         earlier_s, later_s = max(dead_s - _AVERAGED_S, 0.0), dead_s + _AVERAGED_S
@@ -145,12 +155,13 @@ class Leading:
             aim = None if observation.ahead is None else observation.ahead(lead_s)
             if aim is None:  # a hand leads, and nobody knows where
                 velocity = observation.reference_velocity_mm_s
-                return velocity, observation.reference_mm + lag_s * velocity
+                due_mm = observation.reference_mm + dead_s * velocity
+                return velocity, due_mm, first_order_s * velocity
             correction, changes = self._correction(observation.phase, lead_s)
             aims.append((aim[0] + correction, aim[1] + changes))
         told, due, earlier, later = aims
         mean_velocity = (later[0] - earlier[0]) / (later_s - earlier_s)
-        return told[1], due[0] + first_order_s * mean_velocity
+        return told[1], due[0], first_order_s * mean_velocity
 
 
 # What a repeated path taught.

@@ -313,10 +313,12 @@ class LearningController(ABC):
     def _too_late(self) -> bool:
         """Whether the body answers too late to learn a Jacobian from it that was not known before.
 
-        What a sample tells is then of where the axes were a lag ago, and of a hysteresis that has
-        turned since: a model that was learnt at rest is better than one that is corrected by it.
+        A model that was learnt at rest is better than one that is corrected by such samples. A
+        correction fades as the lag comes near to that: it would be worse than either if it came
+        and went.
         """
-        late = self._model is not None and self._follower.predicts
+        self._jacobian.believed = self._follower.learnable
+        late = self._model is not None and not self._jacobian.believed > 0.0
         if late and not self._was_late:
             self._waiting.clear()
             self._samples.break_off()

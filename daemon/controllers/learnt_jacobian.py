@@ -103,6 +103,8 @@ class LearntJacobian:
         """travel: (m,) of the axes."""
         self.forward: Lwpr | None = None
         """Inputs [p, u, Δu], output Δp."""
+        self.believed = 1.0
+        """The share of what the last motions have told of the model's errors that counts."""
         self._options = options
         self._travel = travel
         self._correction = self._no_correction()
@@ -184,7 +186,7 @@ class LearntJacobian:
         assert self._carried is not None
         if share <= 0.0:
             return self._carried.jacobian
-        corrected = self._modelled(tip_mm, u) + self._correction.difference
+        corrected = self._modelled(tip_mm, u) + self.believed * self._correction.difference
         return np.asarray(share * corrected + (1.0 - share) * self._carried.jacobian)
 
     def _modelled(self, tip_mm: Vector, u: Vector) -> Vector:

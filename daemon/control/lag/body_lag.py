@@ -223,11 +223,13 @@ class Underway:
         self.told_mm = np.zeros(3)
         """All that was told."""
         self._arrived_mm = np.zeros(3)
+        self._coming_mm = np.zeros(3)
+        """What will have arrived when the dead time is over: a lag is the same before it."""
         self._waiting: deque[tuple[float, Vector]] = deque()
 
     def begin(self) -> None:
         """Everything has arrived."""
-        self._arrived_mm = self.told_mm
+        self._arrived_mm = self._coming_mm = self.told_mm
         self._waiting.clear()
 
     def tell(self, t_s: float, dt_s: float, moved_mm: Vector, lag_s: float) -> None:
@@ -241,6 +243,12 @@ class Underway:
         due = waiting[0][1] if waiting[0][0] <= t_s - dead_s else self._arrived_mm
         share = -np.expm1(-dt_s / first_order_s) if first_order_s > 0.0 else 1.0
         self._arrived_mm = self._arrived_mm + share * (due - self._arrived_mm)
+        self._coming_mm = self._coming_mm + share * (self.told_mm - self._coming_mm)
+
+    @property
+    def coming_mm(self) -> Vector:
+        """(3,) of what is left that the tip will go within the dead time."""
+        return self._coming_mm - self._arrived_mm
 
     @property
     def left_mm(self) -> Vector:

@@ -94,12 +94,20 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(path)
 
 
-def loop_on(body: str, model: str, monkeypatch: pytest.MonkeyPatch) -> ClosedLoop:
-    plant = SoftArmPlant.model_validate({"kind": "soft_arm", "body": body})
+def loop_on(
+    body: str | dict[str, float],
+    model: str,
+    monkeypatch: pytest.MonkeyPatch,
+    learning: bool = True,
+) -> ClosedLoop:
+    """body: a named one, or what is different on another."""
+    figures = {"body": body} if isinstance(body, str) else body
+    plant = SoftArmPlant.model_validate({"kind": "soft_arm", **figures})
     monkeypatch.setattr(closed_loop, "soft_arm", lambda _: SoftArm(plant, [PISTON_MM2] * 6))
     options = ForwardJacobian(
         kind="forward_jacobian",
         model=model,
+        learning=learning,
         lead=True,
         gain_per_s=6.0,
         max_tip_speed_mm_s=80.0,
@@ -136,6 +144,17 @@ def test_a_body_a_second_late_is_followed_as_well_after_some_cycles(
     means = by_cycle(loop_on("slow", model, monkeypatch), 20.0, 4)
     assert means[0] < 4.0
     assert means[-1] < 0.8
+
+
+@pytest.mark.parametrize("lag_s", [0.3, 0.42, 0.46])
+def test_learning_makes_no_body_worse_whose_lag_is_about_where_prediction_begins(
+    lag_s: float, model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    body = {"pneumatic_lag_s": lag_s, "hysteresis": 0.29, "backlash_mm": 0.13, "creep": 0.24}
+    on, off = (
+        by_cycle(loop_on(body, model, monkeypatch, learning), 20.0, 4) for learning in (True, False)
+    )
+    assert all(learnt <= 1.1 * fixed + 0.1 for learnt, fixed in zip(on, off, strict=True))
 
 
 def test_a_load_is_caught_within_a_second_and_is_not_there_in_the_next_cycle(
