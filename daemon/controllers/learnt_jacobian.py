@@ -47,6 +47,12 @@ are directions in which the tip hardly moves, and noise would soon turn them rou
 that the axes do less than they do asks for too much."""
 
 
+_WORTH_KEPT: Final = 0.9
+"""From motion to motion, of what tells how good the difference is: the last ten count."""
+_DOUBT: Final = 1.0
+"""Standard errors by which a share must be above nothing."""
+
+
 class JacobianCorrection:
     """Axes count in shares of their travel: elements are mm per whole travel."""
 
@@ -57,12 +63,18 @@ class JacobianCorrection:
         """(3, m) E."""
         self.covariance = FIRST_STD_MM**2 * np.eye(axes)
         """(m, m) P, mm², of each row."""
+        self.foretold = np.zeros(4)
+        """Over the last motions, before they were learnt from, mm²: what E said times what J
+        lacked, what E said squared, what J lacked squared; and how many coordinates that were."""
         self._noise_variance = noise_mm**2
         self._drift_variance = drift_mm**2
         self._reach = reach
 
     def correct(self, jacobian: Vector, moved: Vector, tip_moved: Vector) -> None:
         """Take a motion: (m,) of the axes, (3,) of the tip. jacobian: (3, m) J there."""
+        said, lacked = self.difference @ moved, tip_moved - jacobian @ moved
+        seen = np.array([said @ lacked, said @ said, lacked @ lacked, float(len(lacked))])
+        self.foretold = _WORTH_KEPT * self.foretold + seen
         travelled = float(np.linalg.norm(moved))
         kept = float(np.exp(-travelled / self._reach))
         difference = kept * self.difference
@@ -76,6 +88,19 @@ class JacobianCorrection:
         covariance -= np.outer(gain, along)
         self.difference = _limited(difference, jacobian)
         self.covariance = 0.5 * (covariance + covariance.T)
+
+    @property
+    def worth(self) -> float:
+        """The share of E, 0 to 1, that would surely have been right to believe of late.
+
+        The s for which J + s E explains the last motions best, less its standard error. An E that
+        follows a hysteresis is wrong as soon as that turns; who believes it asks for nonsense.
+        """
+        agreed, said, lacked, count = self.foretold.tolist()
+        if not said > 0.0 or not count > 1.0:
+            return 0.0
+        left = max(lacked - agreed * agreed / said, 0.0) / (count - 1.0)
+        return min(max((agreed - _DOUBT * np.sqrt(left * said)) / said, 0.0), 1.0)
 
 
 def _limited(difference: Vector, jacobian: Vector) -> Vector:
@@ -163,6 +188,7 @@ class LearntJacobian:
         return {
             "correction": self._correction.difference,
             "correction_covariance": self._correction.covariance,
+            "correction_foretold": self._correction.foretold,
             "carried": self._carried.jacobian,
             "carried_covariance": self._carried.covariance,
         }
@@ -176,6 +202,7 @@ class LearntJacobian:
             raise ValueError(f"its Jacobian is not for {m} axes")
         self._correction.difference = np.array(arrays["correction"])
         self._correction.covariance = np.array(arrays["correction_covariance"])
+        self._correction.foretold = np.array(arrays.get("correction_foretold", np.zeros(4)))
         self._carry(arrays["carried"])
         assert self._carried is not None
         self._carried.covariance = in_rows(arrays["carried_covariance"])
@@ -186,7 +213,9 @@ class LearntJacobian:
         assert self._carried is not None
         if share <= 0.0:
             return self._carried.jacobian
-        corrected = self._modelled(tip_mm, u) + self.believed * self._correction.difference
+        worth = self._correction.worth if self._options.lead else 1.0
+        believed = self.believed * worth
+        corrected = self._modelled(tip_mm, u) + believed * self._correction.difference
         return np.asarray(share * corrected + (1.0 - share) * self._carried.jacobian)
 
     def _modelled(self, tip_mm: Vector, u: Vector) -> Vector:
