@@ -100,7 +100,8 @@ class JacobianCorrection:
         if not said > 0.0 or not count > 1.0:
             return 0.0
         left = max(lacked - agreed * agreed / said, 0.0) / (count - 1.0)
-        return min(max((agreed - _DOUBT * np.sqrt(left * said)) / said, 0.0), 1.0)
+        share = float((agreed - _DOUBT * np.sqrt(left * said)) / said)
+        return min(max(share, 0.0), 1.0)
 
 
 def _limited(difference: Vector, jacobian: Vector) -> Vector:
