@@ -1,0 +1,179 @@
+"""Random bodies, gains and loads, led through the whole virtual daemon: none of them swings up.
+
+`python -m tests.experiments.led_bodies`. Every case is an arm that the controller's model does not
+know, with a lag of 0.05 to 0.8 s, a dead time of up to 0.25 s, hysteresis, play, creep and uneven
+chambers; a gain; a path at some speed; a load from the beginning, and another one hung on on the
+way. The monitor watches as it does always, and what it holds is resumed. A case is unstable where
+the tip's error in the last cycle is larger than what the loads and the body's lag explain. Every
+case is one line in `--out` and is not done again; `--share 1/3` does a third of them. Prints one
+JSON; ends with exit code 1 where a case was unstable, or failed.
+"""
+
+import argparse
+import json
+import sys
+import tempfile
+from collections import Counter
+from concurrent.futures import as_completed
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from daemon.commands.terminal.work_sharing import share
+from daemon.host.processes import WHOLE, worker_processes
+from daemon.recording.result import Result
+from daemon.workbench.experiments.experiment_file import load_experiment
+from daemon.workbench.experiments.in_virtual_time import carry_out_in_virtual_time
+from daemon.workbench.experiments.trial import TrialError
+from daemon.workbench.pretraining.model_cache import with_model
+from tests import SHIPPED_ROBOTS
+
+CIRCLE: Final = SHIPPED_ROBOTS.parent / "experiments" / "fast_circle.yaml"
+LASTS_S: Final = 14.0
+_SWUNG_MM: Final = 20.0
+"""Of a circle's own: a load of 30 g takes the softest body 20 mm off, at once, and that is over
+long before the last cycle."""
+
+
+def case_of(number: int) -> dict[str, Any]:
+    """What the experiment's file is changed by. The same number gives the same case."""
+    random = np.random.default_rng([number, 1000])
+    uniform = random.uniform
+    speed_mm_s = float(np.exp(uniform(np.log(5.0), np.log(40.0))))
+    radius_mm = float(uniform(10.0, 30.0))
+    stiffer, lag_s = uniform(0.8, 1.25), float(np.exp(uniform(np.log(0.05), np.log(0.8))))
+    before_g, after_g = random.choice([0.0, 14.2, 30.0], 2).tolist()
+    return {
+        "plant": {
+            "bending_stiffness_n_mm2": 8.0e3 * stiffer,
+            "axial_stiffness_n": 130.0 * stiffer,
+            "mass_g": uniform(38.0, 55.0),
+            "chamber_area_ratios": uniform(0.8, 1.2, 6).tolist(),
+            "hysteresis": uniform(0.1, 0.45),
+            "creep": uniform(0.02, 0.25),
+            "pneumatic_lag_s": lag_s,
+            "dead_time_s": uniform(0.0, 0.25),
+            "backlash_mm": uniform(0.0, 0.15),
+        },
+        "trajectory": {
+            "kind": "circle",
+            "center_mm": [0.0, 0.0, 185.0],
+            "radius_mm": radius_mm,
+            "cycle_s": 2.0 * np.pi * radius_mm / speed_mm_s,
+            "cycles": max(2, round(LASTS_S * speed_mm_s / (2.0 * np.pi * radius_mm))),
+        },
+        "controller": {
+            "kind": random.choice(["reward_weighted", "forward_jacobian"]),
+            "learning": bool(random.random() < 0.7),
+            "lead": True,
+            "gain_per_s": float(uniform(1.5, 8.0)),
+            "max_tip_speed_mm_s": 80.0,
+        },
+        "pretraining": {"waypoints": 80, "plant": {}, "seed": 1},
+        "risk": False,
+        "blend_speed_mm_s": 20.0,
+        "tip_load_g": before_g,
+        "happenings": [{"at_s": 0.4 * LASTS_S, "tip_load_g": after_g}],
+        "longest_s": 120.0,
+    }
+
+
+def carried_out(number: int) -> dict[str, Any]:
+    """One line for the file."""
+    case = case_of(number)
+    line: dict[str, Any] = {"case": number, **_in_short(case)}
+    with tempfile.TemporaryDirectory() as name:
+        try:
+            file = with_model(load_experiment(CIRCLE, case), number, _nobody)
+            result = carry_out_in_virtual_time(file, number, Path(name), _nobody)
+        except TrialError as error:
+            return {**line, "verdict": _refused_or_failed(str(error)), "why": str(error)[:300]}
+    return {**line, **_of(result)}
+
+
+def _refused_or_failed(why: str) -> str:
+    return "refused" if "can be followed: let a cycle take" in why else "failed"
+
+
+def _of(result: Result) -> dict[str, Any]:
+    by_cycle = [cycle.max_mm for cycle in result.cycles]
+    unstable = not by_cycle or not by_cycle[-1] < _SWUNG_MM
+    return {
+        "verdict": "unstable" if unstable else "held" if result.holds else "followed",
+        "holds": result.holds,
+        "faults": result.faults,
+        "mean_mm": [round(cycle.mean_mm, 3) for cycle in result.cycles],
+        "max_mm": [round(mm, 2) for mm in by_cycle],
+        "plant_failures": result.plant_failures,
+    }
+
+
+def _in_short(case: dict[str, Any]) -> dict[str, Any]:
+    plant, controller = case["plant"], case["controller"]
+    return {
+        "lag_s": round(plant["pneumatic_lag_s"], 3),
+        "dead_s": round(plant["dead_time_s"], 3),
+        "hysteresis": round(plant["hysteresis"], 3),
+        "gain_per_s": round(controller["gain_per_s"], 2),
+        "kind": controller["kind"],
+        "learning": controller["learning"],
+        "speed_mm_s": round(
+            2.0 * np.pi * case["trajectory"]["radius_mm"] / case["trajectory"]["cycle_s"], 1
+        ),
+        "loads_g": [case["tip_load_g"], case["happenings"][0]["tip_load_g"]],
+    }
+
+
+def _nobody(line: str) -> None:
+    """Hears what happens."""
+
+
+def figures_of(lines: list[dict[str, Any]]) -> dict[str, Any]:
+    """For JSON."""
+    followed = [line for line in lines if "mean_mm" in line]
+    return {
+        "cases": len(lines),
+        "verdicts": dict(Counter(line["verdict"] for line in lines)),
+        "holds": sum(line["holds"] for line in followed),
+        "held_by": dict(Counter(fault for line in followed for fault in line["faults"])),
+        "last_cycle_mean_mm": _spread([line["mean_mm"][-1] for line in followed]),
+        "unstable": [line["case"] for line in lines if line["verdict"] == "unstable"],
+        "failed": [line["case"] for line in lines if line["verdict"] == "failed"],
+    }
+
+
+def _spread(values: list[float]) -> dict[str, float]:
+    if not values:
+        return {}
+    shares = {"median": 50, "p90": 90, "p99": 99, "most": 100}
+    return {name: round(float(np.percentile(values, at)), 3) for name, at in shares.items()}
+
+
+def main() -> int:
+    """Prints one JSON."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--cases", type=int, default=1000, metavar="N")
+    parser.add_argument("--share", type=share, default=WHOLE, metavar="K/N")
+    parser.add_argument("--processes", type=int, default=2, metavar="N")
+    parser.add_argument("--out", type=Path, default=Path("runs/led_bodies.jsonl"))
+    arguments = parser.parse_args()
+    arguments.out.parent.mkdir(parents=True, exist_ok=True)
+    lines: list[dict[str, Any]] = []
+    if arguments.out.exists():
+        lines = [json.loads(line) for line in arguments.out.read_text().splitlines()]
+    done = {line["case"] for line in lines}
+    left = [n for n in range(arguments.cases) if arguments.share.has(n) and n not in done]
+    with_model(load_experiment(CIRCLE, case_of(0)), 0, _nobody)  # made once, and then found
+    with worker_processes(arguments.processes) as workers, arguments.out.open("a") as out:
+        for task in as_completed([workers.submit(carried_out, number) for number in left]):
+            lines.append(task.result())
+            out.write(json.dumps(lines[-1]) + "\n")
+            out.flush()
+    figures = figures_of(lines)
+    print(json.dumps(figures, indent=2))
+    return 1 if figures["unstable"] or figures["failed"] else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
