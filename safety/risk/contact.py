@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from safety.risk.contact_figures import (
     ContactRisk,
@@ -80,7 +81,7 @@ class ContactModel:
         self._normal = random.standard_normal((samples, basis.coefficients))[order]
         self._base = basis.base_mm.ravel()
         self._modes = basis.modes.reshape(basis.coefficients, -1)
-        self._nothing_known = np.zeros(samples, np.float32)
+        self._none_stays = np.zeros(samples, np.bool_)
         self._has_port = port is not None
         """What is in it is no contact, and may be one when it has come out."""
         self._surroundings = _surroundings(grid, port)
@@ -204,12 +205,13 @@ class ContactModel:
         component = mixture.chosen(self._uniform)
         self._now.mixture = None
         self._now.looked_mm = self._moving_clearance.far_mm
-        shapes, known = self._now.shapes, self._nothing_known
+        shapes = self._now.shapes
         self._place(mixture, component, self._normal, shapes.positions)
         self._now.looked_at = before is None or self._has_port
-        if before is not None and not self._has_port:
-            known = _still_known(before, component, shapes.positions)
-        self._now.moving = self._look(shapes, known)
+        if before is None or self._has_port:
+            self._now.moving = self._look(shapes)
+        else:
+            self._now.moving = self._look(shapes, before.shapes, before.component == component)
         self._now.mixture, self._now.component = mixture, component
 
     def _place(
@@ -219,13 +221,17 @@ class ContactModel:
         means, factors, base = mixture.means_mm, mixture.factors_per_mm, self._base
         place_shapes(means, factors, component, normal, base, self._modes, positions)
 
-    def _look(self, shapes: Shapes, known: SingleArray) -> SingleArray | None:
-        """Fill `shapes`, whose positions there are, with their clearances. known: (S,) what these
-        are not below; what is above zero is not looked for.
+    def _look(
+        self, shapes: Shapes, start: Shapes | None = None, stays: NDArray[np.bool_] | None = None
+    ) -> SingleArray | None:
+        """Fill `shapes`, whose positions there are, with their clearances. start: where they come
+        from, and stays: (S,) which of them do; None: none does.
 
         Returns what no part of each is nearer to what moves; None: nothing that moves is near.
         """
-        clearances(self._surroundings, self._skin, shapes, known)
+        if start is None or stays is None:
+            start, stays = shapes, self._none_stays[: shapes.clearance.size]
+        clearances(self._surroundings, self._skin, shapes, start, stays)
         found = self._moving_clearance.look(self._swept, shapes.positions)
         if found is None:
             return None
@@ -248,7 +254,7 @@ class ContactModel:
         arriving = self._buffers(changed.size)
         component, normal = start.component[changed], self._normal[changed]
         self._place(end.mixture, component, normal, arriving.positions)
-        there = self._look(arriving, self._nothing_known[: changed.size])
+        there = self._look(arriving)
         kept = _taken(end.shapes, changed)
         _put(end.shapes, changed, arriving)
         sweep(surroundings, skin, start.shapes, end.shapes, swept, surely)
@@ -293,15 +299,6 @@ class ContactModel:
             np.empty(samples, np.int64),
             np.empty(samples, np.float32),
         )
-
-
-def _still_known(before: _Measured, component: IndexArray, positions: SingleArray) -> SingleArray:
-    """(S,) what the clearances of shapes at (S, 3n) positions are not below, by where they come
-    from: nothing comes nearer by more than the node goes that goes farthest. 0: nothing is known,
-    as of those that are another component's now."""
-    left: SingleArray = before.shapes.surely - longest_ways(before.shapes.positions, positions)
-    left[before.component != component] = 0.0
-    return left
 
 
 def _taken(shapes: Shapes, rows: IndexArray) -> Shapes:

@@ -40,9 +40,13 @@ distances."""
 
 
 @_kernel
-def clearances(surroundings, skin, shapes, known):  # type: ignore[no-untyped-def]
-    """Write clearance, node and what is sure of each shape. known: (S,) what it is not below as far
-    as is known already; what is above zero is taken for sure."""
+def clearances(surroundings, skin, shapes, start, stays):  # type: ignore[no-untyped-def]
+    """Write clearance, node and what is sure of each shape.
+
+    start: shapes that these come from, and stays: (S,) which of them do. Nothing of a shape comes
+    nearer by more than the node goes that goes farthest: where that leaves what was sure of it
+    above zero, that is what is sure, and it is not looked for.
+    """
     grid, values, port = _unpacked(surroundings, skin), surroundings.values, surroundings.port
     positions, clearance, node, surely = (
         shapes.positions,
@@ -52,7 +56,7 @@ def clearances(surroundings, skin, shapes, known):  # type: ignore[no-untyped-de
     )
     table, listed = _table_of(skin), np.empty((2, skin.radius.size), np.int64)
     box = np.empty((4, positions.shape[1]), np.float32)
-    pieces = np.empty((_MOST_CUTS, 4), np.float32)
+    pieces, open_mm = np.empty((_MOST_CUTS, 4), np.float32), _open_mm(grid)
     for first in range(0, clearance.size, _TOGETHER):
         last = min(first + _TOGETHER, clearance.size)
         _empty(box)
@@ -62,9 +66,10 @@ def clearances(surroundings, skin, shapes, known):  # type: ignore[no-untyped-de
             clearance[s], node[s] = _clearance(
                 grid, values, port, positions, s, opened, table, listed, pieces
             )
-            if known[s] > _ZERO and clearance[s] > _ZERO:
-                surely[s] = known[s]
-                continue
+            if stays[s] and _ZERO < clearance[s] <= open_mm:
+                surely[s] = start.surely[s] - _way(start.positions, positions, s)
+                if surely[s] > _ZERO:
+                    continue
             surely[s] = _surely(
                 grid, values, port, positions, s, clearance[s], opened, table, listed, pieces
             )
@@ -315,10 +320,10 @@ def _surely(grid, values, port, positions, s, clearance, opened, table, listed, 
     Interpolated distances may be wrong by the grid's error. Where that leaves it open whether the
     shape touches, bounds from the grid's corners are taken, which are nearer to the truth.
     """
-    cut, cap = np.float32(_HALF * _LOOKED_MM), np.float32(CAP_MM)
+    cap = np.float32(CAP_MM)
     if not clearance > _ZERO:
         return clearance
-    if clearance > grid[9] + cut + cap + grid[10]:
+    if clearance > _open_mm(grid):
         return cap
     least, looked_at, there = cap, -1, _ZERO
     for j in range(opened):
@@ -337,6 +342,13 @@ def _surely(grid, values, port, positions, s, clearance, opened, table, listed, 
         if not least > _ZERO:
             return least
     return least
+
+
+@_inlined
+def _open_mm(grid):  # type: ignore[no-untyped-def]
+    """With more clearance, as it is interpolated, a shape is sure to have the most that is asked
+    for."""
+    return grid[9] + np.float32(_HALF * _LOOKED_MM) + np.float32(CAP_MM) + grid[10]
 
 
 @_inlined

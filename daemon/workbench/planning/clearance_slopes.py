@@ -96,7 +96,7 @@ class ClearanceLack:
         place_shapes(
             means, factors, component, normal, self._base, self._flat_modes, shapes.positions
         )
-        clearances(self._surroundings, self._skin, shapes, np.zeros(count, np.float32))
+        clearances(self._surroundings, self._skin, shapes, shapes, np.zeros(count, np.bool_))
         return shapes
 
     def _by_coefficients(self, shapes: Shapes) -> FloatArray:

@@ -54,7 +54,7 @@ def shapes_at(positions: Positions) -> Shapes:
 
 def looked_at(model: ContactModel, positions: Positions) -> Shapes:
     found = shapes_at(positions)
-    clearances(model.surroundings, model.skin, found, np.zeros(len(positions), np.float32))
+    clearances(model.surroundings, model.skin, found, found, np.zeros(len(positions), np.bool_))
     return found
 
 
