@@ -128,6 +128,7 @@ def played(
     return seen
 
 
+@pytest.mark.long
 def test_a_ball_that_comes_slowly_toward_the_middle_is_given_way_to(file: RobotFile) -> None:
     seen = played(file, 20.0, 5.0)
     assert seen.stopped_at_mm <= 20.0, "it has come all the way"
@@ -138,7 +139,6 @@ def test_a_ball_that_comes_slowly_toward_the_middle_is_given_way_to(file: RobotF
     assert min(seen.middle_x_mm) < seen.middle_x_mm[0] - 5.0
 
 
-@pytest.mark.long
 def test_an_arm_of_four_tendons_gives_way_or_holds_by_name(tmp_path: Path) -> None:
     arm = in_the_open(tmp_path, TENDON_ARM, "builtin:tendon_arm.npz")
     seen = played(arm, 20.0, 5.0, BROYDEN)
