@@ -27,7 +27,7 @@ _AVERAGED_S: Final = 0.15
 """To either side: a corner is rounded for the prediction, which a lag would do as well."""
 _GAIN_BY_LAG: Final = 6.0
 """Gain times lag, at most, where the tip is predicted: more rings where the prediction is wrong."""
-_CATCHING: Final = 0.35
+_CATCHING: Final = 0.2
 """So much more gain while a tip that was pushed or loaded is caught, where the body is prompt.
 Twice as much more is hardly quicker, and so hasty that the filter loses the tip where it stops."""
 _HURRY: Final = 0.35
