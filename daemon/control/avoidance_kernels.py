@@ -151,6 +151,7 @@ def turn_aside(bounds, near, room, asked, dt_s, points, found):  # type: ignore[
         return STAYS
     if short and (
         not whole
+        or _strains(bounds, asked, found)
         or _given_up(task, step, proposed)
         <= _GAINS_FROM * _GAINS_FROM * _given_up(task, found, proposed)
     ):
@@ -172,17 +173,29 @@ def _changes(near, i, asked, dt_s):  # type: ignore[no-untyped-def]
 
 @_inlined
 def _within(bounds, asked, dt_s, low, high):  # type: ignore[no-untyped-def]
-    """Lowest and highest step: travel, speed, and no tendon that hardly pulls is let out, nor one
-    pulled that pulls nearly as much as it may."""
+    """Lowest and highest step: travel and speed, or what was proposed where that is beyond them;
+    and no tendon that hardly pulls is let out, nor one pulled that pulls nearly as much as it may,
+    whatever was proposed."""
     limits = bounds.axes
     for k in range(asked.shape[1]):
         at, pull, most = asked[1, k], asked[2, k], limits[_SPEED, k] * dt_s
-        low[k] = max(min(limits[_LOWEST, k] - at, 0.0), -most)
-        high[k] = min(max(limits[_HIGHEST, k] - at, 0.0), most)
+        low[k] = min(max(min(limits[_LOWEST, k] - at, 0.0), -most), asked[0, k])
+        high[k] = max(min(max(limits[_HIGHEST, k] - at, 0.0), most), asked[0, k])
         if pull < limits[_SLACK, k]:
             low[k] = 0.0
         if pull > limits[_TIGHT, k]:
             high[k] = 0.0
+
+
+@_inlined
+def _strains(bounds, asked, step):  # type: ignore[no-untyped-def]
+    """Whether a step lets a tendon out that hardly pulls, or pulls one that pulls nearly as much as
+    it may."""
+    for k in range(asked.shape[1]):
+        slack, tight = asked[2, k] < bounds.axes[_SLACK, k], asked[2, k] > bounds.axes[_TIGHT, k]
+        if (slack and step[k] < 0.0) or (tight and step[k] > 0.0):
+            return True
+    return False
 
 
 @_inlined
@@ -329,8 +342,8 @@ def _prepare(wanted, room):  # type: ignore[no-untyped-def]
         _forwards(factor, y[up], k, axes)
         for j in range(axes):
             y[down, j] = -y[up, j]
-        missing[up] = max((proposed[k] - lowest[k]) / unit[k], 0.0)
-        missing[down] = max((highest[k] - proposed[k]) / unit[k], 0.0)
+        missing[up] = (proposed[k] - lowest[k]) / unit[k]
+        missing[down] = (highest[k] - proposed[k]) / unit[k]
 
 
 @_inlined
@@ -385,8 +398,4 @@ def _write(wanted, room, count, step):  # type: ignore[no-untyped-def]
             way[i] -= factor[k, i] * way[k]
         way[i] /= factor[i, i]
         moved = wanted.proposed[i] + way[i] * wanted.unit[i]
-        low, high = (
-            min(wanted.lowest[i], wanted.proposed[i]),
-            max(wanted.highest[i], wanted.proposed[i]),
-        )
-        step[i] = min(max(moved, low), high)
+        step[i] = min(max(moved, wanted.lowest[i]), wanted.highest[i])

@@ -206,6 +206,16 @@ def test_a_tendon_that_hardly_pulls_is_not_let_out(tension_n: float, lets_out: b
     assert (aside.delta_u[2] < -0.05) == lets_out
 
 
+def test_nor_is_it_let_out_as_was_proposed() -> None:
+    clearance = near((80.0, 0.5, (-1.0, 0.0, -0.5)))
+    for tension_n, lets_out in ((5.0, True), (0.5, False)):
+        aside = Avoidance(THREE, TENSIONS).aside(
+            np.array([0.05, 0.0, -0.02]), AT, clearance, DT_S, tensions_n=[5.0, 5.0, tension_n]
+        )
+        assert aside is not None
+        assert (aside.delta_u[2] < 0.0) == lets_out
+
+
 def test_a_tendon_that_pulls_nearly_as_much_as_it_may_pulls_no_more() -> None:
     clearance = near((80.0, 0.5, (-1.0, 0.0, 0.5)))
     for tension_n, pulls in ((5.0, True), (9.5, False), (0.5, True)):
