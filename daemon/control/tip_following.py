@@ -99,6 +99,11 @@ class TipFollower:
         return proposal
 
     @property
+    def predicts(self) -> bool:
+        """Whether the body is so late that it is led by prediction alone."""
+        return self._leads and self.leading.predicted >= 1.0
+
+    @property
     def learnable(self) -> float:
         """How far motions correct a Jacobian that was known before, 0 to 1. Nothing is left where
         half of a lag is led by prediction: what a motion tells is then of where the axes were, and

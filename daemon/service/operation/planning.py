@@ -19,6 +19,7 @@ from daemon.risk.body_risk_source import BodyRiskSource
 from daemon.service.motion_loader import CommandRefusedError, OffTheLoop, in_a_thread
 from daemon.service.operation.run_recording import RunRecording
 from daemon.service.robot_service import RobotService
+from safety.causes import Cause
 from safety.states import OperatingState
 
 PlanPath = Callable[[bytes], Awaitable[bytes]]
@@ -121,7 +122,7 @@ class Planning:
                 f"where the moving obstacles of {gone} are is no longer known: plan when their "
                 "stream is back, or has ended"
             )
-            raise CommandRefusedError("obstacles_late", text)
+            raise CommandRefusedError(Cause.OBSTACLES_LATE.value, text)
         u = [
             min(max(c.scale.position(c.position_counts), c.axis.travel[0]), c.axis.travel[1])
             for c in service.loop.channels
