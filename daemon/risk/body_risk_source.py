@@ -18,8 +18,7 @@ from daemon.risk.path_ahead import PathAhead
 from daemon.risk.surroundings import BodySize, RiskSurroundings, read_surroundings
 from drivers.clock import WallClock
 from safety.risk.body_risk import Beside, BodyRisk
-from safety.risk.contact_figures import WorstPlace
-from safety.risk.minute_behind import MinuteBehind
+from safety.risk.contact_figures import MinuteBehind, WorstPlace
 from safety.risk.model.mixture import FloatArray
 from safety.risk.model.risk_model import RiskModelError
 from safety.risk.moving_obstacles import NOTHING_MOVES, Swept

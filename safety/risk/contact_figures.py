@@ -16,6 +16,8 @@ CONFIDENCE: Final = 0.95
 """Of the upper limit: the usual one of one-sided limits."""
 _WORST_SHARE: Final = 0.05
 """Of the shapes, that say where the body is nearest: fifty of a thousand, enough for a middle."""
+MINUTE_NS: Final = 60_000_000_000
+_NEVER_NS: Final = np.iinfo(np.int64).min
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,6 +114,29 @@ class Touching:
         samples = self.which.size
         added = int(np.count_nonzero(~(surely > 0.0) & ~self.which))
         return Leaving(upper_limit(self.count, samples), upper_limit(added, samples))
+
+
+class MinuteBehind:
+    """How likely the body has touched anything in the last minute.
+
+    Shapes are drawn with the same draws at every step, so each draw is one body. It counts as
+    having touched from the step at which it is not proved to be clear until a minute later, however
+    often it does so in between: steps that are risky for the same bodies do not add up, and those
+    that are risky for others do. A product over the steps, as if each met another body, would soon
+    be 1.
+    """
+
+    def __init__(self, samples: int) -> None:
+        self._touched_ns = np.full(samples, _NEVER_NS, np.int64)
+
+    def add(self, touching: NDArray[np.bool_], t_ns: int) -> None:
+        """A way is gone. touching: (S,) which draws are not proved to be clear on it."""
+        self._touched_ns[touching] = t_ns
+
+    def risk(self, t_ns: int) -> float:
+        """Upper limit, with the confidence of a step's, of having touched since a minute before."""
+        count = int(np.count_nonzero(self._touched_ns > t_ns - MINUTE_NS))
+        return upper_limit(count, self._touched_ns.size)
 
 
 def upper_limit(count: int, samples: int, confidence: float = CONFIDENCE) -> float:

@@ -243,7 +243,7 @@ function eager() { return !scene || replay || (hand && (hand.held || hand.offere
 // with nothing new in it too, and what is pressed waits for that. Beside the page it is drawn when the next step
 // is told, so that none is of an old one; and soon in any case. Who turns the picture waits for no step.
 function wake() {
-  const beside = !eager() && scene.beside, wait = eager() ? 0 : scene.waits_ms(performance.now());
+  const hasty = eager(), beside = !hasty && scene.beside, wait = hasty ? 0 : scene.waits_ms(performance.now());
   if ((awake && !(beside && scene.hurried)) || wait === Infinity) return;
   awake = true;
   clearTimeout(timer);

@@ -1,10 +1,10 @@
-"""What was risked in the last minute: each draw is one body, and counts once."""
+"""Upper limits of a contact's probability, and of the last minute's: each draw is one body."""
 
 import numpy as np
 import pytest
+from scipy.stats import beta
 
-from safety.risk.contact_figures import upper_limit
-from safety.risk.minute_behind import MINUTE_NS, MinuteBehind
+from safety.risk.contact_figures import MINUTE_NS, MinuteBehind, most_touching, upper_limit
 
 SAMPLES, STEP_NS = 1000, 25_000_000
 
@@ -13,6 +13,19 @@ def touching(*draws: int) -> np.ndarray:
     who = np.zeros(SAMPLES, bool)
     who[list(draws)] = True
     return who
+
+
+@pytest.mark.parametrize("count", [0, 1, 37, 999])
+def test_the_upper_limit_is_clopper_and_pearson_s(count: int) -> None:
+    assert upper_limit(count, SAMPLES) == pytest.approx(beta.ppf(0.95, count + 1, SAMPLES - count))
+    assert upper_limit(SAMPLES, SAMPLES) == 1.0
+
+
+@pytest.mark.parametrize("count", [0, 1, 37, 999])
+def test_as_many_may_touch_as_leave_the_upper_limit_at_the_risk(count: int) -> None:
+    limit = upper_limit(count, SAMPLES)
+    assert most_touching(limit, SAMPLES) == count
+    assert most_touching(np.nextafter(limit, 0.0), SAMPLES) == count - 1
 
 
 def test_steps_that_are_risky_for_the_same_bodies_do_not_add_up() -> None:
