@@ -103,6 +103,13 @@ class Cause(CauseRow):
         "the control loop often misses its time",
         "end other programs on this computer; see what the last late cycle was spent on",
     )
+    GIVING_WAY = (
+        "giving_way", _W, 0.2, _SELF,
+        "something is nearer to the body than it may be, and steps are only let through since they"
+        " lead away from it",
+        "see in `/risk` or on the page where; stop what moves, or take it away: what comes faster"
+        " than the body can go will touch it",
+    )
     REAL_TIME_DEGRADED = (
         "real_time_degraded", _W, 0.0, _SELF,
         "the operating system does not give the loop its real-time rights",

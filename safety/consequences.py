@@ -95,6 +95,7 @@ LEADS_TO: Final[Mapping[CauseRow, tuple[Cause, ...]]] = {
     Cause.RECORDER_FAILED: (Cause.RECORDING_DROPPED,),
     Cause.RISK_UNAVAILABLE: (Cause.GATE_REFUSED,),
     Cause.RISK_TOO_HIGH: (Cause.GATE_REFUSED,),
+    Cause.GIVING_WAY: (Cause.GATE_REFUSED, Cause.CONTROLLER_FAILED),
 }
 """From what is nearest to the origin to what is farthest: of several leads the first one counts."""
 

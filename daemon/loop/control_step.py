@@ -403,7 +403,10 @@ class ControlLoop:
         moves = any(abs(change) > _REQUESTED_ABOVE for change in requested.delta_u.tolist())
         stuck = moves and not (too_high or unknown) and decision.scale < _STUCK_BELOW
         limits = decision.refused or self._in_words(decision.limits) if stuck else ""
-        report = GateReport(too_high, unknown, decision.risk_detail, stuck, limits)
+        risk = 0.0 if decision.risk is None or decision.refused else decision.risk
+        leaving = risk > self._threshold
+        detail = decision.risk_detail
+        report = GateReport(too_high, unknown, detail, stuck, limits, leaving)
         supervisor.checks.gate(now_ns, report)
 
     def _in_words(self, limits: Sequence[str]) -> str:

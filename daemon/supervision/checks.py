@@ -108,6 +108,8 @@ class GateReport(NamedTuple):
     """The limits left practically nothing of it."""
     limits: str = ""
     """Which limits."""
+    leaving: bool = False
+    """Let through with a risk above the threshold: it leads away from what is there already."""
 
 
 NOTHING_REFUSED: Final = GateReport()
@@ -285,6 +287,7 @@ class Checks:
         self._set(Cause.RISK_TOO_HIGH, report.too_high, t_ns, "gate", detail)
         self._set(Cause.RISK_UNAVAILABLE, report.unavailable, t_ns, "gate", detail)
         self._set(Cause.GATE_REFUSED, report.stuck, t_ns, "gate", report.limits)
+        self._set(Cause.GIVING_WAY, report.leaving, t_ns, "gate")
 
     def controller_failed(self, t_ns: int, detail: str) -> None:
         """The controller gave no usable answer."""

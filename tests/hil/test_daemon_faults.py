@@ -73,6 +73,8 @@ NOT_FROM_OUTSIDE: Final = {
     "tests/daemon/service/test_body_not_as_modelled.py has it",
     "minute_risk_too_high": "the soft arm has no model of its body; "
     "tests/daemon/service/test_risk_of_the_path.py has it",
+    "giving_way": "the soft arm has no model of its body; "
+    "tests/daemon/service/test_giving_way.py has it",
     "path_risk_too_high": "the soft arm has no model of its body; "
     "tests/daemon/service/test_risk_of_the_path.py has it",
     "obstacles_late": "the soft arm has no model of its body; "

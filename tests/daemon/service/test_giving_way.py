@@ -63,9 +63,12 @@ class Seen:
 
     state: str = ""
     causes: set[str] = field(default_factory=set)
+    warned_ns: int | None = None
+    """When it was told that the robot does nothing but give way; None: it was not."""
     stopped_at_mm: float = 0.0
     """Where the ball was when the robot held, or stayed."""
     clearances_mm: list[float] = field(default_factory=list)
+    seen_ns: list[int] = field(default_factory=list)
     middle_x_mm: list[float] = field(default_factory=list)
     turned_aside: int = 0
     errors_mm: list[float] = field(default_factory=list)
@@ -104,6 +107,7 @@ def played(
         fine = np.concatenate([line[:-1] + share * np.diff(line, axis=0) for share in (0, 0.5)])
         away = np.linalg.norm(fine - [place["x"], 0.0, MIDDLE_MM], axis=1).min()
         seen.clearances_mm.append(float(away) - RADIUS_MM - state.radius_mm)
+        seen.seen_ns.append(rig.service.clock.now_ns())
         seen.middle_x_mm.append(float(line[round(0.6 * (len(line) - 1)), 0]))
 
     async def scene(rig: Rig) -> None:
@@ -116,6 +120,8 @@ def played(
             await rig.until(lambda: rig.in_state(S.HOLD), within_s=lasts_s)
         await asyncio.sleep(0.5)
         seen.state, seen.causes, seen.stopped_at_mm = rig.state.value, rig.causes, place["x"]
+        warned = rig.events("cause", "giving_way")
+        seen.warned_ns = warned[0].t_ns if warned else None
         streaming.cancel()
         await asyncio.gather(streaming, return_exceptions=True)
 
@@ -137,6 +143,22 @@ def test_a_ball_that_comes_slowly_toward_the_middle_is_given_way_to(file: RobotF
     assert min(seen.clearances_mm) > 1.0
     # Where the middle went without it, it would stand in the arm.
     assert min(seen.middle_x_mm) < seen.middle_x_mm[0] - 5.0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("speed_mm_s", [40.0, 80.0])
+def test_that_something_comes_faster_than_the_arm_goes_is_told_before_it_touches(
+    file: RobotFile, speed_mm_s: float
+) -> None:
+    seen = played(file, -20.0, speed_mm_s)
+    assert seen.warned_ns is not None
+    touched = [
+        at_ns
+        for at_ns, clear_mm in zip(seen.seen_ns, seen.clearances_mm, strict=True)
+        if clear_mm <= 0.0
+    ]
+    if touched:
+        assert seen.warned_ns < touched[0]
 
 
 def test_an_arm_of_four_tendons_gives_way_or_holds_by_name(tmp_path: Path) -> None:
