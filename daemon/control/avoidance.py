@@ -8,7 +8,10 @@ than what the axes do where it does not see it. Where that gains the tip nothing
 no other way for the body, the step is the nearest by the axes alone, and by the clearance of the
 whole body.
 
-It decides nothing: what comes out is a proposal, which the gate judges as any.
+It decides nothing: what comes out is a proposal, which the gate judges as any. What the gate finds
+comes back: where a step's risk is high, or nothing of it is let through, more clearance is kept for
+a while. The clearance is that of a body at rest, to first order; the gate counts the way there, and
+in a slot, where one side's clearance is what the other one takes, that is too little now and then.
 """
 
 from collections.abc import Sequence
@@ -38,6 +41,17 @@ _POINTING_MM_PER_RAD: Final = 25.0
 _TENSION_KEPT: Final = 0.1
 """Share of a tendon's range of tensions, at either end, that is not gone into to keep the tip where
 it is: what leaves the tip alone is, on arms with tendons, all of them together."""
+_HIGH_RISK: Final = 0.5
+"""Share of the threshold, above which more clearance is kept ..."""
+_MORE_MM: Final = 0.1
+"""... by so much with each step, ..."""
+_REFUSED_MM: Final = 0.5
+"""... or so much, if the gate has let through less of the step, ..."""
+_MOST_RESERVE_MM: Final = 1.5
+"""... up to this. All of them were chosen, on slots and balls beside a tendon arm: there a step is
+refused now and then with the reserve for refused ones alone, and hardly ever with both."""
+_RESERVE_KEPT: Final = 0.97
+"""Of that, with each step whose risk is low: half of it is gone after 0.6 s at 40 Hz."""
 
 
 class Aside(NamedTuple):
@@ -74,6 +88,8 @@ class Avoidance:
         self._room = room_for(axes.count, _MOST_PARTS + 2 * len(axes.coupled.limits))
         self._asked = np.full((3, axes.count), np.nan)
         self._prepared: _Prepared | None = None
+        self._reserve_mm = 0.0
+        """Of clearance, that is kept besides."""
 
     def warm_up(self) -> None:
         """Compile the kernel, or load it from numba's cache."""
@@ -84,9 +100,18 @@ class Avoidance:
     def prepare(self, clearance: Clearance) -> None:
         """Work out in spare time what `aside` needs of a clearance; it does so itself otherwise."""
         parts = clearance.parts[:_MOST_PARTS] if clearance.tip_slope else ()
-        near = _near(clearance, parts, self._speeds)
+        near = _near(clearance, parts, self._speeds, self._reserve_mm)
         nearest = min(clearance.parts, key=lambda part: part.clearance_mm) if parts else None
         self._prepared = _Prepared(clearance, near, nearest)
+
+    def take_judgement(self, risk: float, threshold: float, reduced: bool) -> None:
+        """What the gate found of a step: its risk, and whether it let through less for that."""
+        reserve_mm = self._reserve_mm
+        if reduced or risk > _HIGH_RISK * threshold:
+            reserve_mm += _REFUSED_MM if reduced else _MORE_MM
+        else:
+            reserve_mm *= _RESERVE_KEPT
+        self._reserve_mm = min(reserve_mm, _MOST_RESERVE_MM)
 
     def aside(
         self,
@@ -141,12 +166,14 @@ def _bounds(axes: AxisRanges, tensions_n: Sequence[tuple[float, float] | None]) 
     )
 
 
-def _near(clearance: Clearance, parts: Sequence[PartClearance], speeds: Vector) -> Near:
+def _near(
+    clearance: Clearance, parts: Sequence[PartClearance], speeds: Vector, reserve_mm: float
+) -> Near:
     """parts: none where only the whole body is known."""
     whole_and_parts: list[Clearance | PartClearance] = [clearance, *parts]
     rows = np.empty((len(whole_and_parts), speeds.size + 2))
     rows[:, :-2] = [one.slope for one in whole_and_parts]
-    rows[:, -2] = [one.clearance_mm for one in whole_and_parts]
+    rows[:, -2] = [one.clearance_mm - reserve_mm for one in whole_and_parts]
     rows[:, -1] = ((rows[:, :-2] * speeds) ** 2).sum(axis=1)
     tip = np.zeros((POSITION + 2 * TASK_ROWS, speeds.size))
     if parts:

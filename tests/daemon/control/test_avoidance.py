@@ -73,6 +73,46 @@ def test_the_faster_axis_is_turned_aside_more() -> None:
     assert step - 0.1 == pytest.approx([-0.16, -0.04])
 
 
+def slid(avoidance: Avoidance) -> float:
+    """How far the first axis still goes towards a wall 2.5 mm away."""
+    wall = replace(towards_x(2.5))  # another one, as of another step
+    aside = avoidance.aside(np.array([1.0, 0.0]), HERE, wall, DT_S)
+    assert aside is not None
+    return float(aside.delta_u[0])
+
+
+def of_two_axes() -> Avoidance:
+    return Avoidance(AxisRanges(("a", "b"), HERE - 10.0, HERE + 10.0, FAST, HERE + 20.0, HERE))
+
+
+def test_after_a_refused_step_more_is_kept_and_with_those_of_low_risk_less_again() -> None:
+    avoidance = of_two_axes()
+    before = slid(avoidance)
+    avoidance.take_judgement(0.04, 0.05, reduced=True)
+    kept = slid(avoidance)
+    assert before - kept == pytest.approx(0.1 * 0.5 / 2.0)
+    for _ in range(23):  # 0.6 s at 40 Hz
+        avoidance.take_judgement(0.01, 0.05, reduced=False)
+    assert before - slid(avoidance) == pytest.approx(0.5 * (before - kept), rel=0.02)
+
+
+def test_more_is_kept_before_a_step_is_refused() -> None:
+    avoidance = of_two_axes()
+    before = slid(avoidance)
+    avoidance.take_judgement(0.024, 0.05, reduced=False)
+    assert slid(avoidance) == before
+    avoidance.take_judgement(0.026, 0.05, reduced=False)
+    assert before - slid(avoidance) == pytest.approx(0.1 * 0.1 / 2.0)
+
+
+def test_what_is_kept_has_an_end() -> None:
+    avoidance = of_two_axes()
+    before = slid(avoidance)
+    for _ in range(100):
+        avoidance.take_judgement(1.0, 0.05, reduced=True)
+    assert before - slid(avoidance) == pytest.approx(0.1 * 1.5 / 2.0)
+
+
 def test_where_no_axis_gains_room_the_gate_alone_decides() -> None:
     nowhere = Clearance((0.0, 0.0), 0.1, (-0.1, 0.0))
     assert avoid(np.array([0.1, 0.0]), HERE, nowhere, FAST, DT_S) is None
