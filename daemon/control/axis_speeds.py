@@ -1,9 +1,9 @@
 """Whether the axes are fast enough for a path, asked before anything moves.
 
 The path is gone along in thought, as the controller would lead the axes along it by what it knows
-of the robot. Where an axis had to be faster than it may be, the whole step would be slowed down for
-it, and the tip stays behind; with speed to spare, it comes up again. The axes are too slow
-for a path along which the tip would come to be too far behind. A short haste is none.
+of the robot. Where an axis had to be faster than it may be, the others take over what they can; if
+that is not all the tip stays behind, and with speed to spare it comes up again. The axes are too
+slow for a path along which the tip would come to be too far behind. A short haste is none.
 """
 
 from collections.abc import Callable, Iterator

@@ -18,6 +18,12 @@ FloatArray = NDArray[np.float64]
 _TINY: Final = 1e-12
 _SWEEPS: Final = 20
 """At most; each one about squares what is left beside the diagonal, and five or six do."""
+_HALVINGS: Final = 8
+"""To half a hundredth of a haste."""
+_WHOLE: Final = 0.98
+"""Of a way that counts as gone."""
+_ROUNDS: Final = 4
+"""Per axis, at most, until it is known which are at their bounds; one or two do."""
 
 
 def in_rows(array: ArrayLike) -> FloatArray:
@@ -145,16 +151,124 @@ def bounded_step(
 
 
 @_kernel
-def slowed(step: FloatArray, max_velocity: FloatArray, dt_s: float) -> FloatArray:
-    """(m,) the step, as a whole shortened until no axis is faster than it may be."""
-    fastest = 0.0
+def _share_within(step: FloatArray, change: FloatArray, low: FloatArray, high: FloatArray) -> float:
+    """The largest share, up to 1, of a change that leaves every axis between its bounds."""
+    share = 1.0
     for k in range(step.shape[0]):
-        fastest = max(fastest, abs(step[k]) / max_velocity[k])
-    share = 1.0 if fastest <= dt_s else dt_s / fastest
-    out = np.empty(step.shape[0])
-    for k in range(step.shape[0]):
-        out[k] = share * step[k]
-    return out
+        if step[k] + change[k] > high[k]:
+            share = min(share, (high[k] - step[k]) / change[k])
+        elif step[k] + change[k] < low[k]:
+            share = min(share, (low[k] - step[k]) / change[k])
+    return max(share, 0.0)
+
+
+@_kernel
+def _free_change(hessian: FloatArray, slope: FloatArray, held: FloatArray) -> FloatArray:
+    """(m,) the change of the axes that are not held which is lowest: -H⁻¹ g, by Cholesky."""
+    count = slope.shape[0]
+    a, change = np.zeros((count, count)), np.zeros(count)
+    for i in range(count):
+        for j in range(i + 1):
+            a[i, j] = hessian[i, j] if held[i] == 0.0 and held[j] == 0.0 else 0.0
+        if held[i] != 0.0:
+            a[i, i] = 1.0
+        for j in range(i + 1):
+            for k in range(j):
+                a[i, j] -= a[i, k] * a[j, k]
+            a[i, j] = np.sqrt(max(a[i, i], _TINY)) if i == j else a[i, j] / a[j, j]
+        change[i] = 0.0 if held[i] != 0.0 else -slope[i]
+        for k in range(i):
+            change[i] -= a[i, k] * change[k]
+        change[i] /= a[i, i]
+    for i in range(count - 1, -1, -1):
+        for k in range(i + 1, count):
+            change[i] -= a[k, i] * change[k]
+        change[i] /= a[i, i]
+    return change
+
+
+@_kernel
+def nearest_step(
+    jacobian: FloatArray, wanted: FloatArray, low: FloatArray, high: FloatArray, damping: float
+) -> FloatArray:
+    """(m,) between bounds, which hold zero between them: the step whose tip comes nearest to where
+    that of `wanted`, (m,), would, least |J (x - w)|² + damping² |x - w|².
+
+    By active sets (Nocedal and Wright, Numerical Optimization, 16.5), from `wanted` as a whole
+    shortened until it is within: what it ends with is never further off than that.
+    """
+    rows, count = jacobian.shape
+    hessian = np.zeros((count, count))
+    for i in range(count):
+        hessian[i, i] = damping * damping
+        for j in range(count):
+            for r in range(rows):
+                hessian[i, j] += jacobian[r, i] * jacobian[r, j]
+    held, slope = np.zeros(count), np.empty(count)
+    step = _share_within(np.zeros(count), wanted, low, high) * wanted
+    for _ in range(_ROUNDS * count):
+        for i in range(count):
+            slope[i] = 0.0
+            for j in range(count):
+                slope[i] += hessian[i, j] * (step[j] - wanted[j])
+        change = _free_change(hessian, slope, held)
+        share = _share_within(step, change, low, high)
+        for k in range(count):
+            step[k] = min(max(step[k] + share * change[k], low[k]), high[k])
+        if share < 1.0:
+            for k in range(count):
+                if change[k] > 0.0 and step[k] >= high[k]:
+                    held[k] = 1.0
+                elif change[k] < 0.0 and step[k] <= low[k]:
+                    held[k] = -1.0
+            continue
+        worst, most = -1, 0.0
+        for i in range(count):
+            pull = 0.0
+            for j in range(count):
+                pull += hessian[i, j] * (step[j] - wanted[j])
+            if held[i] * pull > most:  # it would rather come back
+                worst, most = i, held[i] * pull
+        if worst < 0:
+            return step
+        held[worst] = 0.0
+    return step
+
+
+@_kernel
+def least_hurried_step(
+    jacobian: FloatArray,
+    wanted: FloatArray,
+    bounds: StepBounds,
+    fastest: FloatArray,
+    damping: float,
+) -> FloatArray:
+    """(m,) whose tip goes as far along the way of `wanted`, (m,), as that itself but for a
+    fiftieth, with the least haste of the axis that has most of it. fastest: (m,) what each may in a
+    step. bounds: the step's, whatever the axes' speed; `drawn` is not looked at."""
+    rows, count = jacobian.shape
+    tip, squared, most = np.zeros(rows), 0.0, 0.0
+    for r in range(rows):
+        for k in range(count):
+            tip[r] += jacobian[r, k] * wanted[k]
+        squared += tip[r] * tip[r]
+    for k in range(count):
+        most = max(most, abs(wanted[k]) / fastest[k])
+    step, slow, low, high = wanted.copy(), 0.0, np.empty(count), np.empty(count)
+    for _ in range(_HALVINGS):
+        haste = 0.5 * (slow + most)
+        for k in range(count):
+            low[k] = max(bounds.lowest[k], -haste * fastest[k])
+            high[k] = min(bounds.highest[k], haste * fastest[k])
+        trial, along = nearest_step(jacobian, wanted, low, high, damping), 0.0
+        for r in range(rows):
+            for k in range(count):
+                along += tip[r] * jacobian[r, k] * trial[k]
+        if along >= _WHOLE * squared:
+            step, most = trial, haste
+        else:
+            slow = haste
+    return step
 
 
 @_kernel
@@ -167,7 +281,8 @@ def axis_step(
     dt_s: float,
     damping: float,
 ) -> FloatArray:
-    """(m,) the bounded step of axes that are measured in `unit`, (m,), then slowed down."""
+    """(m,) the bounded step of axes that are measured in `unit`, (m,); where an axis would have to
+    be faster than it may be, what comes nearest to it."""
     drawn, lowest, highest = bounds
     rows, count = jacobian.shape
     scaled, toward = np.empty((rows, count)), np.empty(count)
@@ -178,9 +293,16 @@ def axis_step(
         toward[k] = drawn[k] / unit[k]
         low[k], high[k] = lowest[k] / unit[k], highest[k] / unit[k]
     step = bounded_step(scaled, wanted, toward, low, high, damping)
+    hurried = False
+    for k in range(count):
+        fastest = max_velocity[k] * dt_s / unit[k]
+        hurried = hurried or abs(step[k]) > fastest
+        low[k], high[k] = max(low[k], -fastest), min(high[k], fastest)
+    if hurried:
+        step = nearest_step(scaled, step, low, high, damping)
     for k in range(count):
         step[k] *= unit[k]
-    return slowed(step, max_velocity, dt_s)
+    return step
 
 
 @_kernel

@@ -1,9 +1,10 @@
 """Leading a body that answers late: what is under way, how much of it comes, and repeated paths.
 
-Three things are found while the body is followed. How late it answers (`BodyLag`) and how much more
-or less than told its tip goes along each axis of space. Both come from the same motions, so that
-what is told and has not arrived counts with what it will come to. And where a path is repeated,
-what the tip was off by at each of its places: there it is led the other way (`CycleCorrection`).
+Four things are found while the body is followed. How late it answers (`BodyLag`) and how much more
+or less than told its tip goes along each axis of space, both from the same motions of some seconds;
+and from those of the last tenths of a second, how it answers here and now (`Answer`): so that what
+is told and has not arrived counts with what it will come to. And where a path is repeated, what the
+tip was off by at each of its places: there it is led the other way (`CycleCorrection`).
 
 A short lag is led by the reference's velocity alone. Across a long one the tip as it will be when
 all that was told has arrived is led to where it should be then (Smith's predictor, with the inverse
@@ -17,6 +18,7 @@ from typing import Final
 import numpy as np
 
 from daemon.control.controller import Observation, Phase
+from daemon.control.lag.answer import ON_A_PATH_S, ON_THE_WAY_BACK_S, Answer
 from daemon.control.lag.body_lag import BodyLag, Underway, parts
 from daemon.control.lag.disturbance import Disturbance
 from drivers.pose import Vector
@@ -35,16 +37,13 @@ _HURRY: Final = 0.35
 long: what a first-order lag keeps back then comes sooner."""
 _GAIN_APPROACH_S: Final = 1.0
 """Time constant of the way to the gains that were found: nothing jumps."""
-_LEARNT_CYCLE: Final = 0.5
-"""Of how what is off will change counts as seen by itself, per cycle of a repeated path: the rest
-its correction has learnt by then, and with less noise."""
 
 
 class Leading:
     """Takes what was told and seen, step by step; gives the motion to ask for."""
 
-    def __init__(self, gain_per_s: float, by_cycles: bool) -> None:
-        self.lag = BodyLag()
+    def __init__(self, gain_per_s: float, by_cycles: bool, probes: bool = False) -> None:
+        self.lag = BodyLag(steps=probes)
         self._gain_per_s = gain_per_s
         self._by_cycles = by_cycles
         self._underway = Underway()
@@ -53,6 +52,7 @@ class Leading:
         self._gains = np.ones(3)
         self._cycles: CycleCorrection | None = None
         self._disturbance = Disturbance()
+        self._answer = Answer()
 
     @property
     def predicted(self) -> float:
@@ -69,6 +69,7 @@ class Leading:
         self.lag.break_off()
         self._underway.begin()
         self._disturbance.begin()
+        self._answer.begin()
         if self._cycles is not None:
             self._cycles.break_off()
 
@@ -76,15 +77,21 @@ class Leading:
         """(3,) was told since the last step; the tip is seen to have made this of all before."""
         t_s = observation.t_ns * 1e-9
         self._told_mm = self._told_mm + moved_mm
-        self._underway.tell(t_s, dt_s, self._gains * moved_mm, self.lag.lag_s)
+        moved_mm = self._gains * moved_mm
+        self._underway.tell(t_s, dt_s, moved_mm, self.lag.lag_s, self.lag.dead_share)
         if not observation.believed:
             return
         arrived_mm = self._underway.told_mm - self._underway.left_mm
         off_mm = observation.tip_mm - arrived_mm
-        self._disturbance.add(t_s, off_mm, arrived_mm, self.lag.lag_s)
-        self.lag.add(t_s, dt_s, self._told_mm, observation.tip_mm)
+        if self._disturbance.add(t_s, off_mm, arrived_mm, self.lag.lag_s):
+            self._answer.begin()
+            self.lag.break_off()
+        straight = self._disturbance.just_jumped(t_s)
+        memory_s = ON_THE_WAY_BACK_S if straight else ON_A_PATH_S
+        self._answer.add(t_s, dt_s, observation.tip_mm, arrived_mm, memory_s)
         share = 1.0 - exp(-dt_s / _GAIN_APPROACH_S)
         self._gains = self._gains + share * (self.lag.gains - self._gains)
+        self.lag.add(t_s, dt_s, self._told_mm, observation.tip_mm)
 
     def see_probe(self, observation: Observation, dt_s: float, moved_mm: Vector) -> None:
         """(3,) was told since the last step, to see how late the body is."""
@@ -101,29 +108,26 @@ class Leading:
         """(3,) mm to ask for in this step."""
         error = observation.reference_mm - observation.tip_mm
         lag_s, gain, share = self.lag.lag_s, self._gain_per_s, self.predicted
-        changes, hurry = np.zeros(3), 1.0
+        answer, hurry = self._answer.matrix, 1.0
         if self._disturbance.just_jumped(observation.t_ns * 1e-9):
             # All the way back is told before much of it is seen, which alone would overshoot.
             gain *= 1.0 + max(1.0 - 2.0 * share, 0.0) * _CATCHING
             hurry += max(2.0 * share - 1.0, 0.0) * _HURRY
             share = 1.0
+        else:
+            answer = np.eye(3) + share * (answer - np.eye(3))
+        coming = answer @ self._underway.coming_mm
+        left = answer @ self._underway.left_mm
         if share > 0.0:
             gain += share * (min(gain, _GAIN_BY_LAG / max(lag_s, _SHORT_S)) - gain)
-            changes = self._changes_mm(lag_s + 1.0 / gain)
-        # What is led because it is seen to change, the next cycle shall know beforehand.
-        self._learn_cycle(observation, dt_s, error - share * changes)
+        self._learn_cycle(observation, dt_s, error)
         velocity, due, further = self._ahead(observation)
         error = error + self._correction(observation.phase, 0.0)[0]
         if share > 0.0:
-            coming, left = self._underway.coming_mm, self._underway.left_mm
-            late = due - observation.tip_mm - coming - changes
+            late = due - observation.tip_mm - coming
             error = error + share * (hurry * late + further - (left - coming) - error)
-        return np.asarray((min(gain * dt_s, 1.0) * error + velocity * dt_s) / self._gains)
-
-    def _changes_mm(self, horizon_s: float) -> Vector:
-        """(3,) by which the tip will be further off, as far as no cycle before has told."""
-        learnt = 0 if self._cycles is None else self._cycles.rounds
-        return _LEARNT_CYCLE**learnt * self._disturbance.change_mm(horizon_s)
+        wanted = min(gain * dt_s, 1.0) * error + velocity * dt_s
+        return np.asarray(np.linalg.solve(answer, wanted) / self._gains)
 
     def _learn_cycle(self, observation: Observation, dt_s: float, error_mm: Vector) -> None:
         phase = observation.phase
@@ -148,7 +152,7 @@ class Leading:
         time; and (3,) mm that what is told is to be ahead of that, as far as the first-order lag
         is."""
         lag_s = self.lag.lag_s
-        dead_s, first_order_s = parts(lag_s)
+        dead_s, first_order_s = parts(lag_s, self.lag.dead_share)
         earlier_s, later_s = max(dead_s - _AVERAGED_S, 0.0), dead_s + _AVERAGED_S
         aims = []
         for lead_s in (lag_s, dead_s, earlier_s, later_s):
@@ -206,13 +210,6 @@ class CycleCorrection:
         self._place: int | None = None
         self._errors: list[Vector] = []
         self._along_s = 0.0
-        self._passing: int | None = None
-        self._passed = 0
-
-    @property
-    def rounds(self) -> int:
-        """How often the path was gone all the way along."""
-        return self._passed // len(self._corrections)
 
     def fits(self, phase: Phase, reference_mm: Vector) -> bool:
         """Whether this is the path that was learnt: as long, and along the same places."""
@@ -246,9 +243,6 @@ class CycleCorrection:
         self._along_s += dt_s
         place = self._at_place(phase)
         self._path[place] = reference_mm
-        if place != self._passing:
-            self._passing = place
-            self._passed += 1
         if self._along_s < _SET_OUT_S + 2.0 * lag_s:
             return
         if place != self._place:

@@ -39,9 +39,10 @@ class TipFollower:
         self._posture = self._fixed_posture()
         self.unit = self.axes.scale / np.sqrt(self._weights())
         """(m,) how far each axis goes for the price of 1."""
-        self.leading = Leading(options.gain_per_s, options.by_cycles)
         self._leads = options.lead and options.feed_forward
         self._probing = Probing() if self._leads and options.probe else None
+        probes = self._probing is not None
+        self.leading = Leading(options.gain_per_s, options.by_cycles, probes)
         self._told: tuple[Matrix, Vector] | None = None
         """The last Jacobian, and the targets that it was used at."""
         self._home = self._posture
@@ -213,17 +214,17 @@ class TipFollower:
 
     def axis_velocity(self, jacobian: Matrix, tip_velocity: Vector, u: Vector) -> Vector:
         """(m,) per second that this law asks of axes at (m,) for (3,) mm/s of the tip, however
-        fast they are. jacobian: (3, m)."""
+        fast they are; where they are not fast enough, spread over them. jacobian: (3, m)."""
+        options, scaled = self._options, in_rows(jacobian * self.unit)
         lowest, highest = self.axes.step_range(u)
-        drawn = self._options.posture_gain_per_s * _FORESEEN_S * (self._posture - u)
-        step = bounded_step(
-            jacobian * self.unit,
-            _FORESEEN_S * tip_velocity,
-            drawn / self.unit,
-            lowest / self.unit,
-            highest / self.unit,
-            self._options.damping_mm,
-        )
+        drawn = options.posture_gain_per_s * _FORESEEN_S * (self._posture - u) / self.unit
+        lowest, highest = lowest / self.unit, highest / self.unit
+        wanted, damping = _FORESEEN_S * tip_velocity, options.damping_mm
+        step = bounded_step(scaled, wanted, drawn, lowest, highest, damping)
+        fastest = _FORESEEN_S * self.axes.max_velocity / self.unit
+        if (np.abs(step) > fastest).any():
+            bounds = kernels.StepBounds(drawn, lowest, highest)
+            step = kernels.least_hurried_step(scaled, step, bounds, fastest, damping)
         return np.asarray(step * self.unit / _FORESEEN_S)
 
     def axes_nearer(self, jacobian: Matrix, missing_mm: Vector, u: Vector) -> Vector:
@@ -303,6 +304,7 @@ def warm_up() -> None:
     damped_solution(jacobian, axes, 1.0)
     bounds = kernels.StepBounds(axes, axes, axes)
     kernels.axis_step(jacobian, axes, bounds, ones, ones, 1.0, 1.0)
+    kernels.least_hurried_step(jacobian, axes, bounds, ones, 1.0)
     kernels.condition(jacobian, len(jacobian))
     kernels.corrected(jacobian, jacobian, axes, axes, 1.0, 1.0, 1.0, 1.0)
     bounded_step(jacobian, axes, axes, axes, axes, 1.0)

@@ -256,8 +256,9 @@ class LearningController(ABC):
         if self._learnt and not (self._options.learning and self._follower.probed):
             return
         if self._options.lead and observation.believed:
-            lag_s = self._follower.leading.lag.lag_s
-            shown = self._axes.after(observation.t_ns * 1e-9, observation.u, lag_s)
+            lag = self._follower.leading.lag
+            t_s = observation.t_ns * 1e-9
+            shown = self._axes.after(t_s, observation.u, lag.lag_s, lag.dead_share)
             observation = observation._replace(u=shown)
         if self._points and observation.believed:
             self._pointing.observe(observation)

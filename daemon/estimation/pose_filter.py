@@ -8,7 +8,7 @@ there is nothing to compare with, and after a gap too long to bridge.
 from collections import deque
 from collections.abc import Sequence
 from math import atan2, cos, hypot, sin, sqrt
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -35,7 +35,7 @@ class ConstantVelocity:
         self.values = _ZERO
         self.rates = _ZERO
         self._noise = noise_variance
-        self._acceleration = acceleration_variance
+        self._acceleration = self._calm = acceleration_variance
         # Covariance of each value and its rate.
         self._of_value, self._of_both, self._of_rate = noise_variance, 0.0, 0.0
 
@@ -44,6 +44,10 @@ class ConstantVelocity:
         x, y, z = values
         self.values, self.rates = (x, y, z), _ZERO
         self._of_value, self._of_both, self._of_rate = self._noise, 0.0, rate_variance
+
+    def hurry(self, times: float) -> None:
+        """From now on the rates change so many times as fast as they do usually."""
+        self._acceleration = times * times * self._calm
 
     def ahead(self, ahead_s: float) -> Triple:
         """The values, extrapolated."""
@@ -97,6 +101,10 @@ class PositionFilter:
         """At this measured position, with a velocity that is not known."""
         self._filter.begin(position_mm, self._speed_variance)
 
+    def hurry(self, times: float) -> None:
+        """The tip speeds up and slows down so many times as fast as it does usually."""
+        self._filter.hurry(times)
+
     def innovation(self, position_mm: Sequence[float], ahead_s: float) -> Triple:
         """By how much a measurement differs from what is extrapolated."""
         (x, y, z), (a, b, c) = position_mm, self._filter.ahead(ahead_s)
@@ -149,6 +157,10 @@ class OrientationFilter:
         same = not self._began or v[0] * w + v[1] * x + v[2] * y + v[3] * z >= 0.0
         self._quaternion = (w, x, y, z) if same else (-w, -x, -y, -z)
         self._began = True
+
+    def hurry(self, times: float) -> None:
+        """The tip begins and ends to turn so many times as fast as it does usually."""
+        self._filter.hurry(times)
 
     def surprise(self, innovation: Triple, ahead_s: float) -> float:
         """Squared Mahalanobis distance of a measurement, this long after the state."""
@@ -208,6 +220,11 @@ _UNIT_WITHIN = 0.05
 """Of a quaternion's length; beyond, it is no rotation. A driver lets less through."""
 _FARTHEST_MM = 1e5
 """Beyond, squares of what a filter works with mean nothing. No tracker sees so far."""
+_HURRY_S: Final = 0.6
+"""A tip that was elsewhere at once was pushed or loaded, and is led back for about so long ..."""
+_HURRY: Final = 4.0
+"""... by axes that start and stop as fast as they can: at 100 mm/s², some ten times of which the
+tip goes, that is 1000 mm/s², which a filter that expects 150 mm/s² loses."""
 _TURN_RAD_S = 1.0
 _GOES_ON = 0.5
 """Of a jump: a tip that goes so much further in the frames that follow did not go at once."""
@@ -264,6 +281,7 @@ class PoseFilter:
         """How far the tip went at once, where the newest measurement shows that it did; else 0."""
         self._predict_for_ns = round(settings.predict_for_s * _NS_PER_S)
         self._newest_ns: int | None = None
+        self._hurry_until_ns: int | None = None
         self._state_ns = 0
         self._believed_ns: int | None = None
         """None while the filter has not begun."""
@@ -274,6 +292,7 @@ class PoseFilter:
         self._frames.clear()
         self.quality = 0.0
         self._candidates.clear()
+        self._calm_down()
         self._newest_ns = None
         self._believed_ns = self._last_believed_ns = None
 
@@ -285,6 +304,8 @@ class PoseFilter:
         if self._newest_ns is not None and t_ns <= self._newest_ns:
             return False
         self._newest_ns = t_ns
+        if self._hurry_until_ns is not None and t_ns > self._hurry_until_ns:
+            self._calm_down()
         self.jumped_mm = 0.0
         believed = pose is not None and _sound(pose) and self._take(t_ns, pose)
         self._frames.append(believed)
@@ -354,10 +375,18 @@ class PoseFilter:
         if len(self._candidates) == 1:
             self._left_mm = innovation.position_mm
         if begun:
+            self._hurry_until_ns = t_ns + round(_HURRY_S * _NS_PER_S)
+            self._position.hurry(_HURRY)
+            self._orientation.hurry(_HURRY)
             went_on_mm = float(np.linalg.norm(pose.position_mm - first.position_mm - moved_mm))
             jumped_mm = hypot(*self._left_mm)
             self.jumped_mm = jumped_mm if went_on_mm < jumped_mm * _GOES_ON else 0.0
         return begun
+
+    def _calm_down(self) -> None:
+        self._hurry_until_ns = None
+        self._position.hurry(1.0)
+        self._orientation.hurry(1.0)
 
     def _begin(self, t_ns: int, pose: Pose) -> bool:
         """Collect measurements that agree with each other; begin again when they are enough."""

@@ -2,7 +2,7 @@
 
 What the controller tells the axes moves the tip after a dead time T and with a lag τ. For control
 their sum h counts: a tip on a smooth path is where it was told to be h ago. A path tells the sum
-well and its parts badly, so they are taken as fixed shares of it.
+well and its parts badly, so they are taken as fixed shares of it. Steps tell the parts, too.
 
 The told motion x is the sum of J Δu, in mm of the tip. For many delays at once the tip's motions
 over a short span are compared with those of x so much earlier, axis by axis of space with a gain of
@@ -12,8 +12,9 @@ across the axes of space would explain a circle with any delay, as a turn.
 
 from bisect import bisect_left
 from collections import deque
-from math import exp
+from math import exp, inf
 from operator import itemgetter
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,12 +22,16 @@ from drivers.pose import Vector
 
 LONGEST_S = 1.6
 """No lag beyond this is looked for."""
-_DEAD_SHARE = 0.35
-"""Of the lag as a sum. What looks like lag is partly hysteresis and creep, and no dead time."""
+DEAD_SHARE = 0.35
+"""Of the lag as a sum, where nothing tells. What looks like lag is partly hysteresis and creep, and
+no dead time."""
+_DEAD_SHARES = (DEAD_SHARE, 0.6, 0.85)
+"""That steps can tell from each other: a prediction with the next one is off by an eighth of a lag
+at most."""
 _SPACING_S = 0.05
 _SPAN_S = 0.4
 """Of the motions that are compared: longer than noise and shorter than a turn."""
-_KEPT_S = _DEAD_SHARE * LONGEST_S + _SPAN_S
+_KEPT_S = max(_DEAD_SHARES) * LONGEST_S + _SPAN_S
 _MEMORY_S = 12.0
 """Of motion. Then a third is left of what was seen."""
 _GAIN_MEMORY_S = 6.0
@@ -55,20 +60,35 @@ _APPROACH_S = 1.0
 """Time constant of the way to what was found: nothing jumps."""
 
 
+class _Found(NamedTuple):
+    """A delay, and shares of all motion."""
+
+    delay_s: float
+    left: float
+    """That it leaves unexplained."""
+    today_s: float
+    """... and that today's does."""
+
+
 class BodyLag:
     """Takes what was told and what was seen, step by step; gives the lag as it is known."""
 
-    def __init__(self, lag_s: float = 0.0) -> None:
-        """lag_s: as it is known before anything moves."""
+    def __init__(self, lag_s: float = 0.0, steps: bool = False) -> None:
+        """lag_s: as it is known before anything moves. steps: whether the first motions are some,
+        until `settle`."""
         self.lag_s = lag_s
         """The sum of dead time and lag."""
+        self.dead_share = DEAD_SHARE
+        """... and how much of it is dead time."""
         self._delays = np.arange(0.0, LONGEST_S + 1e-9, _SPACING_S)
-        self._dead_s = _DEAD_SHARE * self._delays
+        self._shares = np.array(_DEAD_SHARES if steps else _DEAD_SHARES[:1])
+        self._dead_s = np.outer(self._shares, self._delays).ravel()
+        self._first_order_s = np.maximum(np.outer(1.0 - self._shares, self._delays).ravel(), 1e-9)
         self._track: deque[tuple[float, Vector, Vector, Vector]] = deque()
         """Times, what was told, what of it had arrived by each delay, and where the tip was."""
-        self._sums = np.zeros((3, len(self._delays), 3))
-        """xx, xy and yy by delay and coordinate, mm²."""
-        self._gain_sums = np.zeros((2, len(self._delays), 3))
+        self._sums = np.zeros((3, len(self._dead_s), 3))
+        """xx, xy and yy by share, delay and coordinate, mm²."""
+        self._gain_sums = np.zeros((2, len(self._dead_s), 3))
         """xx and xy, which forget faster: a gain differs from place to place, and a lag hardly."""
         self._spans = 0.0
         self._settled = False
@@ -81,13 +101,12 @@ class BodyLag:
         """At `t_s` all that was told so far came to (3,) x, and the tip is at (3,)."""
         track = self._track
         if not track:
-            track.append((t_s, told_mm, np.tile(told_mm, (len(self._delays), 1)), tip_mm))
+            track.append((t_s, told_mm, np.tile(told_mm, (len(self._dead_s), 1)), tip_mm))
             return
         times = np.array([*(one[0] for one in track), t_s])
         told = np.array([*(one[1] for one in track), told_mm])
         due = _between(times, told, t_s - self._dead_s)
-        first_order_s = np.maximum(self._delays - self._dead_s, 1e-9)
-        share = -np.expm1(-max(t_s - track[-1][0], 0.0) / first_order_s)[:, None]
+        share = -np.expm1(-max(t_s - track[-1][0], 0.0) / self._first_order_s)[:, None]
         arrived = track[-1][2] + share * (due - track[-1][2])
         track.append((t_s, told_mm, arrived, tip_mm))
         while t_s - track[0][0] > _KEPT_S:
@@ -116,13 +135,23 @@ class BodyLag:
         For motions that tell a lag well: a path would have it longer than it is. False: they told
         nothing, and the lag is looked for further on.
         """
-        found = self._found(free=True)
-        if found is not None:
-            self.lag_s = found[0]
-        self._settled = found is not None
-        self._sums[:] = 0.0
-        self._gain_sums[:] = 0.0
+        count, best = len(self._delays), 0
+        found = [self._found(True, row) for row in range(len(self._shares))]
+        told = [row for row, one in enumerate(found) if one is not None]
+        if told:
+            best = min(told, key=lambda row: _least(found[row]))
+            if 0 in told and _least(found[0]) < (1.0 + _CLEARER) * _least(found[best]):
+                best = 0
+            one = found[best]
+            assert one is not None
+            self.lag_s, self.dead_share = one[0], float(self._shares[best])
+        self._settled = bool(told)
+        here = slice(best * count, (best + 1) * count)
+        self._shares = self._shares[best : best + 1]
+        self._dead_s, self._first_order_s = self._dead_s[here], self._first_order_s[here]
+        self._sums, self._gain_sums = np.zeros((3, count, 3)), np.zeros((2, count, 3))
         self._spans = 0.0
+        self.break_off()
         return self._settled
 
     @property
@@ -137,10 +166,11 @@ class BodyLag:
         alike = _ONE_MM2 + _ALIKE * xx.sum()
         return np.asarray(np.clip((xy + alike * whole) / (xx + alike), *_GAINS))
 
-    def _found(self, free: bool) -> tuple[float, float, float] | None:
-        """The delay that leaves least unexplained; shares of all motion that it leaves, and that
-        today's leaves. None: what was seen tells nothing. free: whether any gain is as good."""
-        xx, xy, yy = self._sums
+    def _found(self, free: bool, row: int = 0) -> _Found | None:
+        """What leaves least unexplained with that share of dead time. None: what was seen tells
+        nothing. free: whether any gain is as good."""
+        count = len(self._delays)
+        xx, xy, yy = self._sums[:, row * count : (row + 1) * count]
         whole = float(yy[0].sum())
         if self._spans < _SPANS_AT_LEAST or not whole > 0.0:
             return None
@@ -149,7 +179,7 @@ class BodyLag:
         if best == len(left) - 1 or left[best] > 1.0 - _EXPLAINED:
             return None
         here = float(np.interp(self.lag_s, self._delays, left))
-        return _lowest(self._delays, left, best), float(left[best]), here
+        return _Found(_lowest(self._delays, left, best), float(left[best]), here)
 
     def _approach(self, dt_s: float) -> None:
         found = self._found(free=False)
@@ -172,9 +202,9 @@ class LaggedAxes:
         self._kept.clear()
         self._shown = None
 
-    def after(self, t_s: float, u: Vector, lag_s: float) -> Vector:
+    def after(self, t_s: float, u: Vector, lag_s: float, dead_share: float = DEAD_SHARE) -> Vector:
         """(m,) what shows of axes that are at `u` at `t_s`."""
-        dead_s, first_order_s = parts(lag_s)
+        dead_s, first_order_s = parts(lag_s, dead_share)
         kept = self._kept
         last_s = kept[-1][0] if kept else t_s
         kept.append((t_s, u))
@@ -206,6 +236,10 @@ def _unexplained(xx: Vector, xy: Vector, yy: Vector, free: bool) -> Vector:
     return np.asarray(zz - xz**2 / (xx + dear))
 
 
+def _least(found: _Found | None) -> float:
+    return inf if found is None else found.left
+
+
 def _lowest(delays: Vector, left: Vector, best: int) -> float:
     """Where the parabola through the lowest value and its neighbours has its lowest point."""
     if best == 0:
@@ -232,10 +266,17 @@ class Underway:
         self._arrived_mm = self._coming_mm = self.told_mm
         self._waiting.clear()
 
-    def tell(self, t_s: float, dt_s: float, moved_mm: Vector, lag_s: float) -> None:
+    def tell(
+        self,
+        t_s: float,
+        dt_s: float,
+        moved_mm: Vector,
+        lag_s: float,
+        dead_share: float = DEAD_SHARE,
+    ) -> None:
         """By `t_s` (3,) more was told. lag_s: of the body, as a sum."""
         self.told_mm = self.told_mm + moved_mm
-        dead_s, first_order_s = parts(lag_s)
+        dead_s, first_order_s = parts(lag_s, dead_share)
         waiting = self._waiting
         waiting.append((t_s, self.told_mm))
         while len(waiting) > 1 and waiting[1][0] <= t_s - dead_s:
@@ -256,7 +297,7 @@ class Underway:
         return self.told_mm - self._arrived_mm
 
 
-def parts(lag_s: float) -> tuple[float, float]:
+def parts(lag_s: float, dead_share: float = DEAD_SHARE) -> tuple[float, float]:
     """Dead time and first-order lag of a lag that is known as a sum."""
-    dead_s = _DEAD_SHARE * lag_s
+    dead_s = dead_share * lag_s
     return dead_s, lag_s - dead_s

@@ -1,7 +1,7 @@
 """Small motions that show how late the body answers, before anything is followed.
 
-What is told is a few steps of the tip, out, across and back in each direction of space, as fast as
-the axes go, with rests between them that differ. A path tells a lag badly: on a circle a hysteresis
+What is told is a few steps of the tip, out, across and back in each direction of space, in a tenth
+of a second, with rests between them that differ. A path tells a lag badly: on a circle a hysteresis
 that turns looks like lag, and so does a gain that is not known. Steps tell it well, since gains
 change how far the tip goes and hysteresis whether it comes back, and neither when.
 
@@ -18,6 +18,9 @@ AMPLITUDE_MM: Final = 5.0
 """Some twenty times a tracker's noise."""
 _PLACES: Final = ((1.0, 0.65), (-1.0, 0.9), (0.0, 0.55))
 """In each direction, in amplitudes, and how many seconds there."""
+_APPROACH_PER_S: Final = 8.0
+"""Of what is missing there: who asks for all of it at once has axes that go as fast as they can
+when they are to stop, and go beyond."""
 _REST_S: Final = 1.1
 """At the end: what was told last shows, too."""
 _GONE_S: Final = 3 * sum(seconds for _, seconds in _PLACES)
@@ -61,7 +64,7 @@ class Probing:
         """(3,) mm to ask for in this step."""
         missing = place_mm(self._elapsed_s) - self._made_mm
         self._elapsed_s += dt_s
-        return np.asarray(missing)
+        return np.asarray(min(_APPROACH_PER_S * dt_s, 1.0) * missing)
 
 
 def place_mm(elapsed_s: float) -> Vector:

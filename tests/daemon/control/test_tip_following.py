@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import lsq_linear
 
 from config.tasks.controllers import TipFollowing
+from daemon.control import jacobian_kernels as kernels
 from daemon.control.controller import ControllerError, Observation
 from daemon.control.tip_following import TipFollower, bounded_step, damped_solution
 from daemon.robot.axes import AxisRanges
@@ -57,13 +59,25 @@ def test_a_late_step_does_not_make_the_tip_leap(dt_s: float) -> None:
     assert np.linalg.norm(step) <= 20.0 * 0.1 * (1 + 1e-9)
 
 
-def test_no_axis_is_asked_to_be_faster_than_it_can_and_the_direction_stays() -> None:
+def test_no_axis_is_asked_to_be_faster_than_it_can_and_the_tip_comes_as_near_as_it_can() -> None:
     law = follower(max_tip_speed_mm_s=1000.0, posture_gain_per_s=0.0, damping_mm=1e-6)
-    wanted = np.array([20.0, 10.0, 5.0])
+    wanted, most = np.array([20.0, 10.0, 5.0]), 10.0 * DT_S
     step = law.axis_step(JACOBIAN, wanted, seen())
-    assert np.abs(step).max() == pytest.approx(10.0 * DT_S)
-    made = JACOBIAN @ step
-    np.testing.assert_allclose(made / np.linalg.norm(made), wanted / np.linalg.norm(wanted))
+    assert np.abs(step).max() == pytest.approx(most)
+    others = np.random.default_rng(4).uniform(-most, most, size=(20_000, 6))
+    others[10_000:] = np.clip(step + 0.1 * others[10_000:], -most, most)
+    missed_mm = np.linalg.norm(wanted - others @ JACOBIAN.T, axis=1)
+    assert np.linalg.norm(wanted - JACOBIAN @ step) <= missed_mm.min() + 1e-9
+
+
+def test_what_one_axis_is_too_slow_for_the_others_take_over() -> None:
+    law = follower(max_tip_speed_mm_s=1000.0, posture_gain_per_s=0.0, damping_mm=1e-6)
+    slowly = law.axis_step(JACOBIAN, np.array([0.02, 0.01, 0.005]), seen())
+    most = 10.0 * DT_S
+    wanted = JACOBIAN @ slowly * (1.1 * most / np.abs(slowly).max())
+    step = law.axis_step(JACOBIAN, wanted, seen())
+    assert np.abs(step).max() <= most * (1.0 + 1e-12)
+    np.testing.assert_allclose(JACOBIAN @ step, wanted, rtol=1e-6)
 
 
 def test_redundant_axes_go_to_the_posture_and_the_tip_stays() -> None:
@@ -151,6 +165,35 @@ def test_a_step_is_finite_and_within_its_limits(
     assert np.isfinite(step).all()
     assert (low <= step).all()
     assert (step <= high).all()
+
+
+@settings(max_examples=200, deadline=None)
+@given(seed=st.integers(0, 10**6), axes=st.integers(1, 9), damping=st.floats(1e-2, 10.0))
+def test_the_nearest_step_within_bounds_is_that_of_plain_bounded_least_squares(
+    seed: int, axes: int, damping: float
+) -> None:
+    generator = np.random.default_rng(seed)
+    jacobian = generator.normal(size=(3, axes)) * 10.0 ** generator.uniform(-2, 2, size=(3, 1))
+    wanted = generator.normal(size=axes) * 10.0 ** generator.uniform(-2, 2)
+    reach = 10.0 ** generator.uniform(-2, 1, size=(2, axes))
+    low, high = -reach[0], reach[1]
+    step = kernels.nearest_step(jacobian, wanted, low, high, damping)
+    assert (low <= step).all()
+    assert (step <= high).all()
+    rows = np.concatenate([jacobian, damping * np.eye(axes)])
+    plain = lsq_linear(rows, rows @ wanted, (low, high), method="bvls", tol=1e-14).x
+    missed, least = (float(np.sum((rows @ (x - wanted)) ** 2)) for x in (step, plain))
+    assert missed <= least * (1.0 + 1e-6) + 1e-9
+
+
+def test_the_least_hurried_step_goes_as_far_with_axes_that_hurry_less() -> None:
+    shortest = np.linalg.pinv(JACOBIAN) @ np.array([3.0, -2.0, 1.0])
+    fastest = np.full(6, 0.5 * np.abs(shortest).max())
+    bounds = kernels.StepBounds(NONE, -WIDE, WIDE)
+    step = kernels.least_hurried_step(JACOBIAN, shortest, bounds, fastest, 1e-3)
+    assert np.abs(step).max() < 0.95 * np.abs(shortest).max()
+    made, wanted = JACOBIAN @ step, JACOBIAN @ shortest
+    assert made @ wanted == pytest.approx(wanted @ wanted, rel=0.03)
 
 
 def test_an_axis_outside_its_travel_may_come_back_and_not_go_further() -> None:

@@ -190,6 +190,37 @@ def test_the_tip_has_moved_when_enough_in_a_row_say_so() -> None:
     assert pose_filter.update(now_ns + PERIOD_NS, moved(resting(), 20.0))
 
 
+def led_back(t_s: float) -> Pose:
+    """From 20 mm aside, at 80 mm/s within a tenth of a second, and as suddenly at rest."""
+    times = np.arange(0.0, t_s, 1e-3)
+    speed_mm_s = 80.0 * np.clip(np.minimum(times / 0.1, (0.4 - times) / 0.1), 0.0, 1.0)
+    return moved(resting(), 20.0 - float(speed_mm_s.sum()) * 1e-3)
+
+
+def test_a_tip_that_was_pushed_is_not_lost_while_it_is_led_back() -> None:
+    pose_filter, now_ns = following(resting, 60)
+    for _ in range(START):
+        now_ns += PERIOD_NS
+        pose_filter.update(now_ns, moved(resting(), 20.0))
+    begun_ns = now_ns
+    while now_ns - begun_ns < 600_000_000:
+        now_ns += PERIOD_NS
+        pose = led_back((now_ns - begun_ns) * 1e-9)
+        assert pose_filter.update(now_ns, pose)
+        assert np.linalg.norm(there(pose_filter, now_ns).position_mm - pose.position_mm) < 1.0
+
+
+def test_what_would_be_lost_is_an_outlier_again_when_the_tip_is_back() -> None:
+    pose_filter, now_ns = following(resting, 60)
+    pushed = moved(resting(), 20.0)
+    for _ in range(START + 60):
+        now_ns += PERIOD_NS
+        pose_filter.update(now_ns, pushed)
+    calm, ns = following(lambda _: pushed, 60 + START)
+    assert not calm.update(ns + PERIOD_NS, moved(pushed, 2.0))
+    assert not pose_filter.update(now_ns + PERIOD_NS, moved(pushed, 2.0))
+
+
 def jumps(poses: list[Pose]) -> list[float]:
     """How far the tip is told to have jumped at each of these measurements, after a steady motion
     at 40 mm/s along y."""

@@ -86,6 +86,26 @@ def test_the_sum_of_dead_time_and_lag_is_found(dead_s: float, lag_s: float, path
     assert lag.lag_s == pytest.approx(dead_s + lag_s, rel=0.2, abs=0.09)
 
 
+def steps() -> Vector:
+    """(n, 3) mm told: out, across and back in each direction, at rest between."""
+    told, wait = np.zeros((STEPS, 3)), round(0.8 / DT_S)
+    for k in range(9):
+        told[(k + 1) * wait : (k + 2) * wait, k // 3] = (5.0, -5.0, 0.0)[k % 3]
+    return told[: 11 * wait]
+
+
+@pytest.mark.parametrize(("dead_s", "lag_s"), [(0.25, 0.05), (0.2, 0.15), (0.2, 0.4)])
+def test_steps_tell_dead_time_and_lag_from_each_other(dead_s: float, lag_s: float) -> None:
+    told, tip = steps(), 1.2 * late(steps(), dead_s, lag_s)
+    noisy = tip + 0.1 * np.random.default_rng(1).normal(size=tip.shape)
+    lag = BodyLag(steps=True)
+    for k in range(len(told)):
+        lag.add(k * DT_S, DT_S, told[k], noisy[k])
+    assert lag.settle()
+    assert lag.lag_s == pytest.approx(dead_s + lag_s, rel=0.1, abs=0.03)
+    assert lag.dead_share * lag.lag_s == pytest.approx(dead_s, abs=0.15 * lag.lag_s + 0.02)
+
+
 def test_a_jacobian_that_is_off_by_gains_does_not_hide_the_lag() -> None:
     told = wandering()
     gains = np.array([1.5, 0.7, 1.2])

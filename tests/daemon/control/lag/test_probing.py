@@ -89,7 +89,9 @@ def test_motion_that_was_interrupted_is_made_anew() -> None:
         probing.made(probing.step(DT_S))
     probing.begin()
     assert probing.note == f"finds how late the body is: 0 of {PROBING_S:.0f} s"
-    np.testing.assert_array_equal(probing.step(DT_S), place_mm(0.0))
+    first = probing.step(DT_S)
+    assert 0.0 < first @ place_mm(0.0) < place_mm(0.0) @ place_mm(0.0)
+    np.testing.assert_array_equal(np.cross(first, place_mm(0.0)), 0.0)
     while not probing.done:
         probing.made(probing.step(DT_S))
     probing.begin()
