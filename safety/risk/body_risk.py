@@ -114,6 +114,7 @@ class BodyRisk:
         ends = np.linspace(0, model.basis.nodes, min(_PARTS, model.basis.nodes) + 1)
         self._part_ends = ends.round().astype(np.int64)
         self._samples = samples
+        # More than proofs lose, so that a step is turned aside before it would be refused.
         self._hardly_proved_mm = 0.5 * grid.error_mm
         self._body_point = BodyPointRisk(environment)
         self._begin: tuple[tuple[float, ...], Mixture] | None = None

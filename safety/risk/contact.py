@@ -12,13 +12,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from safety.risk.contact_figures import (
     ContactRisk,
     PathContactRisk,
     Touching,
     WorstPlace,
+    few_of,
     share_touching,
     threshold_mm,
 )
@@ -45,8 +45,6 @@ class _Measured:
     """(S,) what no part of each is nearer to what moves; None: nothing that moves is near."""
     looked_mm: float = 0.0
     """So far it was looked for."""
-    looked_at: bool = True
-    """Whether what is sure of each shape was looked for, and does not only follow from before."""
 
 
 class ContactModel:
@@ -81,14 +79,13 @@ class ContactModel:
         self._normal = random.standard_normal((samples, basis.coefficients))[order]
         self._base = basis.base_mm.ravel()
         self._modes = basis.modes.reshape(basis.coefficients, -1)
-        self._none_stays = np.zeros(samples, np.bool_)
-        self._has_port = port is not None
-        """What is in it is no contact, and may be one when it has come out."""
-        self._surroundings = _surroundings(grid, port)
+        self._surroundings = surroundings_of(grid, port)
         safe = basis.radius_mm + basis.left_out_mm
         self._skin = Skin(basis.radius_mm, safe, basis.left_out_mm.max())
         self._moving_clearance = MovingClearance(self._skin, basis.arc_mm, samples)
         self._swept = NOTHING_MOVES
+        self._exact = few_of(samples)
+        """Of how many shapes, those with the least, the clearance has to be exact."""
         nowhere = np.zeros(samples, np.int64)
         self._now, self._next = (_Measured(self._buffers(samples), nowhere) for _ in range(2))
 
@@ -133,6 +130,11 @@ class ContactModel:
         self._measure(mixture)
         clearance = self._now.shapes.clearance
         rank = min(max(0, int(share * clearance.size)), clearance.size - 1)
+        if rank >= self._exact:
+            self._exact = rank + 1
+            self._now.mixture = self._next.mixture = None
+            self._measure(mixture)
+            clearance = self._now.shapes.clearance
         return float(np.partition(clearance, rank)[rank])
 
     def part_slopes(
@@ -175,7 +177,7 @@ class ContactModel:
         for mixture in mixtures[1:]:
             before = self._now
             self._now, self._next = self._next, self._now
-            self._measure_anew(mixture, before)
+            self._measure_anew(mixture)
             self._sweep(before, self._now, swept, surely)
             estimates.append(share_touching(self._now.shapes.clearance))
             there_mm = threshold_mm(self._now.shapes.clearance)
@@ -192,11 +194,10 @@ class ContactModel:
         """Have the mixture's shapes now, looked at. Those of the last two mixtures are kept."""
         if self._next.mixture is mixture:
             self._now, self._next = self._next, self._now
-        if self._now.mixture is not mixture or not self._now.looked_at:
+        if self._now.mixture is not mixture:
             self._measure_anew(mixture)
 
-    def _measure_anew(self, mixture: Mixture, before: _Measured | None = None) -> None:
-        """before: what the draws are on their way from, if they are."""
+    def _measure_anew(self, mixture: Mixture) -> None:
         if mixture.dimensions != self._basis.coefficients:
             raise ValueError(
                 f"the body's shape has {self._basis.coefficients} coefficients, and the mixture is "
@@ -207,11 +208,7 @@ class ContactModel:
         self._now.looked_mm = self._moving_clearance.far_mm
         shapes = self._now.shapes
         self._place(mixture, component, self._normal, shapes.positions)
-        self._now.looked_at = before is None or self._has_port
-        if before is None or self._has_port:
-            self._now.moving = self._look(shapes)
-        else:
-            self._now.moving = self._look(shapes, before.shapes, before.component == component)
+        self._now.moving = self._look(shapes)
         self._now.mixture, self._now.component = mixture, component
 
     def _place(
@@ -221,17 +218,12 @@ class ContactModel:
         means, factors, base = mixture.means_mm, mixture.factors_per_mm, self._base
         place_shapes(means, factors, component, normal, base, self._modes, positions)
 
-    def _look(
-        self, shapes: Shapes, start: Shapes | None = None, stays: NDArray[np.bool_] | None = None
-    ) -> SingleArray | None:
-        """Fill `shapes`, whose positions there are, with their clearances. start: where they come
-        from, and stays: (S,) which of them do; None: none does.
+    def _look(self, shapes: Shapes) -> SingleArray | None:
+        """Fill `shapes`, whose positions there are, with their clearances.
 
         Returns what no part of each is nearer to what moves; None: nothing that moves is near.
         """
-        if start is None or stays is None:
-            start, stays = shapes, self._none_stays[: shapes.clearance.size]
-        clearances(self._surroundings, self._skin, shapes, start, stays)
+        clearances(self._surroundings, self._skin, shapes, self._exact)
         found = self._moving_clearance.look(self._swept, shapes.positions)
         if found is None:
             return None
@@ -298,23 +290,32 @@ class ContactModel:
             np.empty(samples, np.float32),
             np.empty(samples, np.int64),
             np.empty(samples, np.float32),
+            np.empty(samples, np.float32),
         )
 
 
 def _taken(shapes: Shapes, rows: IndexArray) -> Shapes:
     return Shapes(
-        shapes.positions[rows], shapes.clearance[rows], shapes.node[rows], shapes.surely[rows]
+        shapes.positions[rows],
+        shapes.clearance[rows],
+        shapes.node[rows],
+        shapes.surely[rows],
+        shapes.least[rows],
     )
 
 
 def _put(shapes: Shapes, rows: IndexArray, others: Shapes) -> None:
     shapes.positions[rows], shapes.clearance[rows] = others.positions, others.clearance
     shapes.node[rows], shapes.surely[rows] = others.node, others.surely
+    shapes.least[rows] = others.least
 
 
-def _surroundings(grid: DistanceGrid, port: InsertionPort | None) -> SolidArrays:
+def surroundings_of(grid: DistanceGrid, port: InsertionPort | None) -> SolidArrays:
+    """A grid and a port as the compiled code reads them."""
     outside = -1.0 if grid.solid_around else 1.0
     frame = [*grid.origin_mm, 1.0 / grid.spacing_mm, outside, grid.margin_mm, grid.error_mm]
+    # Between corners that are said to be farther away than this, none may be exact.
+    frame.append(grid.exact_to_mm - 2.0 * grid.error_mm)
     hole = [0.0] * 6 + [-1.0, 0.0]
     if port is not None:
         inwards = np.asarray(port.inwards) / np.linalg.norm(port.inwards)

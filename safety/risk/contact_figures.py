@@ -50,6 +50,7 @@ class ContactRisk:
     """One shape in a hundred has no more clearance than this."""
     lowest_5_percent_mm: float
     median_mm: float
+    """Of shapes with more clearance than a twentieth has, it is that of their nodes at most."""
     mean_of_worst_mm: float
     """Mean clearance of the worst twentieth of the shapes."""
     worst: WorstPlace
@@ -61,7 +62,7 @@ class ContactRisk:
         ordered = np.sort(clearance)
         touching = int(ordered.searchsorted(0.0, side="right"))
         not_clear = samples - int(np.count_nonzero(surely > 0.0))
-        few = _few(samples)
+        few = few_of(samples)
         return cls(
             touching / samples,
             upper_limit(not_clear, samples),
@@ -168,15 +169,15 @@ def share_touching(clearance: SingleArray) -> float:
 
 def threshold_mm(clearance: SingleArray) -> float:
     """None of the worst twentieth has more."""
-    few = _few(clearance.size)
+    few = few_of(clearance.size)
     return float(np.partition(clearance, few - 1)[few - 1])
 
 
 def _mean_of_worst(clearance: SingleArray) -> float:
-    few = _few(clearance.size)
+    few = few_of(clearance.size)
     return float(np.partition(clearance, few - 1)[:few].mean())
 
 
-def _few(samples: int) -> int:
-    """How many are the worst twentieth."""
+def few_of(samples: int) -> int:
+    """How many are the worst twentieth: of so many at least, clearances are exact."""
     return max(1, int(_WORST_SHARE * samples))

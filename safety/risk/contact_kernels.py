@@ -1,5 +1,15 @@
 """Sampled shapes of the body against a grid of distances, compiled.
 
+What is proved between places whose distance is known follows from one property of distances. The
+square of the distance to a set, less the square of the place, |x|², is the least of functions that
+are linear in the place, one for each point of the set: so it is concave. On a straight piece of
+length L between places with distances a and b the square of the distance is at least
+
+    (1 − t) a² + t b² − t (1 − t) L²,
+
+and in a cube of the grid with the side h, where interpolation has the distance c, it is at least
+c² − ¾ h². At 15 mm, of 11 mm between nodes 1 mm is lost, and of a cube's 1.5 mm a twentieth.
+
 Every function that is cached on disk stands in this one file: numba notices a change only in the
 file of the cached function itself.
 
@@ -16,20 +26,28 @@ from numba import njit
 
 FINEST_MM = 0.5
 """What is between nodes, or between two shapes on the way, is cut no finer than this."""
+_FINEST_BESIDE_PORT_MM = 0.05
+"""... but for ways that may lead out of the port: there less is known of what is on them."""
 _LOOKED_MM = 1.0
 """... and no finer than this where only the interpolated distance is looked for."""
 CAP_MM = 0.6
-"""More clearance need not be proved: shapes do not move by twice as much between two questions."""
+"""More clearance need not be proved: the way between two questions takes hardly anything of it."""
+_KEPT_MM = np.float32(0.1)
+"""By so much less than nodes have is enough for what is between them: more costs more pieces."""
+_ROUNDED_MM2 = np.float32(1e-2)
+"""Squares of distances up to some 100 mm are rounded by less than this."""
 _MOST_CUTS = 64
 _RADIUS, _SAFE, _LEAST, _AT = range(4)
 """Rows of the table of nodes."""
-_ORDER, _SEGMENT = range(2)
-"""Rows of the list of nodes: by their least clearance, and those from which to the next a place may
-be near."""
+_ORDER, _SEGMENT, _NEAR = range(3)
+"""Rows of the list of nodes: by their least clearance, those from which to the next a place of any
+shape may be near, and those where it may be of one shape."""
 _TOGETHER = 50
 """Shapes are bounded together before they are looked at one by one."""
 _ZERO, _HALF, _ONE, _TWO = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
 _FAR = np.float32(np.inf)
+_LOST = np.float32(0.75)
+"""Of the square of a cube's side: in its middle u (1 − u) along each of three axes."""
 
 _kernel = njit(cache=True, error_model="numpy", nogil=True)
 _inlined: Callable[..., Any] = njit(  # type: ignore[call-overload]
@@ -40,59 +58,80 @@ distances."""
 
 
 @_kernel
-def clearances(surroundings, skin, shapes, start, stays):  # type: ignore[no-untyped-def]
-    """Write clearance, node and what is sure of each shape.
+def clearances(surroundings, skin, shapes, exact):  # type: ignore[no-untyped-def]
+    """Write clearance, node, and what is sure of each shape.
 
-    start: shapes that these come from, and stays: (S,) which of them do. Nothing of a shape comes
-    nearer by more than the node goes that goes farthest: where that leaves what was sure of it
-    above zero, that is what is sure, and it is not looked for.
+    exact: of so many that have the least clearance, and of all that touch, it is looked for between
+    nodes. Of the others the clearance is that of places looked at, and no less than that of those.
     """
     grid, values, port = _unpacked(surroundings, skin), surroundings.values, surroundings.port
-    positions, clearance, node, surely = (
-        shapes.positions,
-        shapes.clearance,
-        shapes.node,
-        shapes.surely,
-    )
-    table, listed = _table_of(skin), np.empty((2, skin.radius.size), np.int64)
+    positions, clearance, node = shapes.positions, shapes.clearance, shapes.node
+    surely, least = shapes.surely, shapes.least
+    table, listed = _table_of(skin), np.empty((3, skin.radius.size), np.int64)
     box = np.empty((4, positions.shape[1]), np.float32)
-    pieces, open_mm = np.empty((_MOST_CUTS, 4), np.float32), _open_mm(grid)
+    pieces, cap = np.empty((_MOST_CUTS, 4), np.float32), np.float32(CAP_MM)
     for first in range(0, clearance.size, _TOGETHER):
         last = min(first + _TOGETHER, clearance.size)
         _empty(box)
         _enclose(positions, first, last, box)
         opened = _bound(grid, values, box, table, listed)
         for s in range(first, last):
-            clearance[s], node[s] = _clearance(
-                grid, values, port, positions, s, opened, table, listed, pieces
+            clearance[s], node[s] = _at_nodes(grid, values, port, positions, s, table, listed)
+            near, least[s] = _listed_near(grid, values, positions, s, opened, table, listed)
+            surely[s] = cap
+            if near > 0 or not clearance[s] > _ZERO:
+                clearance[s], node[s], least[s], surely[s] = _proved(
+                    *(grid, values, port, positions, s, clearance[s], node[s], near, least[s]),
+                    *(table, listed, pieces),
+                )
+    _find_lowest(grid, values, port, shapes, exact, table, pieces)
+
+
+@_kernel
+def _find_lowest(grid, values, port, shapes, exact, table, pieces):  # type: ignore[no-untyped-def]
+    """Look for the clearance of those shapes that may be among so many with the least, or touch.
+
+    First at those that are nearest as far as is known: what they have sorts out most of the others.
+    """
+    positions, clearance, node = shapes.positions, shapes.clearance, shapes.node
+    surely, least = shapes.surely, shapes.least
+    rank = min(exact, clearance.size) - 1
+    for again in range(2):
+        lowest = np.partition(clearance, rank)[rank]
+        needed = min(max(lowest, _ZERO), _enough(grid))
+        for s in range(clearance.size):
+            if not clearance[s] > _ZERO or least[s] >= clearance[s]:
+                continue
+            sorted_out = least[s] >= needed and least[s] > _ZERO
+            if sorted_out or (again == 0 and clearance[s] > lowest):
+                continue
+            clearance[s], node[s] = _searched(
+                grid, values, port, positions, s, clearance[s], node[s], needed, table, pieces
             )
-            if stays[s] and _ZERO < clearance[s] <= open_mm:
-                surely[s] = start.surely[s] - _way(start.positions, positions, s)
-                if surely[s] > _ZERO:
-                    continue
-            surely[s] = _surely(
-                grid, values, port, positions, s, clearance[s], opened, table, listed, pieces
-            )
+            least[s] = min(clearance[s], needed)
+            if not clearance[s] > _ZERO:
+                surely[s] = min(surely[s], clearance[s])
 
 
 @_kernel
 def sweep(surroundings, skin, start, end, swept, surely):  # type: ignore[no-untyped-def]
     """Lower `swept` and `surely`, (S,) clearances on the way from each shape to that of `end`.
 
-    All nodes of a shape go straight and at the same time. While none goes farther than the sure
-    clearance at both ends allows, nothing is touched between them; else the way is halved.
+    All nodes of a shape go straight and at the same time, and so does all that is between them.
+    While none goes farther than what is sure at both ends allows, nothing is touched on the way;
+    else it is halved.
     """
     grid, values, port = _unpacked(surroundings, skin), surroundings.values, surroundings.port
-    table, listed = _table_of(skin), np.empty((2, skin.radius.size), np.int64)
+    table, listed = _table_of(skin), np.empty((3, skin.radius.size), np.int64)
     box = np.empty((4, start.positions.shape[1]), np.float32)
     pieces, ways = np.empty((_MOST_CUTS, 4), np.float32), np.empty((_MOST_CUTS, 4), np.float32)
-    between = np.empty((1, box.shape[1]), np.float32)
+    between, thin = np.empty((1, box.shape[1]), np.float32), skin.safe.min()
     for first in range(0, swept.size, _TOGETHER):
         last = min(first + _TOGETHER, swept.size)
         longest, opened = _longest_way(start.positions, end.positions, first, last, box), -1
         for s in range(first, last):
             swept[s] = min(swept[s], start.clearance[s], end.clearance[s])
-            least = _HALF * (start.surely[s] + end.surely[s] - longest)
+            least = _on_the_way(port, start.surely[s], end.surely[s], longest, thin)
             if least > _ZERO or not swept[s] > _ZERO:
                 surely[s] = min(surely[s], least, swept[s])
                 continue
@@ -104,7 +143,7 @@ def sweep(surroundings, skin, start, end, swept, surely):  # type: ignore[no-unt
             ways[0, 0], ways[0, 1] = 0.0, 1.0
             ways[0, 2], ways[0, 3] = start.surely[s], end.surely[s]
             swept[s], least = _swept(
-                *(grid, values, port, start.positions, end.positions, s, swept[s], opened),
+                *(grid, values, port, start.positions, end.positions, s, swept[s], thin, opened),
                 *(table, listed, pieces, ways, between),
             )
             surely[s] = min(surely[s], least, swept[s])
@@ -112,27 +151,50 @@ def sweep(surroundings, skin, start, end, swept, surely):  # type: ignore[no-unt
 
 @_inlined
 def _swept(  # type: ignore[no-untyped-def]
-    grid, values, port, start, end, s, swept, opened, table, listed, pieces, ways, between
+    grid, values, port, start, end, s, swept, thin, opened, table, listed, pieces, ways, between
 ):
     """The smallest clearance of shape s on a way that is cut until no piece is open, and what it is
     not below: the way is the first of `ways`."""
     waiting, length, surely = 1, _way(start, end, s), _FAR
+    finest = np.float32(FINEST_MM)
+    if port[6] >= _ZERO and ways[0, 2] > _ZERO and ways[0, 3] > _ZERO:
+        finest = np.float32(_FINEST_BESIDE_PORT_MM)
     while waiting > 0 and swept > _ZERO:
         waiting -= 1
         begin, stop, before, after = _row(ways, waiting)
         step = (stop - begin) * length
-        least = _HALF * (before + after - step)
-        if least > _ZERO or step < FINEST_MM or waiting + 2 > _MOST_CUTS:
+        least = _on_the_way(port, before, after, step, thin)
+        if least > _ZERO or step < finest or waiting + 2 > _MOST_CUTS:
             surely = min(surely, least)
             continue
         half = _HALF * (begin + stop)
         for c in range(between.size):
             between[0, c] = start[s, c] + half * (end[s, c] - start[s, c])
-        there, _ = _clearance(grid, values, port, between, 0, opened, table, listed, pieces)
+        there, node = _at_nodes(grid, values, port, between, 0, table, listed)
+        near, lowest = _listed_near(grid, values, between, 0, opened, table, listed)
+        there, node, lowest, sure = _proved(
+            *(grid, values, port, between, 0, there, node, near, lowest, table, listed, pieces)
+        )
+        if there > _ZERO and lowest <= _ZERO:
+            there, _ = _searched(grid, values, port, between, 0, there, node, _ZERO, table, pieces)
+            sure = min(sure, there)
         swept = min(swept, there)
-        sure = _surely(grid, values, port, between, 0, there, opened, table, listed, pieces)
         waiting = _halved(ways, waiting, half, sure)
     return swept, surely
+
+
+@_inlined
+def _on_the_way(port, before, after, way, thin):  # type: ignore[no-untyped-def]
+    """What the clearance of no part of a body is below that goes no farther than so, from what it
+    surely has at both ends. thin: no part is thinner, as safe as it is counted.
+
+    Of what comes out of the port, or goes into it, one end says nothing.
+    """
+    if port[6] >= _ZERO:
+        return min(before, after) - way
+    if not (before > _ZERO and after > _ZERO):
+        return min(before, after)
+    return _root(max(least_square(thin + before, thin + after, way), _ZERO)) - thin
 
 
 @_kernel
@@ -190,7 +252,6 @@ def _bound(grid, values, box, table, listed):  # type: ignore[no-untyped-def]
     Of shapes that are not numbers nothing is known.
     """
     count = table.shape[1]
-    enough = grid[9] + np.float32(CAP_MM) + grid[10]
     for i in range(count):
         table[_LEAST, i] = _distance_of_all(grid, values, box, i) - table[_RADIUS, i]
         j = i
@@ -200,10 +261,13 @@ def _bound(grid, values, box, table, listed):  # type: ignore[no-untyped-def]
         listed[_ORDER, j] = i
     found = 0
     for i in range(count - 1):
-        thick = max(table[_RADIUS, i], table[_RADIUS, i + 1])
         here, there = table[_LEAST, i] + table[_RADIUS, i], table[_LEAST, i + 1]
-        room = here + there + table[_RADIUS, i + 1] - _TWO * (thick + enough)
-        if not _length(box[3, 3 * i], box[3, 3 * i + 1], box[3, 3 * i + 2]) < room:
+        apart = _length(box[3, 3 * i], box[3, 3 * i + 1], box[3, 3 * i + 2])
+        square = least_square(
+            min(here, grid[13]), min(there + table[_RADIUS, i + 1], grid[13]), apart
+        )
+        needed = max(table[_RADIUS, i], table[_RADIUS, i + 1]) + _enough(grid)
+        if not square > needed * needed:
             listed[_SEGMENT, found] = i
             found += 1
     return found
@@ -255,12 +319,11 @@ def _way(start, end, s):  # type: ignore[no-untyped-def]
 
 
 @_inlined
-def _clearance(grid, values, port, positions, s, opened, table, listed, pieces):  # type: ignore[no-untyped-def]
-    """Of one shape: the smallest clearance, and the node where it is, or nearest to where it is.
+def _at_nodes(grid, values, port, positions, s, table, listed):  # type: ignore[no-untyped-def]
+    """Of one shape: the smallest clearance of its nodes, and the node where it is.
 
-    Looked at are the nodes that may be nearest, as far as is known of all shapes together, and what
-    is between those that are near. Of the others it is noted what they are not nearer than.
-    opened: how many segments are listed.
+    Looked at are the nodes that may be nearest, as far as is known of all shapes together. Of the
+    others it is noted what they are not nearer than.
     """
     count, best, node = table.shape[1], _FAR, 0
     for i in range(count):
@@ -274,24 +337,167 @@ def _clearance(grid, values, port, positions, s, opened, table, listed, pieces):
         table[_AT, i] = away
         if not away - table[_RADIUS, i] >= best and not _is_in_port(port, x, y, z):
             best, node = away - table[_RADIUS, i], i
-    enough = grid[9] + np.float32(CAP_MM) + grid[10]
+    return best, node
+
+
+@_inlined
+def _listed_near(grid, values, positions, s, opened, table, listed):  # type: ignore[no-untyped-def]
+    """List the segments of a shape where it is not proved from nodes alone that it has CAP_MM.
+
+    Returns how many, and what the clearance of the others is not below. opened: how many segments
+    of any shape are listed. table: as `_at_nodes` leaves it.
+    """
+    near, least = 0, _enough(grid)
     for j in range(opened):
+        i = listed[_SEGMENT, j]
+        needed = max(table[_SAFE, i], table[_SAFE, i + 1]) + np.float32(CAP_MM)
+        enough = needed * needed + grid[12]
+        square = _square_between(grid, positions, s, i, table)
+        if not square > enough:
+            _look_again(grid, values, positions, s, i, table)
+            _look_again(grid, values, positions, s, i + 1, table)
+            square = _square_between(grid, positions, s, i, table)
+        if square > enough:
+            least = min(least, _root(square) - max(table[_RADIUS, i], table[_RADIUS, i + 1]))
+        else:
+            listed[_NEAR, near] = i
+            near += 1
+    return near, least
+
+
+@_inlined
+def _square_between(grid, positions, s, i, table):  # type: ignore[no-untyped-def]
+    """What the square of the distance, as interpolated, is not below from node i to the next."""
+    here, there = min(table[_AT, i], grid[13]), min(table[_AT, i + 1], grid[13])
+    return least_square(here, there, _apart(positions, s, i))
+
+
+@_inlined
+def least_square(here, there, length):  # type: ignore[no-untyped-def]
+    """What the square of the distance is not below on a straight piece, from the distances at both
+    of its ends; below zero where it may be nothing."""
+    if not (here > _ZERO and there > _ZERO):
+        return -_ONE
+    square = length * length
+    if not square < _FAR:
+        return -_ONE
+    along = (here - there) * (here + there) + square  # twice the square, times the share of the way
+    if along <= _ZERO:
+        return here * here
+    if along >= _TWO * square:
+        return there * there
+    along /= _TWO * length
+    return here * here - along * along
+
+
+@_inlined
+def _look_again(grid, values, positions, s, i, table):  # type: ignore[no-untyped-def]
+    """Have the distance of a node of which only a bound is known."""
+    if table[_AT, i] == table[_LEAST, i] + table[_RADIUS, i]:
+        x, y, z = positions[s, 3 * i], positions[s, 3 * i + 1], positions[s, 3 * i + 2]
+        table[_AT, i] = _distance(grid, values, x, y, z)
+
+
+@_inlined
+def _proved(grid, values, port, positions, s, found, node, near, least, table, listed, pieces):  # type: ignore[no-untyped-def]
+    """Of one shape: the smallest clearance found and its node; what the clearance, as interpolated,
+    is not below; and what the clearance of no part of it is below: CAP_MM or less, unless it
+    touches. As thick as its centreline may be off.
+
+    found, node, table: as `_at_nodes` has them. near, least: as `_listed_near` has them. Segments
+    are cut until each piece has nearly what the nodes have.
+    """
+    if not found > _ZERO:
+        return found, node, -_FAR, found
+    cap, none = np.float32(CAP_MM), -_FAR
+    surely, room = cap, _room_of_nodes(grid, port, positions, s, near, table, listed)
+    if not room > _ZERO:
+        return found, node, none, room
+    goal = min(cap, max(_HALF * room, room - _KEPT_MM))
+    for j in range(near):
+        i = listed[_NEAR, j]
+        x0, y0, z0 = positions[s, 3 * i], positions[s, 3 * i + 1], positions[s, 3 * i + 2]
+        x, y, z = positions[s, 3 * i + 3], positions[s, 3 * i + 4], positions[s, 3 * i + 5]
+        if _is_in_port(port, x0, y0, z0) and _is_in_port(port, x, y, z):
+            continue
+        dx, dy, dz = x - x0, y - y0, z - z0
+        length, thick = _length(dx, dy, dz), max(table[_SAFE, i], table[_SAFE, i + 1])
+        thin, enough = max(table[_RADIUS, i], table[_RADIUS, i + 1]), thick + goal
+        enough = enough * enough + grid[12]
+        pieces[0, 0], pieces[0, 1], waiting = 0.0, 1.0, 1
+        pieces[0, 2], pieces[0, 3] = table[_AT, i], table[_AT, i + 1]
+        while waiting > 0:
+            waiting -= 1
+            begin, end, before, after = _row(pieces, waiting)
+            piece, half = (end - begin) * length, _HALF * (begin + end)
+            square = least_square(min(before, grid[13]), min(after, grid[13]), piece)
+            x, y, z = x0 + half * dx, y0 + half * dy, z0 + half * dz
+            if square >= enough or piece < FINEST_MM or waiting + 2 > _MOST_CUTS:
+                if not _is_in_port(port, x, y, z):
+                    surely = min(surely, _root(max(square - grid[12], _ZERO)) - thick)
+                    least = min(least, _root(max(square, _ZERO)) - thin)
+                if not surely > _ZERO:
+                    return found, node, none, surely
+                continue
+            there = _distance(grid, values, x, y, z)
+            if there - thin < found and not _is_in_port(port, x, y, z):
+                found, node = there - thin, i
+                if not found > _ZERO:
+                    return found, node, none, found
+            waiting = _halved(pieces, waiting, half, there)
+    return found, node, least, surely
+
+
+@_inlined
+def _room_of_nodes(grid, port, positions, s, near, table, listed):  # type: ignore[no-untyped-def]
+    """What is surely left at the nearest node of listed segments."""
+    room = _FAR
+    for j in range(near):
+        i = listed[_NEAR, j]
+        for k in range(i, i + 2):
+            x, y, z = positions[s, 3 * k], positions[s, 3 * k + 1], positions[s, 3 * k + 2]
+            if not _is_in_port(port, x, y, z):
+                away = max(table[_AT, k], _ZERO)
+                away = _root(max(away * away - grid[12], _ZERO))
+                room = min(room, away - table[_SAFE, k])
+    return room
+
+
+@_inlined
+def _searched(grid, values, port, positions, s, best, node, needed, table, pieces):  # type: ignore[no-untyped-def]
+    """Of one shape: the smallest clearance, and the node where it is, or before the place where it
+    is. best: what is known to be found.
+
+    No piece of it is cut whose clearance is above `needed`, or no less than what is found; and
+    nothing is cut any more where it touches.
+    """
+    for i in range(table.shape[1]):
+        x, y, z = positions[s, 3 * i], positions[s, 3 * i + 1], positions[s, 3 * i + 2]
+        table[_AT, i] = _distance(grid, values, x, y, z)
+    for i in range(table.shape[1] - 1):
         if not best > _ZERO:
             break
-        i = listed[_SEGMENT, j]
-        thick = max(table[_RADIUS, i], table[_RADIUS, i + 1])
-        apart, needed = _apart(positions, s, i), _TWO * (thick + enough)
-        if apart < table[_AT, i] + table[_AT, i + 1] - needed:
+        x0, y0, z0 = positions[s, 3 * i], positions[s, 3 * i + 1], positions[s, 3 * i + 2]
+        x, y, z = positions[s, 3 * i + 3], positions[s, 3 * i + 4], positions[s, 3 * i + 5]
+        if _is_in_port(port, x0, y0, z0) and _is_in_port(port, x, y, z):
             continue
-        _look_again(grid, values, positions, s, i, table)
-        _look_again(grid, values, positions, s, i + 1, table)
-        ends = table[_AT, i], table[_AT, i + 1]
-        if not apart < ends[0] + ends[1] - needed:
-            between, _ = _between(
-                grid, values, port, positions, s, i, thick, ends, enough, False, pieces
-            )
-            if between < best:
-                best, node = between, i
+        dx, dy, dz = x - x0, y - y0, z - z0
+        length, thick = _length(dx, dy, dz), max(table[_RADIUS, i], table[_RADIUS, i + 1])
+        pieces[0, 0], pieces[0, 1] = 0.0, 1.0
+        pieces[0, 2], pieces[0, 3], waiting = table[_AT, i], table[_AT, i + 1], 1
+        while waiting > 0 and best > _ZERO:
+            waiting -= 1
+            begin, end, before, after = _row(pieces, waiting)
+            piece, open_to = (end - begin) * length, thick + min(needed, best)
+            square = least_square(min(before, grid[13]), min(after, grid[13]), piece)
+            if square > open_to * open_to or piece < _LOOKED_MM or waiting + 2 > _MOST_CUTS:
+                continue
+            half = _HALF * (begin + end)
+            x, y, z = x0 + half * dx, y0 + half * dy, z0 + half * dz
+            there = _distance(grid, values, x, y, z)
+            if there - thick < best and not _is_in_port(port, x, y, z):
+                best, node = there - thick, i
+            waiting = _halved(pieces, waiting, half, there)
     return best, node
 
 
@@ -305,85 +511,10 @@ def _apart(positions, s, i):  # type: ignore[no-untyped-def]
 
 
 @_inlined
-def _look_again(grid, values, positions, s, i, table):  # type: ignore[no-untyped-def]
-    """Have the distance of a node of which only a bound is known."""
-    if table[_AT, i] == table[_LEAST, i] + table[_RADIUS, i]:
-        x, y, z = positions[s, 3 * i], positions[s, 3 * i + 1], positions[s, 3 * i + 2]
-        table[_AT, i] = _distance(grid, values, x, y, z)
-
-
-@_inlined
-def _surely(grid, values, port, positions, s, clearance, opened, table, listed, pieces):  # type: ignore[no-untyped-def]
-    """What the clearance of no part of a shape is below; CAP_MM or less, unless it touches. As
-    thick as its centreline may be off. table: as `_clearance` leaves it.
-
-    Interpolated distances may be wrong by the grid's error. Where that leaves it open whether the
-    shape touches, bounds from the grid's corners are taken, which are nearer to the truth.
-    """
-    cap = np.float32(CAP_MM)
-    if not clearance > _ZERO:
-        return clearance
-    if clearance > _open_mm(grid):
-        return cap
-    least, looked_at, there = cap, -1, _ZERO
-    for j in range(opened):
-        i = listed[_SEGMENT, j]
-        x, y, z = positions[s, 3 * i], positions[s, 3 * i + 1], positions[s, 3 * i + 2]
-        u, v, w = positions[s, 3 * i + 3], positions[s, 3 * i + 4], positions[s, 3 * i + 5]
-        thick = max(table[_SAFE, i], table[_SAFE, i + 1])
-        length = _apart(positions, s, i)
-        if _HALF * (table[_AT, i] + table[_AT, i + 1] - length) - grid[9] - thick > cap:
-            continue
-        before = there if looked_at == i else _at_least(grid, values, x, y, z)
-        looked_at, there = i + 1, _at_least(grid, values, u, v, w)
-        ends = before, there
-        _, between = _between(grid, values, port, positions, s, i, thick, ends, cap, True, pieces)
-        least = min(least, between)
-        if not least > _ZERO:
-            return least
-    return least
-
-
-@_inlined
-def _open_mm(grid):  # type: ignore[no-untyped-def]
-    """With more clearance, as it is interpolated, a shape is sure to have the most that is asked
+def _enough(grid):  # type: ignore[no-untyped-def]
+    """With more clearance, as it is interpolated, a shape surely has CAP_MM; and no more is looked
     for."""
-    return grid[9] + np.float32(_HALF * _LOOKED_MM) + np.float32(CAP_MM) + grid[10]
-
-
-@_inlined
-def _between(grid, values, port, positions, s, i, thick, ends, enough, surely, pieces):  # type: ignore[no-untyped-def]
-    """From a shape's node to the next, cut until no piece is open: the smallest clearance found,
-    and what it is not below.
-
-    ends: distances there. enough: a
-    piece with so much clearance is not cut. surely: distances are lower bounds.
-    """
-    x0, y0, z0 = positions[s, 3 * i], positions[s, 3 * i + 1], positions[s, 3 * i + 2]
-    x, y, z = positions[s, 3 * i + 3], positions[s, 3 * i + 4], positions[s, 3 * i + 5]
-    if _is_in_port(port, x0, y0, z0) and _is_in_port(port, x, y, z):
-        return _FAR, _FAR
-    dx, dy, dz = x - x0, y - y0, z - z0
-    length, finest = _length(dx, dy, dz), FINEST_MM if surely else _LOOKED_MM
-    pieces[0, 0], pieces[0, 1], pieces[0, 2], pieces[0, 3] = 0.0, 1.0, ends[0], ends[1]
-    waiting, found, least = 1, _FAR, _FAR
-    while waiting > 0 and found > _ZERO:
-        waiting -= 1
-        begin, end, before, after = _row(pieces, waiting)
-        piece = (end - begin) * length
-        lowest = _HALF * (before + after - piece) - thick
-        if lowest > enough or piece < finest or waiting + 2 > _MOST_CUTS:
-            half = _HALF * (begin + end)
-            if not _is_in_port(port, x0 + half * dx, y0 + half * dy, z0 + half * dz):
-                least = min(least, lowest)
-            continue
-        half = _HALF * (begin + end)
-        x, y, z = x0 + half * dx, y0 + half * dy, z0 + half * dz
-        there = _at_least(grid, values, x, y, z) if surely else _distance(grid, values, x, y, z)
-        if not surely and not _is_in_port(port, x, y, z):
-            found = min(found, there - thick)
-        waiting = _halved(pieces, waiting, half, there)
-    return found, least
+    return grid[9] + np.float32(CAP_MM) + grid[10]
 
 
 @_inlined
@@ -398,13 +529,15 @@ def _is_in_port(port, x, y, z):  # type: ignore[no-untyped-def]
 
 @_inlined
 def _unpacked(surroundings, skin):  # type: ignore[no-untyped-def]
-    """Shape and frame of the grid, the skin's largest difference and the grid's spacing, as numbers
-    of their own: they stay in registers."""
+    """Shape and frame of the grid, the skin's largest difference, the grid's spacing, the square
+    that interpolation and rounding may lose, and how far distances are exact, as numbers of their
+    own: they stay in registers."""
     shape, frame = surroundings.shape, surroundings.frame
+    mm = _ONE / frame[3]
     return (
         *(shape[0], shape[1], shape[2]),
         *(frame[0], frame[1], frame[2], frame[3], frame[4], frame[5], frame[6], skin.most),
-        _ONE / frame[3],
+        *(mm, _LOST * mm * mm + _ROUNDED_MM2, frame[7]),
     )
 
 
@@ -431,34 +564,6 @@ def _distance(grid, values, x, y, z):  # type: ignore[no-untyped-def]
     d = values[over] + w * (values[over + one] - values[over])
     a, c = a + v * (b - a), c + v * (d - c)
     return a + u * (c - a)
-
-
-@_inlined
-def _at_least(grid, values, x, y, z):  # type: ignore[no-untyped-def]
-    """A distance that a place surely has: distances have a slope of one, from whichever corner."""
-    nx, ny, nz = grid[0], grid[1], grid[2]
-    u, v, w = (x - grid[3]) * grid[6], (y - grid[4]) * grid[6], (z - grid[5]) * grid[6]
-    inside = u >= _ZERO and v >= _ZERO and w >= _ZERO
-    one = np.uint64(1)
-    if not (inside and u < nx - one and v < ny - one and w < nz - one):
-        return _outside(grid, u, v, w) - grid[9]
-    i, j, k = np.uint32(u), np.uint32(v), np.uint32(w)
-    u, v, w = u - np.float32(i), v - np.float32(j), w - np.float32(k)
-    here = (np.uint64(i) * ny + np.uint64(j)) * nz + np.uint64(k)
-    beside, above = here + nz, here + ny * nz
-    over = above + nz
-    a0, a1, b0, b1 = values[here], values[here + one], values[beside], values[beside + one]
-    c0, c1, d0, d1 = values[above], values[above + one], values[over], values[over + one]
-    a, b, c, d = a0 + w * (a1 - a0), b0 + w * (b1 - b0), c0 + w * (c1 - c0), d0 + w * (d1 - d0)
-    a, c = a + v * (b - a), c + v * (d - c)
-    best, mm = a + u * (c - a) - grid[9], grid[11]
-    # What corners say: the squares of the ways to them, along each axis to either side.
-    p, q, r, s, t = u * u, v * v, w * w, _ONE - u, _ONE - v
-    s, t, u = s * s, t * t, (_ONE - w) * (_ONE - w)
-    best = max(best, a0 - mm * _root(p + q + r), a1 - mm * _root(p + q + u))
-    best = max(best, b0 - mm * _root(p + t + r), b1 - mm * _root(p + t + u))
-    best = max(best, c0 - mm * _root(s + q + r), c1 - mm * _root(s + q + u))
-    return max(best, d0 - mm * _root(s + t + r), d1 - mm * _root(s + t + u))
 
 
 @_inlined

@@ -27,10 +27,10 @@ SingleArray = NDArray[np.float32]
 class SolidArrays(NamedTuple):
     """Distances as `distance_grid` has them, and the port, as the compiled code reads them.
 
-    values: (nx·ny·nz,) mm. shape: (3,) uint64. frame: (7,) the grid's origin, places per mm, ±1 for
-    free or solid far outside the grid, mm between the grid's end and the mesh, and the mm by which
-    a distance may be too large. port: (8,) centre, unit direction inwards, radius (negative: there
-    is none), depth.
+    values: (nx·ny·nz,) mm. shape: (3,) uint64. frame: (8,) the grid's origin, places per mm, ±1 for
+    free or solid far outside the grid, mm between the grid's end and the mesh, the mm by which a
+    distance may be too large, and those up to which it is made of exact ones. port: (8,) centre,
+    unit direction inwards, radius (negative: there is none), depth.
     """
 
     values: SingleArray
@@ -50,13 +50,16 @@ class Skin(NamedTuple):
 
 class Shapes(NamedTuple):
     """positions: (S, 3n). clearance: (S,) mm, smallest distance of the body's skin from what is
-    solid, as interpolated, negative where it is in it. node: (S,) where along the body that is.
-    surely: (S,) what the clearance of no part of the body is below; CAP_MM is enough."""
+    solid, as interpolated, negative where it is in it: exact for those that have the least, and of
+    the others that of the nearest place that was looked at. node: (S,) where along the body that
+    is. surely: (S,) what the clearance of no part of the body is below; CAP_MM is enough. least:
+    (S,) what the exact clearance is not below, as interpolated."""
 
     positions: SingleArray
     clearance: SingleArray
     node: NDArray[np.int64]
     surely: SingleArray
+    least: SingleArray
 
 
 @_placing

@@ -89,6 +89,7 @@ class ClearanceLack:
             np.empty(count, np.float32),
             np.empty(count, np.int64),
             np.empty(count, np.float32),
+            np.empty(count, np.float32),
         )
         component = np.repeat(np.arange(active.size), len(self._draws))
         means, factors = mixture.means_mm[active], mixture.factors_per_mm[active]
@@ -96,7 +97,7 @@ class ClearanceLack:
         place_shapes(
             means, factors, component, normal, self._base, self._flat_modes, shapes.positions
         )
-        clearances(self._surroundings, self._skin, shapes, shapes, np.zeros(count, np.bool_))
+        clearances(self._surroundings, self._skin, shapes, count)
         return shapes
 
     def _by_coefficients(self, shapes: Shapes) -> FloatArray:

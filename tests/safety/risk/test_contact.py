@@ -110,7 +110,7 @@ def test_what_the_centreline_may_be_off_by_is_for_the_limit_and_not_for_the_esti
     assert safe.touching == exact.touching
     assert safe.median_mm == exact.median_mm
     nearer = ContactModel(basis, wall(), None).risk(at(40.0 - RADIUS_MM - 2.0, sigma_mm=2.0))
-    assert safe.not_surely_clear == pytest.approx(nearer.not_surely_clear, abs=1)
+    assert nearer.touching <= safe.not_surely_clear <= nearer.not_surely_clear
     assert safe.upper_limit > exact.upper_limit + 0.05
 
 
@@ -218,22 +218,21 @@ def test_a_way_on_from_the_last_question_is_the_same_as_one_from_anew() -> None:
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_what_follows_from_where_a_way_begins_says_no_more_than_is_true(seed: int) -> None:
-    """Who has a port looks at the end again, though it is far from here. What was proved where the
-    way begins may prove what looking at its end leaves open, and never the other way round."""
+def test_a_port_that_is_far_away_proves_no_more_and_hardly_less(seed: int) -> None:
+    """Of a way that may lead out of a port less is known, and so it is looked at in more places."""
     random = np.random.default_rng(seed)
     port = InsertionPort((0.0, 0.0, -900.0), (0.0, 0.0, 1.0), radius_mm=8.0, depth_mm=2.0)
-    follows, looks = (ContactModel(rod(), wall(), one, samples=400) for one in (None, port))
+    without, beside = (ContactModel(rod(), wall(), one, samples=400) for one in (None, port))
     x, y = random.uniform(25.0, 33.0), 0.0
     for _ in range(6):
         to_x, to_y = x + random.normal(scale=0.4), y + random.normal(scale=0.4)
         path = [at(x, y, sigma_mm=1.5), at(to_x, to_y, sigma_mm=random.uniform(1.4, 1.6))]
-        one, other = follows.along(path), looks.along(path)
+        one, other = without.along(path), beside.along(path)
         assert not (one.touching & ~other.touching).any()
         assert np.count_nonzero(one.touching != other.touching) <= 4
         assert one.on_the_way.touching == other.on_the_way.touching
         assert one.at_waypoints == other.at_waypoints
-        centres = follows.centrelines(path[1])[:, :, 0].max(axis=1)
+        centres = without.centrelines(path[1])[:, :, 0].max(axis=1)
         assert one.touching[centres + RADIUS_MM >= 40.0].all()
         x, y = to_x, to_y
 

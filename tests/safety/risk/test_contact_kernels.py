@@ -49,12 +49,13 @@ def shapes_at(positions: Positions) -> Shapes:
         np.empty(count, np.float32),
         np.empty(count, np.int64),
         np.empty(count, np.float32),
+        np.empty(count, np.float32),
     )
 
 
 def looked_at(model: ContactModel, positions: Positions) -> Shapes:
     found = shapes_at(positions)
-    clearances(model.surroundings, model.skin, found, found, np.zeros(len(positions), np.bool_))
+    clearances(model.surroundings, model.skin, found, len(positions))
     return found
 
 
@@ -137,7 +138,7 @@ def test_a_short_way_between_clear_shapes_is_clear_and_a_long_one_is_looked_at()
     straight[0, 0::3] = 22.0 - float(model.skin.radius.max()) - 8.0
     start = looked_at(model, straight)
     assert start.clearance[0] == pytest.approx(8.0, abs=0.5)
-    for way_mm, clear in ((0.5, True), (3.0, True), (7.0, False), (40.0, False), (80.0, False)):
+    for way_mm, clear in ((0.5, True), (7.0, True), (7.9, False), (40.0, False), (80.0, False)):
         moved = straight.copy()
         moved[0, 0::3] += way_mm
         stop = looked_at(model, moved)

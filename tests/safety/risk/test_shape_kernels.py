@@ -31,6 +31,7 @@ def drawn(seed: int, count: int = 60) -> Shapes:
         random.normal(1.0, 1.0, count).astype(np.float32),
         random.integers(2, 5, count),
         np.zeros(count, np.float32),
+        np.zeros(count, np.float32),
     )
 
 
