@@ -42,6 +42,7 @@ _SHIPPED: Final[Mapping[Group, Mapping[str, str]]] = {
     CONTROLLERS: {
         "broyden": "config.tasks.controllers:BROYDEN",
         "constant_curvature": "config.tasks.controllers:CONSTANT_CURVATURE",
+        "designed_exploration": "config.tasks.controllers:DESIGNED_EXPLORATION",
         "forward_jacobian": "config.tasks.controllers:FORWARD_JACOBIAN",
         "learned_kinematics": "config.tasks.controllers:LEARNED_KINEMATICS",
         "reward_weighted": "config.tasks.controllers:REWARD_WEIGHTED",

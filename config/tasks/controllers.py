@@ -6,7 +6,7 @@ from pydantic import Field, model_validator
 
 from config.documents.kinds import CONTROLLERS, Kind, KindError, KindOptions, Named, kind_of
 from config.documents.model import ConfigModel, NotNegative, Positive, Vector3, checked_options
-from config.tasks.exploration import MotorBabbling, WaypointExploration
+from config.tasks.exploration import DesignedExploration, MotorBabbling, WaypointExploration
 
 Share = Annotated[float, Field(gt=0.0, le=1.0)]
 PerAxis = Annotated[tuple[float, ...], Field(min_length=1, strict=False)]
@@ -275,6 +275,9 @@ class RewardWeighted(Learner):
 
 BROYDEN: Final = Kind(Broyden, "daemon.controllers.broyden:make")
 CONSTANT_CURVATURE: Final = Kind(ConstantCurvature, "daemon.controllers.constant_curvature:make")
+DESIGNED_EXPLORATION: Final = Kind(
+    DesignedExploration, "daemon.controllers.designed_exploration:DesignedExplorationController"
+)
 FORWARD_JACOBIAN: Final = Kind(
     ForwardJacobian, "daemon.controllers.forward_jacobian:ForwardJacobianController"
 )

@@ -44,16 +44,17 @@ class Pretraining(ConfigModel):
     The model is made in virtual time when it is needed first, and kept.
     """
 
-    waypoints: Annotated[int, Field(ge=1)] = 80
-    """Random places of the axes that were gone to, one after the other."""
+    waypoints: Annotated[int, Field(ge=1)] | None = None
+    """Random places of the axes, from all of their travel, that were gone to, one after the other.
+    None: some seconds of designed motions instead."""
 
     plant: dict[str, Any] | None = None
     """Of the body that it knows: overrides of the robot file's `emulation.plant`, so `{}` is the
     robot file's own. None: the body of the experiment."""
 
     seed: Annotated[int, Field(ge=0)] | None = None
-    """Of the waypoints, and of the emulated devices meanwhile. None: the experiment's own, and so
-    the same tracker."""
+    """Of what is explored, and of the emulated devices meanwhile. None: the experiment's own, and
+    so the same tracker."""
 
 
 class Experiment(ConfigModel):

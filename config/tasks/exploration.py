@@ -29,18 +29,38 @@ class RandomMotion(ConfigModel):
     """Of the first axis; the others' are up to twice as long, and no two are the same."""
 
 
-class WaypointExploration(RandomMotion, KindOptions):
+class Exploration(RandomMotion):
+    """What explorations have in common: lines between places of the axes, and walls."""
+
+    travel_share: Share = 1.0
+    """Places are from this share of each axis' travel, in its middle."""
+
+    wall_mm: NotNegative = 5.0
+    """So near to a wall of the workspace the tip turns back."""
+
+
+class WaypointExploration(Exploration, KindOptions):
     """Goes through the whole of the axes' travel, as far as the tip stays in its workspace."""
 
     kind: Literal["waypoint_exploration"]
 
     waypoints: Annotated[int, Field(ge=1, le=100_000)] = 80
 
-    travel_share: Share = 1.0
-    """Waypoints are drawn from this share of each axis' travel, in its middle."""
 
-    wall_mm: NotNegative = 5.0
-    """So near to a wall of the workspace the tip turns back."""
+class DesignedExploration(Exploration, KindOptions):
+    """Goes from wherever it is to where most is learnt on the way, in ever more of the travel."""
+
+    kind: Literal["designed_exploration"]
+
+    duration_s: Annotated[float, Field(ge=2.0, le=3600.0)] = 16.0
+    """How long it moves. Pauses do not count."""
+
+    travel_share: Share = 0.4
+
+    speed_share: Share = 0.95
+
+    dither_share: Annotated[float, Field(ge=0.0, le=0.25)] = 0.0
+    """Lines go in ever new directions by themselves."""
 
 
 class MotorBabbling(RandomMotion):

@@ -7,6 +7,7 @@ place. So they do where something stands in the way and a line comes to no end. 
 the workspace are to the tip, the tensions at which it goes slack or tears are to a tendon.
 """
 
+from abc import ABC, abstractmethod
 from collections import deque
 from pathlib import Path
 
@@ -14,7 +15,7 @@ import numpy as np
 
 from config.control import Workspace
 from config.robot import Robot
-from config.tasks.exploration import RandomMotion, WaypointExploration
+from config.tasks.exploration import Exploration, RandomMotion, WaypointExploration
 from daemon.array_files import ModelError
 from daemon.control.controller import Observation, Proposal
 from daemon.control.tip_following import step_time
@@ -185,7 +186,7 @@ def _box(workspace: Workspace, wall_mm: float) -> list[tuple[float, float]]:
     return pairs
 
 
-_DRAWN_AT_MOST = 60
+DRAWN_AT_MOST = 60
 _ALONG = np.linspace(0.25, 1.0, 4)[:, None]
 """Where a line is looked at before it is gone along."""
 _AHEAD_S = 0.4
@@ -202,13 +203,13 @@ _WELL_INSIDE = 0.1
 """Of the workspace's width, from its walls."""
 
 
-class WaypointExplorationController:
-    """A `Controller` that follows nothing: it is ready when it has been everywhere."""
+class ExplorationController(ABC):
+    """A `Controller` that follows nothing, goes along one line after another, and turns back where
+    a wall is near. The kinds differ in where lines lead to, and in how many there are."""
 
-    name = "waypoint_exploration"
+    name: str
 
-    def __init__(self, options: WaypointExploration, robot: Robot, seed: int) -> None:
-        self._options = options
+    def __init__(self, options: Exploration, robot: Robot, seed: int) -> None:
         self._axes = AxisRanges.of(robot)
         self._random = np.random.default_rng(seed)
         self._walk = WaypointWalk(options, self._axes, self._random)
@@ -224,13 +225,18 @@ class WaypointExplorationController:
         """Until the line is given up."""
 
     @property
+    @abstractmethod
     def ready(self) -> bool:
-        return self._line >= self._options.waypoints
+        """Whether it has seen enough."""
 
     @property
+    @abstractmethod
     def note(self) -> str:
         """What it is doing; empty when it is done."""
-        return "" if self.ready else f"line {self._line + 1} of {self._options.waypoints}"
+
+    @abstractmethod
+    def _draw(self) -> Vector:
+        """(m,) where the next line leads, from `_start`."""
 
     def reset(self, observation: Observation) -> None:
         self._walk.reset()
@@ -259,7 +265,7 @@ class WaypointExplorationController:
         self._trail.append(observation.targets.copy())
         return Proposal(self._walk.step(self._goal, observation), self.note, self._line)
 
-    def learn(self) -> None:
+    def learn(self) -> None:  # noqa: B027
         """Others learn from what it does."""
 
     def save(self, path: Path) -> None:
@@ -292,27 +298,6 @@ class WaypointExplorationController:
             trail.pop()
         back = trail[-1] if trail else observation.targets
         return self._walk.step(back, observation, dither=False)
-
-    def _draw(self) -> Vector:
-        """(m,) a waypoint: the first that seems to be inside with all of the way there. If there
-        is none: as far on one of the ways as it is inside, or the end of what is least outside."""
-        axes = self._axes
-        middle = 0.5 * (axes.lowest + axes.highest)
-        half = 0.5 * self._options.travel_share * axes.travel
-        best, longest = middle, -np.inf
-        if not axes.coupled.way_inside(self._start, middle):
-            best = self._start
-        for _ in range(_DRAWN_AT_MOST):
-            away = half * self._random.uniform(-1.0, 1.0, axes.count)
-            goal = middle + axes.less_together(away, self._options.together_share)
-            if not axes.coupled.way_inside(self._start, goal):
-                continue
-            end, inside = self._inside_part(goal)
-            if inside > longest:
-                best, longest = end, inside
-            if longest >= 1.0:
-                break
-        return best
 
     def _inside_part(self, goal: Vector) -> tuple[Vector, float]:
         """(m,) how far on the line to `goal` all seems to be inside, and which share of it that is.
@@ -351,3 +336,43 @@ class WaypointExplorationController:
             np.array([self._walls.values(one) for one in (observation, ahead)])
         )
         return bool(then > beyond)
+
+
+class WaypointExplorationController(ExplorationController):
+    """Is ready when it has been everywhere."""
+
+    name = "waypoint_exploration"
+
+    def __init__(self, options: WaypointExploration, robot: Robot, seed: int) -> None:
+        super().__init__(options, robot, seed)
+        self._options = options
+
+    @property
+    def ready(self) -> bool:
+        return self._line >= self._options.waypoints
+
+    @property
+    def note(self) -> str:
+        """What it is doing; empty when it is done."""
+        return "" if self.ready else f"line {self._line + 1} of {self._options.waypoints}"
+
+    def _draw(self) -> Vector:
+        """(m,) a waypoint: the first that seems to be inside with all of the way there. If there
+        is none: as far on one of the ways as it is inside, or the end of what is least outside."""
+        axes = self._axes
+        middle = 0.5 * (axes.lowest + axes.highest)
+        half = 0.5 * self._options.travel_share * axes.travel
+        best, longest = middle, -np.inf
+        if not axes.coupled.way_inside(self._start, middle):
+            best = self._start
+        for _ in range(DRAWN_AT_MOST):
+            away = half * self._random.uniform(-1.0, 1.0, axes.count)
+            goal = middle + axes.less_together(away, self._options.together_share)
+            if not axes.coupled.way_inside(self._start, goal):
+                continue
+            end, inside = self._inside_part(goal)
+            if inside > longest:
+                best, longest = end, inside
+            if longest >= 1.0:
+                break
+        return best

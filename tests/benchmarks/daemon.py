@@ -150,7 +150,7 @@ async def _followed(
 
 def learner() -> Options:
     """What `make run` follows with, learning all the time."""
-    return {"kind": "reward_weighted", "model": str(pretrained(load_robot(SOFT_ARM)))}
+    return {"kind": "reward_weighted", "model": str(pretrained(load_robot(SOFT_ARM), waypoints=80))}
 
 
 def stop_figures(stops: int = _STOPS) -> Figures:

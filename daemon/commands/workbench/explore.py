@@ -1,8 +1,12 @@
 """`tentacled explore ROBOT.yaml --out DATA.npz`: random motions of a robot, to learn from.
 
+Some seconds of designed motions, all axes at once, tell enough to begin with: what is learnt from
+them goes on learning while it follows. With `--waypoints` the axes go to random places of all of
+their travel instead, for as long as that takes.
+
 Emulated devices stand in for the robot, in virtual time or in real. A rig is explored by its
-daemon: load and start an experiment file whose controller is `waypoint_exploration`, then make data
-of the recording with `--from`.
+daemon: load and start an experiment file whose controller is `designed_exploration` or
+`waypoint_exploration`, then make data of the recording with `--from`.
 """
 
 import argparse
@@ -13,7 +17,7 @@ from typing import TYPE_CHECKING
 from pydantic import ValidationError
 
 from config.loader import RobotFile
-from config.tasks.exploration import WaypointExploration
+from config.tasks.exploration import DesignedExploration, WaypointExploration
 from daemon.commands.outcome.failures import UsageError, about
 from daemon.commands.outcome.result import Result
 from daemon.host.stop_signals import all_like_ctrl_c
@@ -21,10 +25,17 @@ from daemon.robot.checked_robot import add_robot_argument, robot_with_warnings_t
 
 if TYPE_CHECKING:
     from daemon.learning.samples.dataset import Dataset
+    from daemon.workbench.pretraining.explore import Exploring
     from daemon.workbench.pretraining.parts import ExplorationParts
 
-_DEFAULT = WaypointExploration(kind="waypoint_exploration")
-_OPTIONS = {"waypoints": "waypoints", "travel_share": "share", "dither_share": "dither"}
+_DESIGNED = DesignedExploration(kind="designed_exploration")
+_RANDOM = WaypointExploration(kind="waypoint_exploration")
+_OPTIONS = {
+    "duration_s": "duration",
+    "waypoints": "waypoints",
+    "travel_share": "share",
+    "dither_share": "dither",
+}
 """What is called otherwise on the command line."""
 
 
@@ -32,26 +43,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_robot_argument(parser)
     parser.add_argument("--out", type=Path, required=True, metavar="DATA.npz")
     parser.add_argument(
+        "--duration",
+        type=float,
+        metavar="S",
+        help=f"of designed motions (default: {_DESIGNED.duration_s:g})",
+    )
+    parser.add_argument(
         "--waypoints",
         type=int,
-        default=_DEFAULT.waypoints,
         metavar="N",
-        help="random places of the axes to go to (default: %(default)s)",
+        help="random places of the axes to go to instead; 80 take five minutes of a soft arm",
     )
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="default: %(default)s")
     parser.add_argument(
         "--share",
         type=float,
-        default=_DEFAULT.travel_share,
         metavar="SHARE",
-        help="of each axis' travel, in its middle, that the places are from (default: all of it)",
+        help="of each axis' travel, in its middle, that the places are from (default: "
+        f"{_DESIGNED.travel_share:g}, of random places {_RANDOM.travel_share:g})",
     )
     parser.add_argument(
         "--dither",
         type=float,
-        default=_DEFAULT.dither_share,
         metavar="SHARE",
-        help="of each axis' travel that it swings by on its way (default: %(default)s)",
+        help="of each axis' travel that it swings by on its way (default: "
+        f"{_DESIGNED.dither_share:g}, between random places {_RANDOM.dither_share:g})",
     )
     parser.add_argument(
         "--tip-load", type=float, default=0.0, metavar="G", help="what hangs on the emulated tip"
@@ -79,12 +95,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> Result:
     checked = robot_with_warnings_told(arguments.robot)
     try:
-        options = WaypointExploration(
-            kind="waypoint_exploration",
-            waypoints=arguments.waypoints,
-            travel_share=arguments.share,
-            dither_share=arguments.dither,
-        )
+        options = _options(arguments)
         if not (arguments.tip_load >= 0.0 and arguments.seed >= 0):
             raise ValueError("neither a load nor a seed is below 0")
     except ValidationError as error:
@@ -100,9 +111,22 @@ def run(arguments: argparse.Namespace) -> Result:
     )
 
 
-def _seen(
-    file: RobotFile, options: WaypointExploration, arguments: argparse.Namespace
-) -> "Dataset":
+def _options(arguments: argparse.Namespace) -> "Exploring":
+    """Raises ValueError, of which pydantic's is one."""
+    if arguments.waypoints is not None and arguments.duration is not None:
+        raise ValueError("--duration is of designed motions, and --waypoints of random ones: one")
+    asked = {
+        "duration_s": arguments.duration,
+        "waypoints": arguments.waypoints,
+        "travel_share": arguments.share,
+        "dither_share": arguments.dither,
+    }
+    given = {name: value for name, value in asked.items() if value is not None}
+    kind = _DESIGNED if arguments.waypoints is None else _RANDOM
+    return type(kind).model_validate({"kind": kind.kind, **given})
+
+
+def _seen(file: RobotFile, options: "Exploring", arguments: argparse.Namespace) -> "Dataset":
     from daemon.files import check_can_be_made
     from daemon.workbench.pretraining.explore import dataset_of_run
 
@@ -119,9 +143,7 @@ def _seen(
     return _explored(file, options, arguments)
 
 
-def _explored(
-    file: RobotFile, options: WaypointExploration, arguments: argparse.Namespace
-) -> "Dataset":
+def _explored(file: RobotFile, options: "Exploring", arguments: argparse.Namespace) -> "Dataset":
     """What is interrupted, or fails on the way, is kept to go on from."""
     from daemon.learning.samples.dataset import DatasetError
     from daemon.workbench.pretraining.parts import ExplorationParts
@@ -132,7 +154,7 @@ def _explored(
         raise DatasetError(f"{arguments.run} is there already: name a new folder")
     if arguments.resume:
         parts.check()
-        print(f"{parts.lines_done()} of {options.waypoints} lines are there already", flush=True)
+        print(f"{parts.how_far} are there already", flush=True)
     else:
         _begin(parts)
     try:
@@ -141,7 +163,7 @@ def _explored(
         dataset = parts.dataset()
         dataset.save(arguments.out)
     except BaseException:
-        _keep(parts, options.waypoints)
+        _keep(parts)
         raise
     parts.end(arguments.run)
     return dataset
@@ -173,13 +195,12 @@ def _begin(parts: "ExplorationParts") -> None:
         ) from None
 
 
-def _keep(parts: "ExplorationParts", waypoints: int) -> None:
-    done = parts.lines_done()
-    if not done:
+def _keep(parts: "ExplorationParts") -> None:
+    if not parts.done:
         parts.end(None)
         return
     print(
-        f"ended after {done} of {waypoints} lines; they are kept in {parts.folder}: the same "
+        f"ended after {parts.how_far}; they are kept in {parts.folder}: the same "
         f"command with --resume goes on",
         file=sys.stderr,
     )

@@ -11,6 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.learning.forward.forward_model import forward_settings, metric_for
+from daemon.learning.forward.smooth_model import (
+    axes_shown,
+    imagined,
+    shown_lag_s,
+    smooth_model,
+)
 from daemon.learning.lwpr.model import Lwpr
 from daemon.learning.samples.dataset import Dataset, Frames, sound_frames
 from daemon.learning.samples.motion import Mask, MotionTable
@@ -109,6 +115,10 @@ def _lowest(left: Vector) -> float:
 SAMPLES_PER_FIELD = 100
 """How many samples a field needs is found by trying: with less it learns their noise."""
 _SAMPLES_AT_LEAST = 50
+_LONG_S = 60.0
+"""Of an exploration."""
+_FEW_MOTIONS, _IMAGINED = 2000, 4000
+"""Fewer are learnt by way of a smooth model, as so many that it makes up."""
 _LINES_AT_LEAST = 5
 
 
@@ -172,21 +182,45 @@ def pretrain(
     """tell: hears of every epoch. Raises PretrainingError."""
     lag_s = settings.lag_s
     if lag_s is None:
-        lag_s = body_lag_s(dataset.frames, dataset.travel)
+        lag_s = _found_lag_s(dataset)
     sampling = replace(settings.sampling, lag_s=lag_s)
-    motions = dataset.motions(sampling)
+    motions = _motions(dataset, sampling)
     test = _kept_back(motions.line, settings)
     if len(motions) - test.sum() < _SAMPLES_AT_LEAST:
         raise PretrainingError(
             f"{len(motions) - int(test.sum())} motions are too few to learn from: explore for "
             f"longer, or take a smaller threshold than {sampling.tip_mm:g} mm"
         )
-    model = _empty_model(motions.of_rows(~test), dataset.travel, settings)
-    return _learnt(model, motions, test, settings, sampling, tell)
+    learnt = motions.of_rows(~test)
+    if len(learnt) < _FEW_MOTIONS:
+        smooth = smooth_model(dataset.frames, learnt.line, dataset.travel, lag_s)
+        learnt = imagined(smooth, learnt, _IMAGINED, settings.seed)
+    model = _empty_model(learnt, dataset.travel, settings)
+    return _learnt(model, learnt, motions, test, settings, sampling, tell)
+
+
+def _found_lag_s(dataset: Dataset) -> float:
+    """From seconds of motion, or for a body that is very late, by a model that minds the lag's
+    shape. Raises PretrainingError where there are too few frames to tell."""
+    lag_s = body_lag_s(dataset.frames, dataset.travel)
+    if dataset.frames.duration_s >= _LONG_S and lag_s < _LAGS_S[-1]:
+        return lag_s
+    return shown_lag_s(dataset.frames, dataset.travel)
+
+
+def _motions(dataset: Dataset, sampling: SamplingSettings) -> MotionTable:
+    """With the axes as the tip shows them. A short lag is a delay; a long one has a shape."""
+    if sampling.lag_s < _LAGS_S[-1]:
+        return dataset.motions(sampling)
+    frames = dataset.frames
+    t_s = (frames.t_ns - frames.t_ns[:1].sum()) * 1e-9
+    shown = replace(frames, u=axes_shown(t_s, frames.u, sampling.lag_s))
+    return replace(dataset, frames=shown).motions(replace(sampling, lag_s=0.0))
 
 
 def _learnt(
     model: Lwpr,
+    learnt: MotionTable,
     motions: MotionTable,
     test: Mask,
     settings: PretrainingSettings,
@@ -209,9 +243,9 @@ def _learnt(
             best_mm, best_epoch, best, predicted = counts_mm, told.epoch, model.to_arrays(), said
         tell(told)
 
-    model.fit(inputs[~test], outputs[~test], settings.epochs, settings.seed, after)
-    learnt = Lwpr.from_arrays(model.settings, best)
-    return Pretraining(learnt, motions, test, predicted, tuple(errors), best_epoch, sampling)
+    model.fit(learnt.inputs, learnt.delta_tip_mm, settings.epochs, settings.seed, after)
+    best_model = Lwpr.from_arrays(model.settings, best)
+    return Pretraining(best_model, motions, test, predicted, tuple(errors), best_epoch, sampling)
 
 
 def _empty_model(learnt: MotionTable, travel: Vector, settings: PretrainingSettings) -> Lwpr:

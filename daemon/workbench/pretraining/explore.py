@@ -14,7 +14,7 @@ import numpy as np
 from config.loader import RobotFile
 from config.robot import Robot
 from config.tasks.experiment import Experiment
-from config.tasks.exploration import WaypointExploration
+from config.tasks.exploration import DesignedExploration, WaypointExploration
 from config.tasks.trajectory import Hold
 from daemon.host.progress import Progress
 from daemon.learning.samples.dataset import Dataset, DatasetError, Frames
@@ -29,6 +29,9 @@ from daemon.workbench.experiments.in_real_time import carry_out_in_real_time
 from daemon.workbench.experiments.in_virtual_time import carry_out_in_virtual_time
 from daemon.workbench.experiments.trial import Tell
 from safety.states import OperatingState
+
+Exploring = WaypointExploration | DesignedExploration
+"""What makes motions to learn from."""
 
 _RUNNING = OperatingState.RUNNING.value
 _STRETCH_NS = 5_000_000_000
@@ -116,12 +119,14 @@ _AT_ONCE_MM_S = 1000.0
 """An exploration follows nothing: its reference need not be led anywhere gently."""
 _LINE_AT_MOST = 3.0
 """A line with its dither takes less than this times the travel at full speed."""
+_PAUSES_AT_MOST = 3.0
+"""Seconds that pass for each that it moves: it may be held, and resumed, on its way."""
 _BEGINS_WITHIN_S = 120.0
 
 
 def explore(
     file: RobotFile,
-    options: WaypointExploration,
+    options: Exploring,
     seed: int,
     run: Path,
     tell: Tell,
@@ -158,10 +163,8 @@ def config_sha256(file: RobotFile) -> str:
 
 
 def _experiment(
-    file: RobotFile, options: WaypointExploration, seed: int, tip_load_g: float
+    file: RobotFile, options: Exploring, seed: int, tip_load_g: float
 ) -> ExperimentFile:
-    axes = AxisRanges.of(file.robot)
-    through_s = float(np.max(axes.travel / (options.speed_share * axes.max_velocity)))
     experiment = Experiment(
         experiment="exploration",
         robot=str(file.path),
@@ -170,11 +173,19 @@ def _experiment(
         tip_load_g=tip_load_g,
         blend_speed_mm_s=_AT_ONCE_MM_S,
         seed=seed,
-        longest_s=_BEGINS_WITHIN_S + _LINE_AT_MOST * through_s * options.waypoints,
+        longest_s=_BEGINS_WITHIN_S + _longest_s(file.robot, options),
     )
     return ExperimentFile(
         file.path, experiment, file, _loaded(file.robot, tip_load_g), file.document
     )
+
+
+def _longest_s(robot: Robot, options: Exploring) -> float:
+    if isinstance(options, DesignedExploration):
+        return _PAUSES_AT_MOST * options.duration_s
+    axes = AxisRanges.of(robot)
+    through_s = float(np.max(axes.travel / (options.speed_share * axes.max_velocity)))
+    return _LINE_AT_MOST * through_s * options.waypoints
 
 
 def _middle(robot: Robot) -> tuple[float, float, float]:

@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from config.loader import RobotFile
 from config.tasks.experiment import Pretraining
-from config.tasks.exploration import WaypointExploration
+from config.tasks.exploration import DesignedExploration, WaypointExploration
 from daemon.array_files import ModelError
 from daemon.files import models_directory
 from daemon.host.progress import Progress
@@ -23,16 +23,16 @@ from daemon.learning.forward.pretrained_model import KIND, PretrainedModel
 from daemon.learning.forward.pretraining import EpochErrors, PretrainingSettings, pretrain
 from daemon.workbench.experiments.experiment_file import ExperimentFile, other_plant
 from daemon.workbench.experiments.trial import Tell, TrialError
-from daemon.workbench.pretraining.explore import config_sha256, explore
+from daemon.workbench.pretraining.explore import Exploring, config_sha256, explore
 
-_RECIPE: Final = 1
+_RECIPE: Final = 2
 """Another number for models that come out otherwise from the same settings."""
 _KEY_DIGITS: Final = 16
 
 
 def pretrained(
     file: RobotFile,
-    waypoints: int = 80,
+    waypoints: int | None = None,
     seed: int = 1,
     tell: Tell = lambda _: None,
     directory: Path | None = None,
@@ -42,18 +42,19 @@ def pretrained(
 
     It is learnt from everything that the exploration saw; nothing is kept back for a test. The same
     arguments give the same model. Not to be called from an event loop: it runs one of its own.
-    tell, progress: hear what is done, where something has to be, and how far that is. directory:
-    instead of the usual one.
+    waypoints: how many random places of all the axes' travel are gone to; None: some seconds of
+    designed motions, which are enough to begin with. tell, progress: hear what is done, where
+    something has to be, and how far that is. directory: instead of the usual one.
     Raises TrialError and PretrainingError where the robot cannot be explored, OSError.
     """
-    options = WaypointExploration(kind="waypoint_exploration", waypoints=waypoints)
+    options = _exploration(waypoints)
     settings = PretrainingSettings(test_share=0.0, seed=seed)
     folder = models_directory() if directory is None else directory
     path = folder / f"{file.robot.robot}-{_key(file, options, settings, seed)}.npz"
     if _usable(path, file):
         return path
     folder.mkdir(parents=True, exist_ok=True)
-    tell(f"exploring {file.robot.robot} in virtual time: {waypoints} waypoints")
+    tell(f"exploring {file.robot.robot} in virtual time: {_amount(options)}")
     with tempfile.TemporaryDirectory(prefix="tentacled-") as run:
         dataset = explore(file, options, seed, Path(run), tell, progress=progress)
     tell(f"learning from {dataset.frames.duration_s:.0f} s of motion")
@@ -61,6 +62,18 @@ def pretrained(
     PretrainedModel.of(learnt, dataset).save(path)
     tell(f"the model is kept in {path}")
     return path
+
+
+def _exploration(waypoints: int | None) -> Exploring:
+    if waypoints is None:
+        return DesignedExploration(kind="designed_exploration")
+    return WaypointExploration(kind="waypoint_exploration", waypoints=waypoints)
+
+
+def _amount(options: Exploring) -> str:
+    if isinstance(options, DesignedExploration):
+        return f"{options.duration_s:.0f} s of motion"
+    return f"{options.waypoints} waypoints"
 
 
 def epochs_told(
@@ -81,9 +94,7 @@ def _usable(path: Path, file: RobotFile) -> bool:
     return True
 
 
-def _key(
-    file: RobotFile, options: WaypointExploration, settings: PretrainingSettings, seed: int
-) -> str:
+def _key(file: RobotFile, options: Exploring, settings: PretrainingSettings, seed: int) -> str:
     made_of: dict[str, Any] = {
         "config": config_sha256(file),
         "exploration": options.model_dump(mode="json"),

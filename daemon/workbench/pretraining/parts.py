@@ -1,7 +1,7 @@
 """An exploration that may be interrupted: recorded in parts, kept beside the file that it makes.
 
 Each part is a run of its own, with its recording. What an interruption has left, whatever it was,
-is gone on from with the lines that are missing.
+is gone on from with the lines, or the seconds, that are missing.
 """
 
 import json
@@ -12,18 +12,25 @@ from typing import Any
 import numpy as np
 
 from config.loader import RobotFile
-from config.tasks.exploration import WaypointExploration
+from config.tasks.exploration import DesignedExploration
 from daemon.files import write_whole
 from daemon.host.progress import Progress
 from daemon.learning.samples.dataset import Dataset, DatasetError, joined
 from daemon.recording.recovery import recover_unfinished
 from daemon.recording.run_folder import RUN_FILES
 from daemon.workbench.experiments.trial import Tell
-from daemon.workbench.pretraining.explore import config_sha256, dataset_of_run, explore
+from daemon.workbench.pretraining.explore import (
+    Exploring,
+    config_sha256,
+    dataset_of_run,
+    explore,
+)
 
 _REQUEST_FILE = "exploration.json"
 _NOT_WHOLE = 2
 """Stretches of a part that are no line, or not all of one: the first and the last."""
+_SHORTEST_S = 2.0
+"""Of a part."""
 
 
 class ExplorationParts:
@@ -33,7 +40,7 @@ class ExplorationParts:
         self,
         out: Path,
         file: RobotFile,
-        options: WaypointExploration,
+        options: Exploring,
         seed: int,
         tip_load_g: float,
         real_time: bool,
@@ -64,22 +71,31 @@ class ExplorationParts:
                 f"go on with the same words, or remove it"
             )
 
-    def lines_done(self) -> int:
-        """How many of the lines have been gone along, as far as the recordings tell."""
-        done = 0
-        for part in self._parts():
-            done += max(len(np.unique(part.frames.line)) - _NOT_WHOLE, 0)
-        return min(done, self._options.waypoints)
+    @property
+    def done(self) -> int:
+        """How many of the lines have been gone along, or for how many seconds motions were tried,
+        as far as the recordings tell."""
+        if isinstance(self._options, DesignedExploration):
+            moved_s = sum(part.frames.duration_s for part in self._parts())
+            return min(int(moved_s), int(self._options.duration_s))
+        lines = (len(np.unique(part.frames.line)) - _NOT_WHOLE for part in self._parts())
+        return min(sum(max(count, 0) for count in lines), self._options.waypoints)
+
+    @property
+    def how_far(self) -> str:
+        """In words."""
+        if isinstance(self._options, DesignedExploration):
+            return f"{self.done} of {self._options.duration_s:.0f} s"
+        return f"{self.done} of {self._options.waypoints} lines"
 
     def explore(self, tell: Tell, progress: Progress | None = None) -> None:
-        """Go along the lines that are missing. Raises TrialError, DatasetError, OSError."""
-        left = self._options.waypoints - self.lines_done()
-        if left <= 0:
+        """Go along what is missing. Raises TrialError, DatasetError, OSError."""
+        options = self._left()
+        if options is None:
             return
         number = 1 + max((int(path.name) for path in self._folders()), default=0)
         folder = self.folder / str(number)
         folder.mkdir()
-        options = self._options.model_copy(update={"waypoints": left})
         explore(
             self._file,
             options,
@@ -104,6 +120,16 @@ class ExplorationParts:
         if kept is not None:
             shutil.move(folders[0] if len(folders) == 1 else self.folder, kept)
         shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _left(self) -> Exploring | None:
+        """What is missing; None: nothing."""
+        options, done = self._options, self.done
+        if isinstance(options, DesignedExploration):
+            left_s = max(options.duration_s - done, _SHORTEST_S)
+            finished = done >= options.duration_s - 1.0
+            return None if finished else options.model_copy(update={"duration_s": left_s})
+        left = options.waypoints - done
+        return None if left <= 0 else options.model_copy(update={"waypoints": left})
 
     @property
     def _requested(self) -> dict[str, Any]:
