@@ -9,7 +9,10 @@ from config.robot import Robot
 from config.tasks.exploration import WaypointExploration
 from daemon.array_files import ModelError
 from daemon.control.controller import Observation
-from daemon.controllers.waypoint_exploration import WaypointExplorationController
+from daemon.controllers.waypoint_exploration import (
+    ExplorationController,
+    WaypointExplorationController,
+)
 from daemon.robot.coupled_axes import CoupledAxes
 from drivers.pose import Vector
 from tests import SHIPPED_ROBOTS
@@ -207,7 +210,7 @@ LOWEST_N, HIGHEST_N = THREE_TENDONS.axes[0].tension_range_n or (0.0, 0.0)
 
 
 def pulled(
-    control: WaypointExplorationController, told: bool = True, gap: range = range(0)
+    control: ExplorationController, told: bool = True, gap: range = range(0)
 ) -> tuple[Vector, int]:
     """(n, 3) N that tendons have of 2 N and 0.5 N for each mm, and how many lines were gone; told:
     whether the exploration sees it, but for the first tendon's in a gap of steps."""

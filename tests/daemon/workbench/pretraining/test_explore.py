@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from config.loader import RobotFile, load_robot
-from config.tasks.exploration import WaypointExploration
+from config.tasks.exploration import DesignedExploration, WaypointExploration
 from daemon.commands.outcome.exit_codes import (
     EXIT_DATA,
     EXIT_NO_INPUT,
@@ -32,6 +32,7 @@ from daemon.workbench.pretraining.explore import (
     frames_of_run,
 )
 from daemon.workbench.pretraining.model_cache import pretrained
+from daemon.workbench.pretraining.parts import ExplorationParts
 
 PATH = Path(__file__).parents[4] / "config" / "robots" / "soft_arm.yaml"
 FILE: RobotFile = load_robot(PATH)
@@ -216,6 +217,38 @@ def test_explore_and_pretrain_on_the_command_line(
     )
 
 
+def test_seconds_of_designed_motions_are_what_is_explored_by_default(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data, model = tmp_path / "data.npz", tmp_path / "model.npz"
+    assert main(["explore", str(PATH), "--out", str(data)]) == EXIT_OK
+    dataset = Dataset.load(data, FILE.robot)
+    assert dataset.provenance["exploration"]["kind"] == "designed_exploration"
+    assert dataset.frames.duration_s == pytest.approx(16.0, abs=0.5)
+    assert main(["pretrain", str(PATH), str(data), "--out", str(model), "--no-figures"]) == EXIT_OK
+    learnt = PretrainedModel.load(model, FILE.robot)
+    assert learnt.sampling.lag_s == pytest.approx(0.1, abs=0.04)
+    capsys.readouterr()
+
+
+def test_designed_motions_that_are_interrupted_go_on_with_the_seconds_that_are_missing(
+    tmp_path: Path,
+) -> None:
+    options = DesignedExploration(kind="designed_exploration", duration_s=6.0)
+    parts = ExplorationParts(tmp_path / "data.npz", FILE, options, 1, 0.0, real_time=False)
+    parts.begin()
+    first = parts.folder / "1"
+    first.mkdir()
+    explore(FILE, options.model_copy(update={"duration_s": 3.0}), 1, first, quiet)
+    assert 2 <= parts.done <= 3
+    assert parts.how_far == f"{parts.done} of 6 s"
+    parts.explore(quiet)
+    assert parts.done >= 5
+    assert len(parts.dataset().provenance["parts"]) == 2
+    parts.explore(quiet)
+    assert len(list(parts.folder.glob("*/run.mcap"))) == 2, "nothing is missing any more"
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_an_exploration_that_is_ended_goes_on_where_it_was(
     number: signal.Signals, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -251,6 +284,8 @@ def test_an_exploration_that_is_ended_goes_on_where_it_was(
     ("words", "told"),
     [
         (["--waypoints", "0"], "--waypoints: "),
+        (["--duration", "0.1"], "--duration: "),
+        (["--duration", "5", "--waypoints", "5"], "--duration is of designed motions"),
         (["--share", "1.5"], "--share: "),
         (["--dither", "nan"], "--dither: "),
         (["--tip-load", "-1"], "below 0"),
