@@ -25,10 +25,8 @@ def seen(lag_s: float = 0.0, seconds: float = SECONDS) -> Frames:
     """Of an arm that answers with a dead time and a first-order lag."""
     frames = arm_frames(12)
     count = int(np.searchsorted(frames.t_ns, seconds * 1e9))
-    frames = Frames(
-        frames.t_ns[:count], frames.tip_mm[:count], frames.u[:count], frames.line[:count]
-    )
-    shown = axes_shown(frames.t_ns * 1e-9, frames.u, lag_s)
+    frames = without(frames, count, len(frames))
+    shown = axes_shown(np.asarray(frames.t_ns * 1e-9, np.float64), frames.u, lag_s)
     noise = 0.1 * np.random.default_rng(5).normal(size=frames.tip_mm.shape)
     return replace(frames, tip_mm=np.array([ARM.tip(u)[0] for u in shown]) + noise)
 
