@@ -87,9 +87,11 @@ def shipped_or_beside(reference: str, folder: str, robot_path: Path) -> Path:
 
 
 def named_model(reference: str) -> Path:
-    """The file of that model: a shipped one, or one of whoever runs it."""
+    """The file of that model: a shipped one, with or without its suffix as robots are named, or one
+    of whoever runs it."""
     if reference.startswith(BUILTIN):
-        return shipped_or_beside(reference, "models", Path())
+        path = shipped_or_beside(reference, "models", Path())
+        return path if path.suffix else path.with_suffix(".npz")
     return Path(reference).expanduser()
 
 

@@ -55,6 +55,7 @@ def test_it_is_understood_by_every_command(words: list[str]) -> None:
 )
 def test_so_is_a_shipped_model(words: list[str]) -> None:
     assert parsed([*words, "--model", "builtin:soft_arm.npz"]).model.is_file()
+    assert parsed([*words, "--model", "builtin:soft_arm"]).model.is_file()
     assert parsed([*words, "--model", "own.npz"]).model == Path("own.npz")
 
 
