@@ -88,7 +88,7 @@ def test_what_is_sent_is_what_the_gate_asks_with(file: RobotFile) -> None:
         await rig.armed()
         u = [0.0] * 4
         assert source_of(rig).assess(u, u, 0).contact_risk < 0.01  # type: ignore[union-attr]
-        wall = box((40.0, 100.0, 300.0), (40.0, 0.0, 100.0), 2)  # leaves less than the body needs
+        wall = box((40.0, 100.0, 300.0), (38.0, 0.0, 100.0), 2)  # leaves less than the body needs
         reference = await upload(rig, binary_stl(wall), "wall.stl")
         answer = await rig.do(Surround, surface={"mesh": reference, "free": "outside"})
         assert answer.text.startswith("wall.stl, ")
