@@ -188,7 +188,7 @@ def _free_change(hessian: FloatArray, slope: FloatArray, held: FloatArray) -> Fl
 
 
 @_kernel
-def nearest_step(
+def step_within(
     jacobian: FloatArray, wanted: FloatArray, low: FloatArray, high: FloatArray, damping: float
 ) -> FloatArray:
     """(m,) between bounds, which hold zero between them: the step whose tip comes nearest to where
@@ -260,7 +260,7 @@ def least_hurried_step(
         for k in range(count):
             low[k] = max(bounds.lowest[k], -haste * fastest[k])
             high[k] = min(bounds.highest[k], haste * fastest[k])
-        trial, along = nearest_step(jacobian, wanted, low, high, damping), 0.0
+        trial, along = step_within(jacobian, wanted, low, high, damping), 0.0
         for r in range(rows):
             for k in range(count):
                 along += tip[r] * jacobian[r, k] * trial[k]
@@ -299,7 +299,7 @@ def axis_step(
         hurried = hurried or abs(step[k]) > fastest
         low[k], high[k] = max(low[k], -fastest), min(high[k], fastest)
     if hurried:
-        step = nearest_step(scaled, step, low, high, damping)
+        step = step_within(scaled, step, low, high, damping)
     for k in range(count):
         step[k] *= unit[k]
     return step

@@ -359,7 +359,7 @@ class ControlLoop:
         ]
         decision = self._gate.decide(targets, sensed.measured, now_ns, self._duration_ns)
         self._tell_supervisor(decision, requested, now_ns)
-        if decision.risk is not None:
+        if decision.risk is not None and decision.refused != RISK_UNAVAILABLE:
             self._avoidance.take_judgement(decision.risk, self._threshold, RISK in decision.limits)
         if self._way_counting is not None and decision.step is not None and not decision.refused:
             count_way(self._way_counting, now_ns)

@@ -18,13 +18,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from daemon.learning.samples.motion import DEAD_SHARE
 from drivers.pose import Vector
 
 LONGEST_S = 1.6
 """No lag beyond this is looked for."""
-DEAD_SHARE = 0.35
-"""Of the lag as a sum, where nothing tells. What looks like lag is partly hysteresis and creep, and
-no dead time."""
 _DEAD_SHARES = (DEAD_SHARE, 0.6, 0.85)
 """That steps can tell from each other: a prediction with the next one is off by an eighth of a lag
 at most."""

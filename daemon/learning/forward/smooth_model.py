@@ -11,20 +11,16 @@ before they are put beside the tip; a delay alone would do for a lag of a tenth 
 leave five times as much unexplained for one of eight tenths.
 """
 
-from typing import Final
-
 import numpy as np
 from numpy.typing import NDArray
 
 from daemon.learning.samples.dataset import Frames, sound_frames
-from daemon.learning.samples.motion import Mask, MotionTable
+from daemon.learning.samples.motion import DEAD_SHARE, Mask, MotionTable
 from drivers.pose import Vector
 
 LineNumbers = NDArray[np.int64]
 Rows = NDArray[np.intp]
 
-_DEAD_SHARE: Final = 0.35
-"""Of a lag as a sum, as controllers that lead it take it to be."""
 _GAP_S = 0.1
 _SPAN_S = 0.5
 """Of the motions that are explained: longer than noise, shorter than creep."""
@@ -37,7 +33,7 @@ _FINE_S = np.arange(-0.08, 0.081, 0.02)
 def axes_shown(t_s: Vector, u: Vector, lag_s: float) -> Vector:
     """(n, m) of (n, m) axes, what shows of them at the tip that late. They stood before they began
     to move, and in gaps."""
-    dead_s = _DEAD_SHARE * lag_s
+    dead_s = DEAD_SHARE * lag_s
     due = np.stack([np.interp(t_s - dead_s, t_s, column) for column in u.T], axis=1)
     first_order_s = lag_s - dead_s
     if first_order_s <= 0.0:

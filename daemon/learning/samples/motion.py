@@ -9,6 +9,11 @@ from numpy.typing import NDArray
 
 from drivers.pose import Vector
 
+DEAD_SHARE = 0.35
+"""Dead time in a body's lag, where nothing tells: of its sum with a first-order lag, which is what
+motions along a path tell well. What looks like lag is partly hysteresis and creep, and no dead
+time."""
+
 
 class MotionSample(NamedTuple):
     """From (p, u) the axes moved by Δu, and the tip by Δp (Ho 2018, §2.2). All observed."""

@@ -177,7 +177,7 @@ def test_the_nearest_step_within_bounds_is_that_of_plain_bounded_least_squares(
     wanted = generator.normal(size=axes) * 10.0 ** generator.uniform(-2, 2)
     reach = 10.0 ** generator.uniform(-2, 1, size=(2, axes))
     low, high = -reach[0], reach[1]
-    step = kernels.nearest_step(jacobian, wanted, low, high, damping)
+    step = kernels.step_within(jacobian, wanted, low, high, damping)
     assert (low <= step).all()
     assert (step <= high).all()
     rows = np.concatenate([jacobian, damping * np.eye(axes)])
