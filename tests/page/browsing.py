@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, ConsoleMessage, Page, ViewportSize
+    from playwright.sync_api import Browser, ConsoleMessage, Locator, Page, ViewportSize
 
 CHROMIUM: Final = shutil.which("chromium") or shutil.which("chromium-browser")
 PICTURES: Final = Path(__file__).parents[2] / "docs" / "pictures"
 """What the pictures in the documentation are made by, so that they are never old."""
 PATIENCE_S: Final = 60.0
 _TAKES_HOLD_WITHIN_S: Final = 0.5
+_PRESSED_WITHIN_S: Final = 2.0
 DESKTOP: Final["ViewportSize"] = {"width": 1500, "height": 1180}
 _WHOLE: Final["ViewportSize"] = {"width": 1500, "height": 1420}
 
@@ -33,6 +34,23 @@ def until(
         if time.monotonic() > ends_s:
             raise AssertionError(what() if callable(what) else what)
         time.sleep(0.03)
+
+
+def clicked(button: "Locator") -> bool:
+    """Press it if it can be pressed now. Returns whether it was.
+
+    What can be pressed changes with the robot's state: between a look and a press as well, and then
+    the browser would wait for it far longer than the state lasts.
+    """
+    from playwright.sync_api import TimeoutError as StillWaiting
+
+    if not button.is_enabled():
+        return False
+    try:
+        button.click(timeout=1000.0 * _PRESSED_WITHIN_S)
+    except StillWaiting:
+        return False
+    return True
 
 
 class Browsing:
@@ -95,7 +113,7 @@ class Browsing:
                 return True
             if control.is_enabled() and time.monotonic() > tried_s + 2.0:
                 tried_s = time.monotonic()
-                control.click()
+                clicked(control)
             return False
 
         until(taken, lambda: f"the page is in control\n{self.told()}")
@@ -103,12 +121,14 @@ class Browsing:
     def press(self, verb: str, hold_s: float = 0.0) -> None:
         """Press a command's button, for so long."""
         button = self.page.locator(f'[data-verb="{verb}"]')
-        until(button.is_enabled, lambda: f"{verb}: {button.get_attribute('title')}\n{self.told()}")
-        button.scroll_into_view_if_needed()
-        if not hold_s:
-            button.click()
-            return
-        self.hold_down(verb, hold_s)
+
+        def pressed() -> bool:
+            if hold_s and button.is_enabled():
+                self.hold_down(verb, hold_s)
+                return True
+            return not hold_s and clicked(button)
+
+        until(pressed, lambda: f"{verb}: {button.get_attribute('title')}\n{self.told()}")
 
     def hold_down(self, verb: str, hold_s: float) -> None:
         """A command's button, whatever comes of it."""

@@ -320,6 +320,12 @@ class Stage:
 
         self.do(end())
 
+    def begin_anew(self) -> None:
+        """There, and as it was at first: also where a test has failed while it was gone."""
+        self.robot.begin_anew()
+        if self._playing is None or self._playing.done():
+            self.open_robot()
+
     def do(self, what: Coroutine[Any, Any, T]) -> T:
         return asyncio.run_coroutine_threadsafe(what, self._loop).result(PATIENCE_S)
 

@@ -1,5 +1,6 @@
 """What breaks round the page: it says so at once, and nothing goes on by itself afterwards."""
 
+import json
 import signal
 import time
 from functools import partial
@@ -13,7 +14,7 @@ from tests.page.browsing import browsing, until
 from tests.page.stage import Stage, stage
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Locator
+    from playwright.sync_api import Browser, Locator, WebSocketRoute
 
 pytestmark = pytest.mark.page
 
@@ -25,6 +26,16 @@ _TWENTY_SOCKETS = """
     const page = String(n).padStart(32, "0");
     const own = new WebSocket(`${base}/ws?robot=little_arm&page=${page}`);
     own.onmessage = () => { window.counts[n] += 1; };
+  }
+})()
+"""
+
+_COUNT_WHAT_IS_ENABLED = """
+(() => {
+  window.enabled = [];
+  for (const button of document.querySelectorAll('[data-verb="disarm"], #control')) {
+    const told = () => { if (!button.disabled) window.enabled.push(button.textContent); };
+    new MutationObserver(told).observe(button, { attributeFilter: ["disabled"] });
   }
 })()
 """
@@ -42,13 +53,42 @@ def test_a_daemon_that_dies_and_comes_back_is_picked_up_and_nobody_is_in_control
         seen.until_live()
         seen.arm()
         on.close_robot()
-        until(lambda: seen.stale, "it greys out", 3.0)
+        disarm = seen.page.locator('[data-verb="disarm"]')
+        # Both: a page that had fallen behind shows its last messages late, and is live once more.
+        until(lambda: seen.stale and not disarm.is_enabled(), "it greys out")
         assert seen.page.locator("#stop").is_enabled()
-        assert not seen.page.locator('[data-verb="disarm"]').is_enabled()
         on.open_robot()
         seen.until_live()
         assert not seen.probe()["inControl"], "nothing is taken again by itself"
         assert seen.page.locator("#control").is_enabled()
+
+
+def test_what_is_told_of_old_data_enables_nothing_even_for_a_moment(
+    browser: "Browser", on: Stage
+) -> None:
+    old: list[bool] = []
+
+    def told_again(page: "WebSocketRoute") -> None:
+        server = page.connect_to_server()
+        server.on_message(lambda said: page.send(_grown_old(said) if old else said))
+
+    with browsing(browser, on.address) as seen:
+        seen.page.route_web_socket("**/ws?*", told_again)
+        seen.page.reload()
+        seen.until_live()
+        seen.arm()
+        disarm = seen.page.locator('[data-verb="disarm"]')
+        until(disarm.is_enabled, "it may be switched off")
+        old.append(True)
+        until(lambda: seen.stale and not disarm.is_enabled(), "it greys out")
+        frames = seen.probe()["frames"]
+        seen.page.evaluate(_COUNT_WHAT_IS_ENABLED)
+        until(lambda: seen.probe()["frames"] > frames + 20, "it is told more")
+        assert seen.page.evaluate("window.enabled") == []
+
+
+def _grown_old(said: str | bytes) -> str:
+    return json.dumps({**json.loads(said), "problem": "the robot is away"})
 
 
 def test_keys_that_were_held_while_the_server_was_away_count_as_released(

@@ -11,7 +11,7 @@ import pytest
 from tests import SHIPPED_ROBOTS
 from tests.hil.daemon_rig import Daemon, short_folder
 from tests.hil.processes import Lab, Process, command
-from tests.page.browsing import Browsing, browsing, until
+from tests.page.browsing import Browsing, browsing, clicked, until
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -19,8 +19,9 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 _ROBOT: Final = SHIPPED_ROBOTS / "tendon_arm.yaml"
-_EXPLORED_WITHIN_S: Final = 150.0
-"""Each tendon is pulled before the tip is led: 20 s on an idle machine."""
+_WITHIN_S: Final = 150.0
+"""For what a busy machine interrupts again and again. Each tendon is pulled before the tip is led:
+20 s on an idle one."""
 
 pytestmark = pytest.mark.page
 
@@ -63,7 +64,7 @@ def run_until(seen: Browsing, true: Any, what: str) -> None:
     def there() -> object:
         return _helped_on(seen) and true()
 
-    until(there, lambda: f"{what}\n{seen.told()}", _EXPLORED_WITHIN_S)
+    until(there, lambda: f"{what}\n{seen.told()}", _WITHIN_S)
 
 
 def test_an_operator_finds_arms_runs_holds_leads_stops_and_replays(browser: "Browser") -> None:
@@ -128,7 +129,7 @@ def _taken_while_it_runs(b: Browsing) -> bool:
 
 
 def _start(b: Browsing) -> None:
-    until(lambda: _helped_on(b), lambda: f"it runs\n{b.told()}")
+    until(lambda: _helped_on(b), lambda: f"it runs\n{b.told()}", _WITHIN_S)
 
 
 def _helped_on(b: Browsing) -> bool:
@@ -137,9 +138,7 @@ def _helped_on(b: Browsing) -> bool:
     if state in ("ready", "standby"):
         b.arm()
     for verb in {"armed": ["start"], "hold": ["resume"], "fault": ["clear"]}.get(state, []):
-        button = b.page.locator(f'[data-verb="{verb}"]')
-        if button.is_enabled():
-            button.click()
+        if clicked(b.page.locator(f'[data-verb="{verb}"]')):
             time.sleep(0.3)
     return b.state() == "running"
 
@@ -157,7 +156,7 @@ def _hold(made: Bench, b: Browsing) -> None:
             _start(b)
         return b.state() == "hold" and remedy.inner_text()
 
-    until(held, lambda: f"it holds and says what helps\n{b.told()}")
+    until(held, lambda: f"it holds and says what helps\n{b.told()}", _WITHIN_S)
 
 
 def _arm_again(b: Browsing) -> None:
@@ -165,12 +164,11 @@ def _arm_again(b: Browsing) -> None:
 
     def ready() -> bool:
         clear = b.page.locator('[data-verb="clear"]')
-        if b.state() in ("fault", "standby") and clear.is_enabled():
-            clear.click()
+        if b.state() in ("fault", "standby") and clicked(clear):
             time.sleep(0.5)
         return b.state() == "ready"
 
-    until(ready, lambda: f"it is ready again\n{b.told()}")
+    until(ready, lambda: f"it is ready again\n{b.told()}", _WITHIN_S)
     b.arm()
 
 
@@ -191,7 +189,7 @@ def _lead(b: Browsing) -> None:
         tip = b.probe()["tip"]["tip_mm"]
         return bool(before and tip and _apart(before, tip) > 2.0)
 
-    until(followed, lambda: f"the tip follows the hand\n{b.told()}")
+    until(followed, lambda: f"the tip follows the hand\n{b.told()}", _WITHIN_S)
     b.page.mouse.up()
     b.until_state("hold", "armed")
 
@@ -204,12 +202,11 @@ def _begin_by_hand(b: Browsing) -> None:
             b.arm()
         begin = b.page.locator('[data-verb="teleoperate"]')
         leadable = b.page.locator("body.leadable")
-        if not leadable.count() and begin.is_enabled():
-            begin.click()
+        if not leadable.count() and clicked(begin):
             time.sleep(0.3)
         return leadable.count()
 
-    until(begun, lambda: f"the tip may be led\n{b.told()}")
+    until(begun, lambda: f"the tip may be led\n{b.told()}", _WITHIN_S)
 
 
 def _replay(made: Bench, b: Browsing) -> None:

@@ -16,6 +16,7 @@ const look = {
   frames: 0, status: null, risk: null, tip: null, body: null, heard: 0, age: Infinity, number: 0, drawnNumber: 0, drawnHeard: -Infinity,
   inControl: false, role: "", source: "", workspace: null, room: "", roomAsked: 0, hand: "",
   age_s: () => look.age + (performance.now() - look.heard) / 1000,
+  stale: () => !(look.age_s() <= STALE_S),
   pictureAge: () => look.drawnAge + (performance.now() - look.drawnHeard) / 1000,
 };
 const fetched = replayed ? fetchReplay(replayed, reading) : null;
@@ -91,7 +92,7 @@ function takeLive(frame) {
   look.dropped = frame.dropped;
   if (frame.tip_age_s !== undefined) { look.tipSent = frame.sent_s; look.tipAge = frame.tip_age_s; look.tipFresh = true; }
   put($("control"), look.inControl ? "Release control" : frame.control_taken ? "Take over" : "Take control");
-  $("control").disabled = frame.role !== "operator";
+  $("control").disabled = frame.role !== "operator" || look.stale();
   if (plots && frame.status) plots.loop.add(frame.status.t_ns * 1e-9, [frame.status.loop.lateness_p99_s * 1e3]);
   if (plots && frame.risk) plots.risk.add(frame.risk.t_ns * 1e-9, [frame.risk.contact_risk, frame.risk.threshold]);
   if (plots && frame.tip) { plots.error.add(frame.tip.t_ns * 1e-9, [frame.tip.error_mm]); scene.addToTrail(frame.tip); }
@@ -112,7 +113,7 @@ function show() {
   unshown = null;
   if (frame) {
     say(frame);
-    if (frame.buttons) showButtons(frame.buttons);
+    if (frame.buttons && !look.stale()) showButtons(frame.buttons);
     if (frame.cycles) showCycles(frame.cycles);
     if (frame.events.length) addEvents(frame.events);
   }
@@ -123,7 +124,7 @@ function show() {
 }
 
 function showAge() {
-  const seconds = look.age_s(), stale = !(seconds <= STALE_S);
+  const seconds = look.age_s(), stale = look.stale();
   document.body.classList.toggle("stale", stale);
   for (const button of document.querySelectorAll("main .live button, #control")) if (stale) button.disabled = true;
   if (stale) { forgetButtons(); wake(); }
