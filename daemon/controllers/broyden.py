@@ -66,6 +66,8 @@ class Exploration:
         self._made: list[Vector] = []
         self._effects: list[Vector] = []
         self._home: Vector | None = None
+        self._left: Vector | None = None
+        """The home of an excursion that was interrupted."""
         self._out = np.zeros(axes.count)
         self._rests: list[list[Frame]] = []
         self._moving = False
@@ -92,7 +94,8 @@ class Exploration:
 
     def reset(self) -> None:
         """Motion begins again: so does the excursion that was interrupted."""
-        self._home = None
+        if self._home is not None:
+            self._home, self._left = None, self._home
         self._rests = []
         self._begin_rest()
 
@@ -119,7 +122,7 @@ class Exploration:
         dt_s = step_time(observation)
         self._elapsed_s += dt_s
         if self._home is None:
-            self._home = np.clip(observation.targets, self._axes.lowest, self._axes.highest)
+            self._home = self._home_of(observation.targets)
             self._out = self._excursion(self._home)
             if (np.abs(observation.targets - self._home) > _ARRIVED * self._amplitude).any():
                 self._come_inside()
@@ -140,6 +143,17 @@ class Exploration:
     def _who(self) -> str:
         axis = len(self._effects)
         return self._axes.names[axis] if axis < self._axes.count else "moving all axes"
+
+    def _home_of(self, targets: Vector) -> Vector:
+        """(m,) where an excursion begins: here, or where the one began that was interrupted.
+
+        From where it was interrupted it would go farther out each time, until nothing lets it.
+        """
+        left, self._left = self._left, None
+        on_its_way = (1.0 + _ARRIVED) * self._amplitude
+        if left is not None and (np.abs(targets - left) <= on_its_way).all():
+            return left
+        return np.asarray(np.clip(targets, self._axes.lowest, self._axes.highest))
 
     def _excursion(self, home: Vector) -> Vector:
         """(m,) of the next one: outwards, and inwards where there is no room left."""

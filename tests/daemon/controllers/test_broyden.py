@@ -160,6 +160,31 @@ def test_an_interruption_repeats_only_the_excursion_it_broke() -> None:
     assert loop.error < 0.03
 
 
+def test_however_often_it_is_interrupted_it_goes_no_farther_out() -> None:
+    loop = LinearRobot()
+    before, amplitude = loop.targets, OPTIONS.explore_share * 50.0
+    for _ in range(8):
+        loop.controller.reset(loop.seen())
+        for _ in range(200):
+            loop.step()
+            if np.abs(loop.targets - before).max() > 0.5 * amplitude:
+                break
+    loop.explore()
+    assert np.abs(loop.targets - before).max() <= 0.2 * amplitude
+    assert loop.error < 0.03
+
+
+def test_where_it_was_carried_elsewhere_meanwhile_it_begins_there() -> None:
+    loop = LinearRobot()
+    loop.controller.reset(loop.seen())
+    for _ in range(60):
+        loop.step()
+    loop.targets = loop.targets + 9.0
+    before, amplitude = loop.targets, OPTIONS.explore_share * 50.0
+    loop.explore()
+    assert np.abs(loop.targets - before).max() <= 0.2 * amplitude
+
+
 def test_the_tip_is_brought_to_the_reference() -> None:
     loop = LinearRobot(noise_mm=0.05)
     loop.explore()
