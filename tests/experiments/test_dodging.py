@@ -60,6 +60,8 @@ def test_what_was_played_is_kept_and_a_line_that_was_cut_off_is_played_again(
 def test_parts_are_worse_where_the_tip_is_further_off_or_does_not_get_round() -> None:
     assert not is_worse(passed(0.5), passed(0.5))
     assert is_worse(passed(0.5), passed(0.7))
+    assert not is_worse(passed(3.3), passed(3.4))
+    assert is_worse(passed(3.3), passed(3.5))
     assert is_worse(passed(), passed(state="hold"))
     assert not is_worse(passed(state="hold"), passed(9.0))
     scene = Scene("tendon", "slab", "middle", 1)
