@@ -12,19 +12,11 @@ Share = Annotated[float, Field(gt=0.0, le=1.0)]
 PerAxis = Annotated[tuple[float, ...], Field(min_length=1, strict=False)]
 
 
-class TipFollowing(KindOptions):
-    """The law that turns a reference into a step of the tip, and this into a step of the axes."""
-
-    gain_per_s: Positive = 3.0
-    """Share of the tip's error that is asked for per second (K_P of Ho 2018, eq. 14)."""
+class AxisUse(KindOptions):
+    """How the axes are used for whatever the tip is asked to do."""
 
     max_tip_speed_mm_s: Positive = 25.0
     """No step asks the tip to be faster than this, whatever the error."""
-
-    damping_mm: Positive = 8.0
-    """Damped least squares. Where the tip moves less than this in some direction while an axis goes
-    through its range (its travel; a radian of what turns), that direction is given up gently
-    instead of with huge steps."""
 
     posture: Literal["mid_travel", "start"] | PerAxis = "mid_travel"
     """Where the axes are drawn without moving the tip: the middle of their travel, where they were
@@ -37,8 +29,24 @@ class TipFollowing(KindOptions):
     """How dear the motion of each axis is, counted in shares of its range: the diagonal of N of
     Ho 2018, eq. 7. None: all alike."""
 
+
+class ProportionalLaw(AxisUse):
+    """A share of the tip's error, and its reference's own motion, by damped least squares."""
+
+    gain_per_s: Positive = 3.0
+    """Share of the tip's error that is asked for per second (K_P of Ho 2018, eq. 14)."""
+
+    damping_mm: Positive = 8.0
+    """Damped least squares. Where the tip moves less than this in some direction while an axis goes
+    through its range (its travel; a radian of what turns), that direction is given up gently
+    instead of with huge steps."""
+
     feed_forward: bool = True
     """Whether the reference's own motion is asked for as well as a share of the error."""
+
+
+class TipFollowing(ProportionalLaw):
+    """The law that turns a reference into a step of the tip, and this into a step of the axes."""
 
     pointing_mm_per_rad: Positive = 25.0
     """Where the reference says where the tip points as well: as how many mm an error of one radian
@@ -147,11 +155,9 @@ class GasChambers(ConfigModel):
     """EA of a segment."""
 
 
-class ConstantCurvature(TipFollowing):
+class ArcBody(ConfigModel):
     """Segments in series of three chambers each, all bent to circular arcs. Axes: chambers 1 to 3
     of each, from the base on. The base frame's z axis points along the straight arm."""
-
-    kind: Literal["constant_curvature"]
 
     segment_length_mm: Annotated[
         tuple[Positive, ...], Field(strict=False, min_length=1, max_length=6)
@@ -182,15 +188,18 @@ class ConstantCurvature(TipFollowing):
         return self
 
 
-class Learner(TipFollowing):
-    """What controllers have in common that learn a model of the robot from its motions."""
+class ConstantCurvature(TipFollowing, ArcBody):
+    """A body of circular arcs, whose Jacobian is known from its dimensions."""
+
+    kind: Literal["constant_curvature"]
+
+
+class FromMotions(KindOptions):
+    """What controllers have in common that know the robot from motions it has made."""
 
     model: str | None = None
     """File that pre-training made, or that such a controller saved. None: the first motions are
     motor babbling, and everything is learnt from them and from what follows."""
-
-    learning: bool = True
-    """Whether it goes on learning while it controls. Not: the model stays as it is."""
 
     sample_tip_mm: Positive = 2.0
     """A motion is a sample when the tip has moved so far ..."""
@@ -205,18 +214,29 @@ class Learner(TipFollowing):
     lag_s: NotNegative | None = None
     """How much later than its axes the body moves. None: as pre-training found it."""
 
+    sample_noise_mm: Positive = 0.3
+    """What one coordinate of the tip's motion in a sample is uncertain by."""
+
+    babbling: MotorBabbling = MotorBabbling()
+    """The first motions where there is no model."""
+
+
+class PositionOnly(KindOptions):
+    """Of a kind that leads the tip by its position, and cannot lead where it points."""
+
+
+class Learner(TipFollowing, FromMotions):
+    """What controllers have in common that learn a model of the robot from its motions."""
+
+    learning: bool = True
+    """Whether it goes on learning while it controls. Not: the model stays as it is."""
+
     correction_drift_mm: NotNegative = 50.0
     """The learnt Jacobian is corrected by every sample, as `broyden` does it. How far an element,
     in mm per whole travel, may wander while the axes move through their whole travel."""
 
     correction_reach: Positive = 0.5
     """... and after how much motion, in travels, a correction has faded to a third."""
-
-    sample_noise_mm: Positive = 0.3
-    """What one coordinate of the tip's motion in a sample is uncertain by."""
-
-    babbling: MotorBabbling = MotorBabbling()
-    """The first motions where there is no model."""
 
 
 class ForwardJacobian(Learner):
@@ -276,7 +296,8 @@ class RewardWeighted(Learner):
 BROYDEN: Final = Kind(Broyden, "daemon.controllers.broyden:make")
 CONSTANT_CURVATURE: Final = Kind(ConstantCurvature, "daemon.controllers.constant_curvature:make")
 DESIGNED_EXPLORATION: Final = Kind(
-    DesignedExploration, "daemon.controllers.designed_exploration:DesignedExplorationController"
+    DesignedExploration,
+    "daemon.controllers.exploration.designed_exploration:DesignedExplorationController",
 )
 FORWARD_JACOBIAN: Final = Kind(
     ForwardJacobian, "daemon.controllers.forward_jacobian:ForwardJacobianController"
@@ -286,7 +307,8 @@ REWARD_WEIGHTED: Final = Kind(
     RewardWeighted, "daemon.controllers.reward_weighted:RewardWeightedController"
 )
 WAYPOINT_EXPLORATION: Final = Kind(
-    WaypointExploration, "daemon.controllers.waypoint_exploration:WaypointExplorationController"
+    WaypointExploration,
+    "daemon.controllers.exploration.waypoint_exploration:WaypointExplorationController",
 )
 
 ControllerOptions = Annotated[KindOptions, Named(CONTROLLERS)]

@@ -5,8 +5,8 @@ from typing import Annotated, Any
 from pydantic import Field, model_validator
 
 from config.documents.model import ConfigModel, Name, NotNegative, Positive
-from config.tasks.controllers import ControllerOptions
-from config.tasks.trajectory import TrajectoryOptions
+from config.tasks.controllers import ControllerOptions, PositionOnly
+from config.tasks.trajectory import Pointed, TrajectoryOptions
 
 
 class Happening(ConfigModel):
@@ -41,12 +41,35 @@ class Happening(ConfigModel):
 class Pretraining(ConfigModel):
     """What the controller knows before it begins: a body, with nothing at its tip.
 
-    The model is made in virtual time when it is needed first, and kept.
+    The model is made in virtual time when it is needed first, and kept. How motions become samples
+    is chosen as it serves learning; a study may take worse ones, as others had them.
     """
 
     waypoints: Annotated[int, Field(ge=1)] | None = None
     """Random places of the axes, from all of their travel, that were gone to, one after the other.
     None: some seconds of designed motions instead."""
+
+    dither_share: Annotated[float, Field(ge=0.0, le=0.25)] | None = None
+    """Of the lines to waypoints, as a share of each axis' travel. 0: they are straight, and all
+    samples of a line go the same way. None: as an exploration does it."""
+
+    fields: Annotated[int, Field(ge=1)] | None = None
+    """How many receptive fields. None: one for every hundred samples."""
+
+    sample_tip_mm: Positive | None = None
+    """A sample ends when the tip has moved so far ..."""
+
+    sample_travel_share: Annotated[float, Field(gt=0.0, le=1.0)] | None = None
+    """... or the axes together so far, as a share of their travel."""
+
+    averaged_share: Annotated[float, Field(ge=0.0, le=0.5)] | None = None
+    """Each end of a sample is the mean of so much of its frames. 0: a single frame."""
+
+    lag_s: NotNegative | None = None
+    """How much later than its axes the body is taken to move. None: as the motions show it."""
+
+    test_share: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
+    """Of the lines to waypoints, that are kept back to see how well the others foretell them."""
 
     plant: dict[str, Any] | None = None
     """Of the body that it knows: overrides of the robot file's `emulation.plant`, so `{}` is the
@@ -55,6 +78,12 @@ class Pretraining(ConfigModel):
     seed: Annotated[int, Field(ge=0)] | None = None
     """Of what is explored, and of the emulated devices meanwhile. None: the experiment's own, and
     so the same tracker."""
+
+    @model_validator(mode="after")
+    def _lines_lead_to_waypoints(self) -> "Pretraining":
+        if self.dither_share is not None and self.waypoints is None:
+            raise ValueError("`dither_share` is of lines to `waypoints`: say how many")
+        return self
 
 
 class Experiment(ConfigModel):
@@ -77,8 +106,21 @@ class Experiment(ConfigModel):
     risk: bool = True
     """Whether the gate asks for the risk that the robot file names."""
     blend_speed_mm_s: Positive = 5.0
-    """How fast the tip is led to the start."""
+    """How fast the tip is led to the start, at most: slower where a model says that the axes would
+    have to hurry."""
     seed: Annotated[int, Field(ge=0)] = 1
     """Of everything random, unless `--seed` says another."""
     longest_s: Positive = 3600.0
     """The experiment is given up after this long."""
+
+    @model_validator(mode="after")
+    def _who_shall_point_can(self) -> "Experiment":
+        path = self.trajectory
+        points = isinstance(path, Pointed) and path.pointing is not None
+        if points and isinstance(self.controller, PositionOnly):
+            raise ValueError(
+                f"{self.controller.kind} leads the tip by its position alone, and the trajectory "
+                "says where to point: leave its `pointing` out, or take a controller that points, "
+                "such as broyden or gaussian_process"
+            )
+        return self

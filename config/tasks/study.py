@@ -6,6 +6,8 @@ from pydantic import Field, model_validator
 
 from config.bodies import BodyName
 from config.documents.model import ConfigModel, Name, Positive
+from config.tasks.experiment import Pretraining
+from config.tasks.study_matrix import Judged, Range, StudyMatrix
 
 PerCycle = Annotated[tuple[Positive | None, ...], Field(min_length=1, strict=False)]
 Text = Annotated[str, Field(min_length=1)]
@@ -72,6 +74,10 @@ class Variant(ConfigModel):
     controller: dict[str, Any] = Field(default_factory=dict)
     """What is set on top of the experiment's own controller. With another `kind`, what both kinds
     have in common is kept."""
+    pretraining: Pretraining | None = None
+    """What is set on top of the experiment's own pre-training."""
+    tune: Annotated[dict[str, Range], Field(max_length=4)] = Field(default_factory=dict)
+    """Options that `tentacled tune` seeks, and within which range."""
 
 
 class Study(ConfigModel):
@@ -81,18 +87,39 @@ class Study(ConfigModel):
     description: str = ""
     source: str = ""
     """Who published what is `published`."""
-    tables: Annotated[list[StudyTable], Field(min_length=1)]
+    tables: list[StudyTable] = Field(default_factory=list)
+    matrix: list[StudyMatrix] = Field(default_factory=list)
+    """Experiments made of one another, beside those of the tables: cells of a bench."""
+    judged: Judged | None = None
+    """What is said of a controller over all cells. None: nothing."""
+    tuned: Text | None = None
+    """What `tentacled tune` wrote, relative to this file: set on top of the variants that it
+    names."""
     figures: list[StudyFigure] = Field(default_factory=list)
     variants: Annotated[list[Variant], Field(min_length=1)]
     seeds: Annotated[int, Field(ge=1)] = 5
     """Every experiment is carried out with seeds 1 to this."""
     plants: Annotated[int, Field(ge=0)] = 3
     """... on so many bodies, none like the other. 0: on the robot file's own."""
+    first_plant: Annotated[int, Field(ge=1)] = 1
+    """Number of the first of them: another one begins another series of bodies."""
     body_error_mm: Positive | None = None
     """How far those bodies' tips are, in the mean over their configurations, from the robot file's
     own. None: as one made body differs from the next."""
     unstable_above_mm: Positive = 20.0
     """A run whose error comes to this within a cycle is told as unstable."""
+
+    @model_validator(mode="after")
+    def _says_what_is_run(self) -> "Study":
+        if not self.tables and not self.matrix:
+            raise ValueError("say tables, or a matrix, or both")
+        known = {variant.variant for variant in self.variants}
+        judged = self.judged
+        asked = [] if judged is None else [judged.ours, judged.without_learning]
+        unknown = [name for name in asked if name not in {None, *known}]
+        if unknown:
+            raise ValueError(f"judged: there is no variant {unknown[0]}")
+        return self
 
     @model_validator(mode="after")
     def _names_are_names_of_one(self) -> "Study":

@@ -15,6 +15,8 @@ LONGEST_S: Final = 2_592_000.0
 _SHORTEST_MM: Final = 0.01
 """Less than any tracker resolves."""
 _MOST_TURNS: Final = 1000
+_MOST_POINTS: Final = 100
+_MOST_HARMONICS: Final = 50
 
 Place = Annotated[float, Field(ge=-FARTHEST_MM, le=FARTHEST_MM)]
 Point = Annotated[tuple[Place, Place, Place], Field(strict=False)]
@@ -123,6 +125,45 @@ class Helix(Periodic):
     """Along the plane's normal, from one end to the other."""
 
 
+class Star(Periodic):
+    """Round a star at constant speed, its corners sharp. Begins at the point on the first axis of
+    its plane."""
+
+    kind: Literal["star"]
+    center_mm: Point
+    plane: Plane = "xy"
+    points: Annotated[int, Field(ge=3, le=_MOST_POINTS)] = 5
+    radius_mm: Length
+    """Of the circle through its points."""
+    inner_radius_mm: Length
+    """Of the circle through the corners between them."""
+
+    @model_validator(mode="after")
+    def _has_points(self) -> "Star":
+        if self.inner_radius_mm >= self.radius_mm:
+            raise ValueError("inner_radius_mm is smaller than radius_mm, or it is no star")
+        return self
+
+
+class RandomSmooth(Periodic):
+    """A closed random curve without corners, at a speed that varies. The same seed gives the same
+    curve."""
+
+    kind: Literal["random_smooth"]
+    center_mm: Point
+    size_mm: Lengths
+    """Of the box round it, along x, y and z."""
+    harmonics: Annotated[int, Field(ge=1, le=_MOST_HARMONICS)] = 4
+    """Sines along each coordinate: more make more bends."""
+    seed: Annotated[int, Field(ge=0)] = 1
+
+    @model_validator(mode="after")
+    def _moves(self) -> "RandomSmooth":
+        if not any(self.size_mm):
+            raise ValueError("nothing moves: its size is 0 along all axes")
+        return self
+
+
 class Waypoints(Pointed):
     """Straight lines between points, each with its time."""
 
@@ -169,15 +210,17 @@ class Planned(Pointed):
 
 
 # Each with the function that makes it: (options, base folder, cycles) → a cycle of
-# daemon/reference/trajectories.py.
+# daemon/reference/trajectories.py. Ours are in daemon/reference/shapes.py.
 
-RECTANGLE: Final = Kind(Rectangle, "daemon.reference.trajectories:rectangle")
-CIRCLE: Final = Kind(Circle, "daemon.reference.trajectories:circle")
-LISSAJOUS: Final = Kind(Lissajous, "daemon.reference.trajectories:lissajous")
-HELIX: Final = Kind(Helix, "daemon.reference.trajectories:helix")
-WAYPOINTS: Final = Kind(Waypoints, "daemon.reference.trajectories:waypoints")
-HOLD: Final = Kind(Hold, "daemon.reference.trajectories:hold")
-PLANNED: Final = Kind(Planned, "daemon.reference.trajectories:planned")
+RECTANGLE: Final = Kind(Rectangle, "daemon.reference.shapes:rectangle")
+CIRCLE: Final = Kind(Circle, "daemon.reference.shapes:circle")
+LISSAJOUS: Final = Kind(Lissajous, "daemon.reference.shapes:lissajous")
+HELIX: Final = Kind(Helix, "daemon.reference.shapes:helix")
+STAR: Final = Kind(Star, "daemon.reference.shapes:star")
+RANDOM_SMOOTH: Final = Kind(RandomSmooth, "daemon.reference.shapes:random_smooth")
+WAYPOINTS: Final = Kind(Waypoints, "daemon.reference.shapes:waypoints")
+HOLD: Final = Kind(Hold, "daemon.reference.shapes:hold")
+PLANNED: Final = Kind(Planned, "daemon.reference.shapes:planned")
 
 TrajectoryOptions = Annotated[Pointed, Named(TRAJECTORIES)]
 

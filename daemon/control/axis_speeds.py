@@ -32,6 +32,12 @@ _FASTEST_MM_S: Final = 1e4
 """Of a tip that nothing is known to slow down."""
 _ROUNDS: Final = 3
 """What is behind at the end of a cycle is behind at the beginning of the next."""
+_UNHURRIED: Final = 0.5
+"""Of the axes' speed, on the way to a path: a body may be half as willing as the one that was
+learnt, and what its tip comes to be off by is to be made up for."""
+_WAY_PLACES: Final = 7
+"""Looked at on the way to a path: it is asked for in the step with which motion begins, which takes
+a millisecond longer for it. An odd number: the tip is fastest in the middle."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +85,26 @@ class _Paces:
         total = np.cumsum(np.tile(gained, rounds))
         behind = total - np.minimum(np.minimum.accumulate(total), 0.0)
         return np.asarray(behind[-len(asked) :])
+
+
+Way = Callable[[float], tuple[Vector, Vector]]
+"""(3,) mm and (3,) mm/s of the tip, so many seconds after it begins."""
+
+
+def unhurried_s(way: Way, duration_s: float, foresight: Foresight, axes: AxisRanges) -> float:
+    """How long a way should take that would take `duration_s`, for the axes' sake: no less, and as
+    far as is known of it so long that no axis has to go faster for it than half of what it can."""
+    u, hurry, dt_s = foresight.begin(way(0.0)[0]), 0.0, duration_s / _WAY_PLACES
+    for k in range(_WAY_PLACES):
+        tip_mm, velocity = way((k + 0.5) * dt_s)
+        jacobian = None if u is None else foresight.jacobian(tip_mm, u)
+        if u is None or jacobian is None:
+            break
+        asked = foresight.velocity(jacobian, velocity, u)
+        for_the_way = asked - foresight.velocity(jacobian, np.zeros(3), u)
+        hurry = max(hurry, float((np.abs(for_the_way) / axes.max_velocity).max()))
+        u = u + dt_s * asked
+    return duration_s * max(hurry / _UNHURRIED, 1.0)
 
 
 def speed_looks(

@@ -15,6 +15,7 @@ from config.tasks.controllers import TipFollowing
 from daemon.control import jacobian_kernels as kernels
 from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.control.jacobian_kernels import in_rows
+from daemon.control.lag import body_lag
 from daemon.control.lag.probing import Probing
 from daemon.control.leading import Leading
 from daemon.control.task import POSITION, points, turn_between
@@ -308,6 +309,7 @@ def warm_up() -> None:
     kernels.condition(jacobian, len(jacobian))
     kernels.corrected(jacobian, jacobian, axes, axes, 1.0, 1.0, 1.0, 1.0)
     bounded_step(jacobian, axes, axes, axes, axes, 1.0)
+    body_lag.warm_up()
 
 
 def _all_finite(array: Vector) -> bool:

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from config.robot import Robot
-from config.tasks.controllers import ConstantCurvature, GasChambers, VolumetricChambers
+from config.tasks.controllers import ArcBody, ConstantCurvature, GasChambers, VolumetricChambers
 from daemon.control.axis_speeds import Foresight
 from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.control.tip_following import TipFollower, bounded_step
@@ -88,7 +88,7 @@ class EnclosedGas:
         return lengths, np.asarray(np.linalg.solve(yields, np.diag(by_piston)))
 
 
-def chamber_model(options: ConstantCurvature, segment: int, bore_mm2: Vector) -> ChamberModel:
+def chamber_model(options: ArcBody, segment: int, bore_mm2: Vector) -> ChamberModel:
     """The model of one segment's chambers. bore_mm2: (3,) areas of its pistons."""
     length_mm = options.segment_length_mm[segment]
     match options.chambers:
@@ -192,7 +192,7 @@ _LONGEST_SEARCH_STEP = 0.1
 class ArcKinematics:
     """The model, and a `KinematicModel` for reachability."""
 
-    def __init__(self, options: ConstantCurvature, axes: AxisRanges, bore_mm2: Vector) -> None:
+    def __init__(self, options: ArcBody, axes: AxisRanges, bore_mm2: Vector) -> None:
         """bore_mm2: (m,) areas of the pistons, m three times the number of segments."""
         self._base = np.array(options.base_offset_mm)
         self._axes = axes
@@ -258,7 +258,7 @@ class ArcKinematics:
         return shape, by_length @ by_piston
 
 
-def _shape_by_length(options: ConstantCurvature, first_rad: float) -> Vector:
+def _shape_by_length(options: ArcBody, first_rad: float) -> Vector:
     """(3, 3) from chamber lengths to (b_x, b_y, s): a segment leans away from its long chambers.
 
     Without what elongation_gain adds to the length at rest.
@@ -280,11 +280,9 @@ class ConstantCurvatureController:
     name = "constant_curvature"
 
     def __init__(self, options: ConstantCurvature, robot: Robot) -> None:
-        bore_mm2 = _bore_mm2(options, robot)
-        _check_cylinders(options, robot, bore_mm2)
+        self.kinematics = arc_kinematics(self.name, options, robot)
         self._metadata = model_metadata(self.name, robot)
         self._follower = TipFollower(options, robot)
-        self.kinematics = ArcKinematics(options, AxisRanges.of(robot), bore_mm2)
 
     @property
     def ready(self) -> bool:
@@ -293,12 +291,7 @@ class ConstantCurvatureController:
     @property
     def foresight(self) -> Foresight:
         """What the model says of a path before it is gone."""
-        arcs = self.kinematics
-        return Foresight(
-            lambda tip_mm: arcs.reach(tip_mm, None)[0],
-            lambda _, u: arcs.tip(u)[1],
-            self._follower.axis_velocity,
-        )
+        return arc_foresight(self.kinematics, self._follower)
 
     def draw_to(self, posture: Vector) -> None:
         """Draw the axes to (m,) a posture from now on. Raises ValueError for no numbers."""
@@ -328,7 +321,24 @@ class ConstantCurvatureController:
         load_model(path, self._metadata, {})
 
 
-def _check_cylinders(options: ConstantCurvature, robot: Robot, bore_mm2: Vector) -> None:
+def arc_foresight(arcs: ArcKinematics, follower: TipFollower) -> Foresight:
+    """What a body of arcs says of a path that nobody has gone yet."""
+    return Foresight(
+        lambda tip_mm: arcs.reach(tip_mm, None)[0],
+        lambda _, u: arcs.tip(u)[1],
+        follower.axis_velocity,
+    )
+
+
+def arc_kinematics(kind: str, options: ArcBody, robot: Robot) -> ArcKinematics:
+    """kind: of the controller, as errors name it. Raises ControllerError for a robot that is no
+    such arm, and where a piston would push out more gas than there is."""
+    bore_mm2 = _bore_mm2(kind, options, robot)
+    _check_cylinders(options, robot, bore_mm2)
+    return ArcKinematics(options, AxisRanges.of(robot), bore_mm2)
+
+
+def _check_cylinders(options: ArcBody, robot: Robot, bore_mm2: Vector) -> None:
     """Raises ControllerError where a piston would push out more gas than there is."""
     if not isinstance(options.chambers, GasChambers):
         return
@@ -342,12 +352,12 @@ def _check_cylinders(options: ConstantCurvature, robot: Robot, bore_mm2: Vector)
         )
 
 
-def _bore_mm2(options: ConstantCurvature, robot: Robot) -> Vector:
+def _bore_mm2(kind: str, options: ArcBody, robot: Robot) -> Vector:
     """(m,) piston areas. Raises ControllerError for a robot that is not such an arm."""
     segments = len(options.segment_length_mm)
     if len(robot.axes) != CHAMBERS * segments:
         raise ControllerError(
-            f"constant_curvature is for {CHAMBERS * segments} chambers ({segments} in "
+            f"{kind} is for {CHAMBERS * segments} chambers ({segments} in "
             f"segment_length_mm), and {robot.robot} has {len(robot.axes)} axes"
         )
     areas = []
@@ -355,7 +365,7 @@ def _bore_mm2(options: ConstantCurvature, robot: Robot) -> Vector:
         area_mm2 = axis.piston_area_mm2
         if area_mm2 is None:
             raise ControllerError(
-                f"constant_curvature is for cylinders, and {axis.name} is none: it has no bore_mm"
+                f"{kind} is for cylinders, and {axis.name} is none: it has no bore_mm"
             )
         areas.append(area_mm2)
     return np.array(areas)

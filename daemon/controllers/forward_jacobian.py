@@ -7,7 +7,7 @@ from config.tasks.controllers import ForwardJacobian
 from daemon.array_files import Arrays
 from daemon.control.controller import Observation, Proposal
 from daemon.controllers.learning_controller import LearningController
-from daemon.controllers.learnt_jacobian import LearntJacobian
+from daemon.controllers.learnt_jacobian import TipJacobian
 from daemon.learning.forward.pretrained_model import PretrainedModel
 from daemon.learning.lwpr.model import with_memory
 from daemon.learning.samples.motion import MotionSample
@@ -25,7 +25,7 @@ class ForwardJacobianController(LearningController):
         super().__init__(options, robot, seed)
 
     def _take_over(
-        self, model: PretrainedModel | None, jacobian: LearntJacobian, learnt: Arrays
+        self, model: PretrainedModel | None, jacobian: TipJacobian, learnt: Arrays
     ) -> None:
         del model, learnt
         if self._memory_samples is not None and jacobian.forward is not None:

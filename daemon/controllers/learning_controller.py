@@ -22,13 +22,14 @@ from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.control.lag.body_lag import LaggedAxes
 from daemon.control.task import POSITION, points
 from daemon.control.tip_following import TipFollower, step_time
+from daemon.controllers.exploration.random_motion import WaypointWalk
 from daemon.controllers.learning_file import LearntFile, load_learnt, save_learnt
 from daemon.controllers.learnt_jacobian import (
     LearntJacobian,
     PointingJacobian,
+    TipJacobian,
     learnt_foresight,
 )
-from daemon.controllers.waypoint_exploration import WaypointWalk
 from daemon.learning.forward.pretrained_model import PretrainedModel
 from daemon.learning.samples.motion import MotionSample
 from daemon.learning.samples.motion_samples import MotionSampler, SamplingSettings
@@ -54,7 +55,7 @@ class LearningSamples:
     """Takes frames, gives samples to learn from."""
 
     def __init__(
-        self, sampling: SamplingSettings, travel: Vector, noise_mm: float, jacobian: LearntJacobian
+        self, sampling: SamplingSettings, travel: Vector, noise_mm: float, jacobian: TipJacobian
     ) -> None:
         """noise_mm: of one coordinate of a motion. jacobian: what is expected of a motion."""
         self._sampler = MotionSampler(sampling, travel)
@@ -74,7 +75,7 @@ class LearningSamples:
             self._sampler.break_off()
             return None
         sample = self._sampler.add(observation.t_ns, observation.tip_mm, observation.u)
-        if sample is None or self._jacobian.forward is None:
+        if sample is None or not self._jacobian.modelled:
             # Without a model there is only what the last motions have told. Who believes those
             # that agree with it, and no others, stays wrong where the Jacobian changes.
             return sample
@@ -193,7 +194,7 @@ class LearningController(ABC):
         self._robot = robot
         self._follower = TipFollower(options, robot)
         self._range = self._follower.axes.scale
-        self._jacobian = LearntJacobian(options, self._range)
+        self._jacobian = self._new_jacobian()
         self._pointing = PointingJacobian(options, self._range)
         self._points = False
         """Whether the reference says where to point."""
@@ -330,9 +331,13 @@ class LearningController(ABC):
 
     # What the kinds of controllers differ in.
 
+    def _new_jacobian(self) -> TipJacobian:
+        """What learns how the tip answers; it knows nothing yet."""
+        return LearntJacobian(self._options, self._range)
+
     @abstractmethod
     def _take_over(
-        self, model: PretrainedModel | None, jacobian: LearntJacobian, learnt: Arrays
+        self, model: PretrainedModel | None, jacobian: TipJacobian, learnt: Arrays
     ) -> None:
         """Go by these from now on. learnt: what `_learnt_arrays` gave once; may be empty.
 
@@ -380,9 +385,9 @@ class LearningController(ABC):
             raise ControllerError(f"the model cannot be loaded: {error}") from None
 
     def _go_on_from(self, loaded: LearntFile) -> None:
-        jacobian = LearntJacobian(self._options, self._range)
+        jacobian = self._new_jacobian()
         if loaded.model is not None:
-            jacobian.begin(loaded.model.lwpr)
+            jacobian.begin(loaded.model)
         pointing = PointingJacobian(self._options, self._range)
         if loaded.arrays:
             jacobian.restore(loaded.arrays)
@@ -392,9 +397,7 @@ class LearningController(ABC):
         self._adopt(loaded.model, jacobian, loaded.arrays)
         self._pointing = pointing
 
-    def _adopt(
-        self, model: PretrainedModel | None, jacobian: LearntJacobian, learnt: Arrays
-    ) -> None:
+    def _adopt(self, model: PretrainedModel | None, jacobian: TipJacobian, learnt: Arrays) -> None:
         self._take_over(model, jacobian, learnt)
         self._model, self._jacobian = model, jacobian
         sampling = _UNKNOWN_BODY if model is None else model.sampling
@@ -417,7 +420,7 @@ class LearningController(ABC):
                 f"the first motions gave {len(babbled)} samples: see what holds the tip, or let "
                 f"them be longer or wider (babbling)"
             )
-        jacobian = LearntJacobian(self._options, self._range)
+        jacobian = self._new_jacobian()
         jacobian.measured(_fitted_jacobian(babbled, self._range))
         self._adopt(None, jacobian, {})
         for sample in babbled:

@@ -1,15 +1,16 @@
 """How the tip answers to the axes, as far as it was learnt: what all learning controllers go by.
 
-Where pre-training has been, the receptive fields of its forward model tell the Jacobian, corrected
-by what was seen in the last moment. Elsewhere there is a Jacobian that is carried along and
-corrected by every motion, as the controller `broyden` has it; without a model that is all there is.
+Where pre-training has been, its forward model tells the Jacobian, by a cubic of all axes or by its
+receptive fields, whichever foretells motions better, corrected by what was seen in the last moment.
+Elsewhere there is a Jacobian that is carried along and corrected by every motion, as the controller
+`broyden` has it; without a model that is all there is.
 
 The fields stay as pre-training made them. New ones, born while a trajectory is followed, would see
 motions along it and no others, and tell nonsense about all other directions.
 """
 
 from collections.abc import Mapping
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 
@@ -24,6 +25,59 @@ from daemon.learning.forward.pretrained_model import PretrainedModel
 from daemon.learning.lwpr.model import Lwpr
 from daemon.learning.samples.motion import MotionSample
 from drivers.pose import Vector
+
+
+class TipJacobian(Protocol):
+    """What a controller that learns from motions asks of what it learns: Jacobians are (3, m), mm
+    per mm or rad."""
+
+    believed: float
+    """The share of what the last motions have told of the model's errors that counts."""
+    forward: Lwpr | None
+    """The forward model of receptive fields, where it goes by one."""
+
+    @property
+    def known(self) -> bool:
+        """Whether there is a Jacobian at all."""
+        ...
+
+    @property
+    def modelled(self) -> bool:
+        """Whether an exploration tells what a motion should do."""
+        ...
+
+    def begin(self, model: PretrainedModel) -> None:
+        """Go by what pre-training knows from now on."""
+        ...
+
+    def measured(self, jacobian: Vector) -> None:
+        """There is no model, but this is how the tip answers here."""
+        ...
+
+    def covered(self, tip_mm: Vector, u: Vector) -> float:
+        """How far the model is believed here, 0 to 1."""
+        ...
+
+    def at(self, tip_mm: Vector, u: Vector) -> Vector:
+        """The Jacobian here."""
+        ...
+
+    def learn(self, sample: MotionSample) -> None:
+        """Take a motion."""
+        ...
+
+    def forget_correction(self) -> None:
+        """Go by the model as pre-training left it, where it is."""
+        ...
+
+    def to_arrays(self) -> dict[str, Vector]:
+        """What was learnt besides the model."""
+        ...
+
+    def restore(self, arrays: Mapping[str, Vector]) -> None:
+        """Go on from `to_arrays`. Raises KeyError, and ValueError for other axes."""
+        ...
+
 
 # What a Jacobian lacks here and now, found by the motions of the last moment.
 #
@@ -123,7 +177,7 @@ _CARRIED_DRIFT_MM = 25.0
 
 
 class LearntJacobian:
-    """Jacobians are (3, m), mm per mm or rad."""
+    """A `TipJacobian`."""
 
     def __init__(self, options: Learner, travel: Vector) -> None:
         """travel: (m,) of the axes."""
@@ -131,6 +185,7 @@ class LearntJacobian:
         """Inputs [p, u, Δu], output Δp."""
         self.believed = 1.0
         """The share of what the last motions have told of the model's errors that counts."""
+        self._model: PretrainedModel | None = None
         self._options = options
         self._travel = travel
         self._correction = self._no_correction()
@@ -142,9 +197,16 @@ class LearntJacobian:
         """Whether there is a Jacobian at all."""
         return self._carried is not None
 
-    def begin(self, forward: Lwpr) -> None:
-        """Go by this forward model from now on."""
-        self.forward = forward
+    @property
+    def modelled(self) -> bool:
+        """Whether a forward model tells what a motion should do."""
+        return self.forward is not None
+
+    def begin(self, model: PretrainedModel) -> None:
+        """Go by its forward model from now on."""
+        self.forward = forward = model.lwpr
+        self._model = model
+        _ = model.shape  # sought here, which takes half a second, and not in the first step
         self._correction = self._no_correction()
         places = 3 + len(self._travel)
         middle = forward.centres.mean(axis=0) * np.array(forward.settings.norm_in[:places])
@@ -220,9 +282,8 @@ class LearntJacobian:
         return np.asarray(share * corrected + (1.0 - share) * self._carried.jacobian)
 
     def _modelled(self, tip_mm: Vector, u: Vector) -> Vector:
-        assert self.forward is not None
-        first = 3 + len(self._travel)
-        return self.forward.slopes(self._input(tip_mm, u))[:, first:] * self._travel
+        assert self._model is not None
+        return self._model.jacobian(tip_mm, u) * self._travel
 
     def _input(self, tip_mm: Vector, u: Vector) -> Vector:
         m = len(self._travel)
@@ -256,7 +317,7 @@ _NEAR_MM: Final = 20.0
 
 
 def learnt_foresight(
-    model: PretrainedModel, jacobian: LearntJacobian, follower: TipFollower
+    model: PretrainedModel, jacobian: TipJacobian, follower: TipFollower
 ) -> Foresight:
     """What a forward model and its motions say of a path that nobody has gone yet."""
     motions = model.motions

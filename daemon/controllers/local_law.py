@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from config.tasks.controllers import RewardWeighted
 from daemon.control.tip_following import damped_solution
-from daemon.learning.forward.forward_model import slopes_by_step
 from daemon.learning.forward.pretrained_model import PretrainedModel
 from daemon.learning.inverse.engines import make_local_controllers
 from daemon.learning.inverse.local_controller_settings import LocalControllerSettings
@@ -141,7 +140,7 @@ class LocalLaw:
         fields = model.fields
         if self._options.unvisited == "forward_model":
             places = fields.centres * fields.scale
-            jacobians = [slopes_by_step(model.lwpr, place[:3], place[3:]) for place in places]
+            jacobians = [model.jacobian(place[:3], place[3:]) for place in places]
             return self.on_fields(fields, np.array(jacobians), posture)
         prior = None
         if self._options.unvisited == "samples":

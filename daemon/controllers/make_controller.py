@@ -85,7 +85,15 @@ def warm_up() -> list[str]:
     tip_following.warm_up()
     engines.warm_up()
     _warm_up_forward_model()
+    for name, entry in entries(CONTROLLERS).items():
+        if entry.shipped:
+            module = import_module(kind_of(CONTROLLERS, name).make.partition(":")[0])
+            getattr(module, "warm_up", _nothing_to_compile)()
     return why_not
+
+
+def _nothing_to_compile() -> None:
+    """Of a controller without kernels of its own."""
 
 
 def _warm_up_forward_model() -> None:

@@ -28,7 +28,7 @@ from daemon.control.controller import Observation, Proposal
 from daemon.control.task import POSITION
 from daemon.control.tip_following import step_time
 from daemon.controllers.learning_controller import LearningController
-from daemon.controllers.learnt_jacobian import LearntJacobian
+from daemon.controllers.learnt_jacobian import TipJacobian
 from daemon.controllers.local_law import LocalLaw, window_arrays, window_samples
 from daemon.learning.forward.pretrained_model import PretrainedModel
 from daemon.learning.inverse.local_controllers import InverseAnswer, LocalControllers
@@ -193,7 +193,7 @@ class RewardWeightedController(LearningController):
         super().__init__(options, robot, seed)
 
     def _take_over(
-        self, model: PretrainedModel | None, jacobian: LearntJacobian, learnt: Arrays
+        self, model: PretrainedModel | None, jacobian: TipJacobian, learnt: Arrays
     ) -> None:
         options = self._law_options
         law = LocalLaw(options, self._follower.axes, self._follower.unit, options.damping_mm)
@@ -265,7 +265,7 @@ class RewardWeightedController(LearningController):
         self._local.refill(window_samples(arrays))  # as whoever loads this does
         return dict(arrays)
 
-    def _scale(self, jacobian: LearntJacobian) -> Vector:
+    def _scale(self, jacobian: TipJacobian) -> Vector:
         """(3 + m,) what p and u count in where nothing is known but one Jacobian."""
         scale = self._follower.axes.scale
         reach = jacobian.at(np.zeros(3), np.zeros(len(scale))) * scale

@@ -1,5 +1,6 @@
 """Where the tip should be now: led to the start, then along the trajectory, and held in between."""
 
+from collections.abc import Callable
 from enum import Enum
 from math import inf
 from typing import Final, NamedTuple, Protocol
@@ -43,6 +44,10 @@ class Blend:
         if from_direction is not None and to_direction is not None:
             self._turn = _Turn(from_direction, to_direction)
             self.duration_s = max(self.duration_s, _PEAK * self._turn.angle / _TURN_RAD_S)
+
+    def last(self, least_s: float) -> None:
+        """Take so long, if it is not longer anyway."""
+        self.duration_s = max(self.duration_s, least_s)
 
     def at(self, t_s: float) -> tuple[Vector, Vector]:
         """(3,) mm and (3,) mm/s at `t_s` after the start."""
@@ -192,6 +197,10 @@ class Reference(Protocol):
         ...
 
 
+Unhurried = Callable[[Blend], float]
+"""Seconds that the axes should have for a way."""
+
+
 class _Phase(Enum):
     BLEND = "blend"
     FOLLOW = "follow"
@@ -200,8 +209,15 @@ class _Phase(Enum):
 class TrajectoryReference:
     """A trajectory on a clock of its own, which stands still while the robot does."""
 
-    def __init__(self, trajectory: Trajectory, blend_speed_mm_s: float) -> None:
+    def __init__(
+        self,
+        trajectory: Trajectory,
+        blend_speed_mm_s: float,
+        unhurried: Unhurried | None = None,
+    ) -> None:
+        """unhurried: asked when motion begins, for the way to where it goes on."""
         self.trajectory = trajectory
+        self._unhurried = unhurried
         self.finished = False
         self.elapsed_s = 0.0
         """Along the trajectory."""
@@ -219,6 +235,8 @@ class TrajectoryReference:
         self._from_mm = tip_mm
         self._from_direction = None if pointing is None else direction
         self._blend = Blend(tip_mm, to_mm, self._speed_mm_s, direction, to_direction)
+        if self._unhurried is not None:
+            self._blend.last(self._unhurried(self._blend))
         self._blend_s = 0.0
         self._phase = _Phase.BLEND
 

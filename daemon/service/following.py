@@ -1,15 +1,18 @@
 """What is loaded, and what is followed: reference and controller, how far they are, how old."""
 
+from functools import partial
 from typing import Final, NamedTuple, Protocol, runtime_checkable
 
 from config.control import Workspace
 from config.tasks.planned_path import PlannedPath
+from daemon.control.axis_speeds import HasForesight, unhurried_s
 from daemon.control.controller import Controller, steers_direction
 from daemon.loop.control_step import ControlLoop
 from daemon.messages import ReferenceStatus, Setpoint
-from daemon.reference.reference import Aim, TrajectoryReference
+from daemon.reference.reference import Aim, Blend, TrajectoryReference, Unhurried
 from daemon.reference.trajectories import Trajectory
 from daemon.risk.path_ahead import PathAhead
+from daemon.robot.axes import AxisRanges
 from daemon.service.setpoints import Setpoints
 from drivers.pose import Vector
 from safety.risk.body_risk import BodyRisk
@@ -33,9 +36,13 @@ class PostureReference(TrajectoryReference):
     """A planned path: the tip's reference, and for the controller where the axes should be."""
 
     def __init__(
-        self, trajectory: Trajectory, blend_speed_mm_s: float, controller: PostureDrawn
+        self,
+        trajectory: Trajectory,
+        blend_speed_mm_s: float,
+        controller: PostureDrawn,
+        unhurried: Unhurried | None = None,
     ) -> None:
-        super().__init__(trajectory, blend_speed_mm_s)
+        super().__init__(trajectory, blend_speed_mm_s, unhurried)
         self._controller = controller
 
     def advance(self, t_ns: int, dt_s: float) -> Aim:
@@ -58,10 +65,11 @@ class Loaded(NamedTuple):
 class Following:
     """Gives the loop its reference and its controller, and knows them afterwards."""
 
-    def __init__(self, loop: ControlLoop, workspace: Workspace | None) -> None:
+    def __init__(self, loop: ControlLoop, axes: AxisRanges, workspace: Workspace | None) -> None:
         """workspace: where set-points may be; None: anywhere."""
         self.loaded: Loaded | None = None
         self._loop = loop
+        self._axes = axes
         self._workspace = workspace
         self._trajectory: TrajectoryReference | None = None
         self._setpoints: Setpoints | None = None
@@ -71,13 +79,20 @@ class Following:
         """The trajectory that is loaded, from its beginning on."""
         assert self.loaded is not None
         trajectory, controller, self._ahead = self.loaded
+        unhurried = partial(self._unhurried_s, controller)
         if trajectory.path is not None and isinstance(controller, PostureDrawn):
-            self._trajectory = PostureReference(trajectory, blend_speed_mm_s, controller)
+            self._trajectory = PostureReference(trajectory, blend_speed_mm_s, controller, unhurried)
         else:
-            self._trajectory = TrajectoryReference(trajectory, blend_speed_mm_s)
+            self._trajectory = TrajectoryReference(trajectory, blend_speed_mm_s, unhurried)
         self._setpoints = None
         self._loop.reference = self._trajectory
         self._loop.controller = self.loaded.controller
+
+    def _unhurried_s(self, controller: Controller, way: Blend) -> float:
+        foresight = controller.foresight if isinstance(controller, HasForesight) else None
+        if foresight is None:
+            return way.duration_s
+        return unhurried_s(way.at, way.duration_s, foresight, self._axes)
 
     def follow_setpoints(self, controller: Controller, t_ns: int) -> None:
         """The set-points that come from now on."""

@@ -24,6 +24,7 @@ from daemon.messages import (
     Verb,
 )
 from daemon.risk.body_risk_source import BodyRiskSource
+from daemon.robot.axes import AxisRanges
 from daemon.robot.coupled_axes import count_coupling
 from daemon.robot.hardware import Hardware, Listeners
 from daemon.service.dependencies import Dependencies
@@ -90,7 +91,7 @@ class RobotService:
             self.publish,
             dependencies.risk,
         )
-        self.following = Following(self.loop, robot.workspace)
+        self.following = Following(self.loop, AxisRanges.of(robot), robot.workspace)
         self.obstacles = MovingObstacles(horizon_s(robot.axes), self._obstacles_changed)
         self._obstacles_refused: dict[str, str] = {}
         self.report = StatusReport(

@@ -16,6 +16,7 @@ from typing import Any
 import yaml
 
 from config.loader import load_robot
+from config.tasks.experiment import Pretraining
 from daemon.messages import LoopStatus
 from daemon.recording.format.channels import read_can_payload
 from daemon.recording.run_reader import RunReader
@@ -42,7 +43,19 @@ _CIRCLE = {
     "cycle_s": 30.0,
     "cycles": 100,
 }
+_CHEST = {
+    "model": "builtin:soft_arm.npz",
+    "surface": {
+        "mesh": "builtin:chest.stl",
+        "free": "inside",
+        "port": {"centre_mm": [0, 0, 0], "inwards": [0, 0, 1], "radius_mm": 10, "depth_mm": 30},
+        "grid_mm": 2.0,
+    },
+    "threshold": 0.05,
+}
+"""The soft arm where the tendon arm's file has its own: the gate asks for the risk of each step."""
 Options = dict[str, Any]
+_LED: Options = {"lead": True, "gain_per_s": 6.0}
 PLAIN: Options = {"kind": "constant_curvature"}
 
 
@@ -65,6 +78,10 @@ def measure(tiny: bool = False) -> Figures:
             "loop_200_hz_real_time_beside_a_burner": partial(loop_figures, True, burner=True),
             "learning_100_hz": partial(loop_figures, True, learning=True, period_s=0.01),
             "learning_200_hz": partial(loop_figures, True, learning=True),
+            "led_200_hz": partial(loop_figures, True, learning=True, more=_LED),
+            "led_in_a_chest_100_hz": partial(
+                loop_figures, True, learning=True, more=_LED, risk=_CHEST, period_s=0.01
+            ),
             "flooded": partial(loop_figures, True, rude=_flood),
             "frozen_subscriber": partial(loop_figures, True, rude=_frozen),
             "stop": stop_figures,
@@ -101,12 +118,17 @@ def loop_figures(
     burner: bool = False,
     rude: Callable[[Path], AbstractContextManager[None]] | None = None,
     learning: bool = False,
+    more: Options | None = None,
+    risk: Options | None = None,
     period_s: float = 0.005,
     measured_s: float = _MEASURED_S,
 ) -> Figures:
-    """Lateness of the bus cycle and length of the control step, while a circle is followed."""
-    controller = learner() if learning else PLAIN
-    with emulated_robot(period_s, real_time) as (directory, daemon):
+    """Lateness of the bus cycle and length of the control step, while a circle is followed.
+
+    more: of the controller's options. risk: of the robot file.
+    """
+    controller = (learner() if learning else PLAIN) | (more or {})
+    with emulated_robot(period_s, real_time, risk=risk) as (directory, daemon):
         core = max(os.sched_getaffinity(0))
         if burner:
             os.sched_setaffinity(daemon.pid, {core})
@@ -150,7 +172,10 @@ async def _followed(
 
 def learner() -> Options:
     """What `make run` follows with, learning all the time."""
-    return {"kind": "reward_weighted", "model": str(pretrained(load_robot(SOFT_ARM), waypoints=80))}
+    return {
+        "kind": "reward_weighted",
+        "model": str(pretrained(load_robot(SOFT_ARM), Pretraining(waypoints=80))),
+    }
 
 
 def stop_figures(stops: int = _STOPS) -> Figures:
@@ -259,13 +284,15 @@ async def _started(robot: RobotClient, controller: Options, end: float) -> str:
 
 @contextmanager
 def emulated_robot(
-    cycle_period_s: float, real_time: bool, file: Path = SOFT_ARM
+    cycle_period_s: float, real_time: bool, file: Path = SOFT_ARM, risk: Options | None = None
 ) -> Iterator[tuple[Path, subprocess.Popen[str]]]:
-    """Lab and daemon of a shipped arm, with another bus cycle."""
+    """Lab and daemon of a shipped arm, with another bus cycle, and this risk if it is given."""
     with tempfile.TemporaryDirectory(prefix="t-") as name:
         directory = Path(name)
         robot = yaml.safe_load(file.read_text())
         robot["buses"]["can0"]["cycle_period_s"] = cycle_period_s
+        if risk is not None:
+            robot["risk"] = risk
         path = directory / "robot.yaml"
         path.write_text(yaml.safe_dump(robot))
         where = [str(path), "--runtime-dir", name]

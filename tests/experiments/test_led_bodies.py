@@ -1,7 +1,18 @@
 """What `python -m tests.experiments.led_bodies` asks, and how it judges what comes of it."""
 
+from typing import Any
+
+import numpy as np
+
 from daemon.workbench.experiments.experiment_file import load_experiment
-from tests.experiments.led_bodies import CIRCLE, case_of, figures_of
+from tests.experiments.led_bodies import (
+    CIRCLE,
+    LASTS_S,
+    case_of,
+    errors_mm,
+    figures_of,
+    worst_at_the_end_mm,
+)
 
 
 def test_cases_are_sound_experiments_that_repeat_themselves_and_differ() -> None:
@@ -16,11 +27,16 @@ def test_cases_are_sound_experiments_that_repeat_themselves_and_differ() -> None
     assert len(kinds) == 4
 
 
+def _line(case: int, verdict: str, faults: list[str], end: float, mean: list[float]) -> Any:
+    figures = {"holds": len(faults), "faults": faults, "end_mm": end, "mean_mm": mean}
+    return {"case": case, "verdict": verdict, **figures}
+
+
 def test_what_swings_or_fails_is_named_and_what_was_held_is_counted() -> None:
     lines = [
-        {"case": 0, "verdict": "followed", "holds": 0, "faults": [], "mean_mm": [1.0, 0.3]},
-        {"case": 1, "verdict": "held", "holds": 2, "faults": ["a", "a"], "mean_mm": [1.0, 0.5]},
-        {"case": 2, "verdict": "unstable", "holds": 1, "faults": ["b"], "mean_mm": [9.0, 30.0]},
+        _line(0, "followed", [], 0.4, [1.0, 0.3]),
+        _line(1, "held", ["a", "a"], 0.8, [1.0, 0.5]),
+        _line(2, "unstable", ["b"], 31.0, [9.0, 30.0]),
         {"case": 3, "verdict": "refused"},
         {"case": 4, "verdict": "failed"},
     ]
@@ -30,3 +46,26 @@ def test_what_swings_or_fails_is_named_and_what_was_held_is_counted() -> None:
     assert figures["holds"] == 3
     assert figures["held_by"] == {"a": 2, "b": 1}
     assert figures["verdicts"]["refused"] == 1
+
+
+def test_a_load_that_falls_late_is_none_that_swings_and_the_end_is_judged() -> None:
+    t_s = np.arange(0.0, 12.0, 0.025)
+    loaded = np.where(t_s < 5.6, 0.4, 22.0 * np.exp(-2.0 * (t_s - 5.6)))
+    swings = np.where(t_s < 5.6, 0.4, 9.0 + 3.0 * np.sin(t_s))
+    assert worst_at_the_end_mm(np.column_stack([t_s, loaded])) < 1.0
+    assert worst_at_the_end_mm(np.column_stack([t_s, swings])) > 10.0
+    assert worst_at_the_end_mm(np.zeros((0, 2))) == np.inf
+
+
+def test_every_path_goes_on_long_enough_after_its_load_to_be_judged() -> None:
+    for case in map(case_of, range(1000)):
+        path, plant = case["trajectory"], case["plant"]
+        left_s = path["cycles"] * path["cycle_s"] - 0.4 * LASTS_S
+        assert left_s - 3.0 > plant["dead_time_s"] + 2.0 * plant["pneumatic_lag_s"] + 0.4 - 0.05
+
+
+def test_what_is_judged_is_the_path_and_not_the_way_to_it() -> None:
+    way = {"t_ns": 0, "state": "running", "cycle": -1, "error_mm": 40.0}
+    held = {"t_ns": 1, "state": "hold", "cycle": 0, "error_mm": 30.0}
+    path = {"t_ns": 2_000_000_000, "state": "running", "cycle": 0, "error_mm": 0.5}
+    assert errors_mm([way, held, path]).tolist() == [[2.0, 0.5]]

@@ -73,6 +73,7 @@ COMMANDS: Final = {
         "workbench",
         "carry out experiments with all controllers, and put them side by side",
     ),
+    "tune": ("workbench", "seek a study's options, with the same effort for every controller"),
     "report": ("recordings", "make a page of figures of a recorded run"),
     "export": ("recordings", "write a recorded run as tables: CSV, Parquet; or for Foxglove"),
     "recover": ("recordings", "make recordings whole that a crash has left unfinished"),

@@ -3,10 +3,10 @@
 import argparse
 import logging
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from importlib.resources import files
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from matplotlib.figure import Figure
 from rich.console import Console
@@ -73,18 +73,32 @@ Tables = Callable[[StudyFile, Findings], list[Table]]
 Figures = Callable[[StudyFile, Findings, Path], Iterator[tuple[str, Figure]]]
 
 
+class WriteUp(NamedTuple):
+    """How a study is written up."""
+
+    tables: Tables
+    figures: Figures
+    files: Callable[[StudyFile, Findings], Mapping[str, bytes]] = lambda _file, _found: {}
+    """More of it, by name."""
+
+
 def carry_out_study(
-    path: Path, arguments: argparse.Namespace, only: list[str], tables: Tables, figures: Figures
+    path: Path,
+    arguments: argparse.Namespace,
+    only: list[str],
+    written_as: Callable[[StudyFile], WriteUp],
 ) -> Result:
     """Do what is left of a study, and write it up. Raises ConfigError, PlanError, OSError."""
     file = load_study(path)
+    how = written_as(file)
     whole, runs = _plans(file, arguments, only)
     if arguments.share is not None:
         return _carry_out_share(whole, runs, arguments)
-    errors = _carry_out(runs, arguments)
+    errors = carry_out_runs(runs, arguments)
     found = findings(file, Grid(whole, arguments.out).outcomes(), len(whole))
-    made = tables(file, found)
-    written = write_up(file, found, arguments.out, made, figures)
+    made = how.tables(file, found)
+    more = how.files(file, found)
+    written = write_up(file, found, arguments.out, made, how.figures, more)
 
     def show() -> None:
         _show(file, found, made)
@@ -111,7 +125,7 @@ def _plans(
     return plan(file, seeds, plants), plan(file, seeds, plants, only)
 
 
-def _carry_out(runs: list[Run], arguments: argparse.Namespace) -> int:
+def carry_out_runs(runs: list[Run], arguments: argparse.Namespace) -> int:
     """Returns how many runs and models could not be done. Raises OSError."""
     arguments.out.mkdir(parents=True, exist_ok=True)
     with (
@@ -130,7 +144,7 @@ def _carry_out(runs: list[Run], arguments: argparse.Namespace) -> int:
 def _carry_out_share(whole: list[Run], runs: list[Run], arguments: argparse.Namespace) -> Result:
     """Without tables: a part of the runs tells nothing that is to be compared. Raises OSError."""
     mine = shared(runs, arguments.share)
-    errors = _carry_out(mine, arguments)
+    errors = carry_out_runs(mine, arguments)
     there = len(Grid(whole, arguments.out).outcomes())
     return Result(
         {"share": str(arguments.share), "mine": len(mine), "there": there, "runs": len(whole)},
@@ -202,6 +216,8 @@ class _Told:
 
 
 def _in_words(outcome: Outcome | None) -> str:
+    if outcome is not None and outcome.refused:
+        return f"refused: {outcome.failure}"
     if outcome is None or outcome.result is None or outcome.failure:
         return f"given up: {outcome.failure if outcome else '?'}"
     means = ", ".join(f"{cycle.mean_mm:.2f}" for cycle in outcome.result.cycles)

@@ -14,6 +14,7 @@ from daemon.recording.result import Result as RunResult
 from daemon.recording.result import pose_text, table_text
 from daemon.robot.shipped_files import add_list_option, file_argument
 from daemon.workbench.experiments.experiment_file import ExperimentFile, load_experiment
+from daemon.workbench.experiments.measures import measures_of, recovery_lines
 from daemon.workbench.pretraining.model_cache import with_model
 from daemon.workbench.report.report_process import ReportBeside
 
@@ -75,12 +76,17 @@ def _experiment(
             print(f"the same of the true tip:\n{table_text(result.true_cycles)}")
         if any(row.angle_rad is not None for row in result.tip_pose):
             print(f"root mean squares by coordinate:\n{pose_text(result.tip_pose)}")
+        measures = measures_of(file, arguments.out)
+        if measures is not None:
+            print("".join(f"{line}\n" for line in recovery_lines(measures.recoveries)), end="")
         written = None
         if not arguments.no_report:
             progress.begin("drawing the report", 0.0)
             written = report.write()
             progress.tell(str(written))
-        return Result({"run": arguments.out, "report": written, "result": result})
+        return Result(
+            {"run": arguments.out, "report": written, "result": result, "measures": measures}
+        )
     finally:
         report.end()
 

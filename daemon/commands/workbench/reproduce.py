@@ -20,9 +20,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> Result:
     # matplotlib is slow to come: `--help` does without.
-    from daemon.commands.terminal.study_command import carry_out_study
+    from daemon.commands.terminal.study_command import WriteUp, carry_out_study
     from daemon.workbench.studies.write_up import reproduction_figures, reproduction_tables
 
     path = shipped_study(arguments.study)
-    tables, figures = reproduction_tables, reproduction_figures
-    return carry_out_study(path, arguments, arguments.only, tables, figures)
+    how = WriteUp(reproduction_tables, reproduction_figures)
+    return carry_out_study(path, arguments, arguments.only, lambda _: how)

@@ -34,6 +34,9 @@ _ONE_MM2: Final = 20.0
 overlap."""
 _ANSWERS: Final = 0.6, 1.8
 """Singular values beyond these tell of a push, and of no body."""
+_SURELY_WITHIN: Final = min(1.0 - _ANSWERS[0], _ANSWERS[1] - 1.0)
+"""No singular value is further from one than the matrix is from the identity (Weyl)."""
+_ONE: Final = np.eye(3)
 
 
 class Answer:
@@ -68,11 +71,14 @@ class Answer:
         kept = exp(-dt_s / memory_s)
         self._told = kept * self._told + np.outer(due, due)
         self._made = kept * self._made + np.outer(came, due)
-        one = _ONE_MM2 * np.eye(3)
+        one = _ONE_MM2 * _ONE
         self.matrix = _limited((self._made + one) @ np.linalg.inv(self._told + one))
 
 
 def _limited(matrix: Vector) -> Vector:
-    """(3, 3) with its singular values in their limits."""
+    """(3, 3) with its singular values in their limits, which most have that are near to one."""
+    away = (matrix - _ONE).ravel()
+    if away @ away <= _SURELY_WITHIN**2:
+        return matrix
     left, values, right = np.linalg.svd(matrix)
     return np.asarray((left * np.clip(values, *_ANSWERS)) @ right)

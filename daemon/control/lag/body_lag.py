@@ -10,14 +10,13 @@ its own, because J is never exact. The delay whose gains leave least unexplained
 across the axes of space would explain a circle with any delay, as a turn.
 """
 
-from bisect import bisect_left
 from collections import deque
 from math import exp, inf
-from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
 
+from daemon.control.lag import lag_kernels as kernels
 from daemon.learning.samples.motion import DEAD_SHARE
 from drivers.pose import Vector
 
@@ -30,6 +29,8 @@ _SPACING_S = 0.05
 _SPAN_S = 0.4
 """Of the motions that are compared: longer than noise and shorter than a turn."""
 _KEPT_S = max(_DEAD_SHARES) * LONGEST_S + _SPAN_S
+_ROWS = 256
+"""To begin with: some seconds, and room to go on."""
 _MEMORY_S = 12.0
 """Of motion. Then a third is left of what was seen."""
 _GAIN_MEMORY_S = 6.0
@@ -82,8 +83,7 @@ class BodyLag:
         self._shares = np.array(_DEAD_SHARES if steps else _DEAD_SHARES[:1])
         self._dead_s = np.outer(self._shares, self._delays).ravel()
         self._first_order_s = np.maximum(np.outer(1.0 - self._shares, self._delays).ravel(), 1e-9)
-        self._track: deque[tuple[float, Vector, Vector, Vector]] = deque()
-        """Times, what was told, what of it had arrived by each delay, and where the tip was."""
+        self._track = _Track(len(self._dead_s))
         self._sums = np.zeros((3, len(self._dead_s), 3))
         """xx, xy and yy by share, delay and coordinate, mm²."""
         self._gain_sums = np.zeros((2, len(self._dead_s), 3))
@@ -98,32 +98,22 @@ class BodyLag:
     def add(self, t_s: float, dt_s: float, told_mm: Vector, tip_mm: Vector) -> None:
         """At `t_s` all that was told so far came to (3,) x, and the tip is at (3,)."""
         track = self._track
-        if not track:
-            track.append((t_s, told_mm, np.tile(told_mm, (len(self._dead_s), 1)), tip_mm))
+        last_s = track.add(t_s, told_mm, tip_mm)
+        if last_s is None:
             return
-        times = np.array([*(one[0] for one in track), t_s])
-        told = np.array([*(one[1] for one in track), told_mm])
-        due = _between(times, told, t_s - self._dead_s)
-        share = -np.expm1(-max(t_s - track[-1][0], 0.0) / self._first_order_s)[:, None]
-        arrived = track[-1][2] + share * (due - track[-1][2])
-        track.append((t_s, told_mm, arrived, tip_mm))
-        while t_s - track[0][0] > _KEPT_S:
-            track.popleft()
-        if t_s - track[0][0] < _SPAN_S:
+        kernels.arrive(
+            track.times, track.told_mm, track.arrived_mm, self._dead_s, self._first_order_s
+        )
+        track.drop_before(t_s - _KEPT_S)
+        if t_s - track.times[0] < _SPAN_S:
             return
-        begin = bisect_left(track, t_s - _SPAN_S, key=itemgetter(0))
-        seen, moved = tip_mm - track[begin][3], arrived - track[begin][2]
-        if max(float(seen @ seen), float((moved**2).sum(axis=1).max())) < _MOVED_MM**2:
+        first = int(np.searchsorted(track.times, t_s - _SPAN_S))
+        kept = np.array([exp(-dt_s / _MEMORY_S), exp(-dt_s / _GAIN_MEMORY_S)])
+        sums, gain_sums = self._sums, self._gain_sums
+        arrived, tips = track.arrived_mm, track.tip_mm
+        if not kernels.add_span(first, arrived, tips, sums, gain_sums, kept, _MOVED_MM):
             return
-        kept = exp(-dt_s / _MEMORY_S)
-        self._spans = kept * self._spans + 1.0
-        self._gain_sums *= exp(-dt_s / _GAIN_MEMORY_S)
-        self._gain_sums[0] += moved**2
-        self._gain_sums[1] += moved * seen
-        self._sums *= kept
-        self._sums[0] += moved**2
-        self._sums[1] += moved * seen
-        self._sums[2] += seen**2
+        self._spans = kept[0] * self._spans + 1.0
         if not self._settled:
             self._approach(dt_s)
 
@@ -149,7 +139,7 @@ class BodyLag:
         self._dead_s, self._first_order_s = self._dead_s[here], self._first_order_s[here]
         self._sums, self._gain_sums = np.zeros((3, count, 3)), np.zeros((2, count, 3))
         self._spans = 0.0
-        self.break_off()
+        self._track = _Track(count)
         return self._settled
 
     @property
@@ -188,6 +178,73 @@ class BodyLag:
             self.lag_s += (1.0 - exp(-dt_s / _APPROACH_S)) * (lag_s - self.lag_s)
 
 
+class _Track:
+    """The last seconds, row by row: times, what was told, what of it had arrived by each delay, and
+    where the tip was. In arrays of which a part is looked at: to make them anew from their rows in
+    every step would cost more than all that is done with them."""
+
+    def __init__(self, delays: int) -> None:
+        self._begin = self._end = 0
+        self._times = np.zeros(_ROWS)
+        self._told_mm, self._tip_mm = np.zeros((_ROWS, 3)), np.zeros((_ROWS, 3))
+        self._arrived_mm = np.zeros((_ROWS, delays, 3))
+
+    @property
+    def times(self) -> Vector:
+        """(n,) s"""
+        return self._times[self._begin : self._end]
+
+    @property
+    def told_mm(self) -> Vector:
+        """(n, 3)"""
+        return self._told_mm[self._begin : self._end]
+
+    @property
+    def tip_mm(self) -> Vector:
+        """(n, 3)"""
+        return self._tip_mm[self._begin : self._end]
+
+    @property
+    def arrived_mm(self) -> Vector:
+        """(n, k, 3) by delay."""
+        return self._arrived_mm[self._begin : self._end]
+
+    def clear(self) -> None:
+        """Nothing was seen yet."""
+        self._begin = self._end = 0
+
+    def add(self, t_s: float, told_mm: Vector, tip_mm: Vector) -> float | None:
+        """A row more, as if all that was told had arrived. The time of the one before, if any."""
+        if self._end == len(self._times):
+            self._move_up()
+        row, last = self._end, self._end - 1
+        self._times[row], self._told_mm[row], self._tip_mm[row] = t_s, told_mm, tip_mm
+        self._arrived_mm[row] = told_mm
+        self._end += 1
+        return float(self._times[last]) if last >= self._begin else None
+
+    def drop_before(self, t_s: float) -> None:
+        """Rows from before that are not needed any more."""
+        self._begin += int(np.searchsorted(self.times, t_s))
+
+    def _move_up(self) -> None:
+        """To the beginning; into arrays twice as long where they are half full."""
+        rows = self._end - self._begin
+        longer = 2 if 2 * rows > len(self._times) else 1
+        arrays = self._times, self._told_mm, self._tip_mm, self._arrived_mm
+        self._times, self._told_mm, self._tip_mm, self._arrived_mm = (
+            _moved_up(array, self._begin, longer) for array in arrays
+        )
+        self._begin, self._end = 0, rows
+
+
+def _moved_up(array: Vector, begin: int, longer: int) -> Vector:
+    """The rows from `begin` on, first, in an array so many times as long."""
+    moved = np.zeros((longer * len(array), *array.shape[1:]))
+    moved[: len(array) - begin] = array[begin:]
+    return moved
+
+
 class LaggedAxes:
     """The axes as the tip shows them: passed through the body's dead time and lag."""
 
@@ -213,14 +270,6 @@ class LaggedAxes:
         shown = due if self._shown is None else self._shown + share * (due - self._shown)
         self._shown = np.asarray(shown)
         return self._shown
-
-
-def _between(times: Vector, values: Vector, at: Vector) -> Vector:
-    """(k, 3) rows of `values` at other times; evenly between two of them."""
-    right = np.clip(np.searchsorted(times, at), 1, len(times) - 1)
-    share = np.clip((at - times[right - 1]) / (times[right] - times[right - 1]), 0.0, 1.0)
-    before = values[right - 1]
-    return np.asarray(before + share[:, None] * (values[right] - before))
 
 
 def _unexplained(xx: Vector, xy: Vector, yy: Vector, free: bool) -> Vector:
@@ -299,3 +348,10 @@ def parts(lag_s: float, dead_share: float = DEAD_SHARE) -> tuple[float, float]:
     """Dead time and first-order lag of a lag that is known as a sum."""
     dead_s = dead_share * lag_s
     return dead_s, lag_s - dead_s
+
+
+def warm_up() -> None:
+    """Compile the kernels, or load them from numba's cache: a second once, then hundredths."""
+    lag = BodyLag()
+    for k in range(4):
+        lag.add(0.5 * _SPAN_S * k, 0.5 * _SPAN_S, np.array([float(k), 0.0, 0.0]), np.zeros(3))

@@ -3,9 +3,15 @@
 A load that is hung on, or a push, takes the tip off at once. Most of its way back is then to be
 told before much of it is seen; the body answers otherwise from there on; and nothing of it is the
 path's.
+
+A body that goes twice as far as told, as one does that a load has made soft, is off by more and
+more all the time. That is no jump, however fast: it went on before. Who takes it for one forgets
+each time how the body answers, and never learns it.
 """
 
+from bisect import bisect_left
 from collections import deque
+from operator import itemgetter
 from typing import Final
 
 from drivers.pose import Vector
@@ -14,7 +20,8 @@ _JUMP_S: Final = 0.3
 _JUMP_MM: Final = 4.0
 _JUMP_SHARE: Final = 0.6
 """A tip that within this time goes so far, and so much of what it was told to go, otherwise than
-told has been pushed or loaded. Its way back is not the path's."""
+told, and otherwise than it did in as long a time before, has been pushed or loaded. Its way back is
+not the path's."""
 _AFTER_JUMP_S: Final = 1.3
 _JUST_S: Final = 0.7
 _AFTER_JUMP_LAGS: Final = 2.0
@@ -40,10 +47,16 @@ class Disturbance:
         was taken off at once."""
         lately = self._lately
         lately.append((t_s, off_mm, arrived_mm))
-        while t_s - lately[0][0] > _JUMP_S:
+        while len(lately) > 1 and lately[1][0] <= t_s - 2.0 * _JUMP_S:
             lately.popleft()
-        before = lately[0]
-        jumped, told = off_mm - before[1], arrived_mm - before[2]
+        first_s, first_mm, _ = lately[0]
+        if t_s - first_s < 2.0 * _JUMP_S:
+            return False  # nobody knows what it did before
+        _, before_mm, arrived_before_mm = lately[
+            bisect_left(lately, t_s - _JUMP_S, key=itemgetter(0))
+        ]
+        told = arrived_mm - arrived_before_mm
+        jumped = (off_mm - before_mm) - (before_mm - first_mm)
         taken_off = float(jumped @ jumped) > max(_JUMP_MM**2, _JUMP_SHARE**2 * float(told @ told))
         if taken_off:
             lags_s = _AFTER_JUMP_LAGS * lag_s

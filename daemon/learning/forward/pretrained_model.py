@@ -6,14 +6,18 @@ by epoch and where the data came from.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
+import msgspec
 import numpy as np
 
 from config.robot import Robot
 from daemon.array_files import ArrayFile, ModelError, misfit_of, prefixed, read_as, stripped
-from daemon.learning.forward.forward_model import receptive_fields
+from daemon.learning.forward.cubic_shape import CubicShape, unforetold, unforetold_by_cubics
+from daemon.learning.forward.forward_fit import ForwardFit, forward_fit
+from daemon.learning.forward.forward_model import receptive_fields, slopes_by_step
 from daemon.learning.forward.pretraining import Pretraining
 from daemon.learning.lwpr.model import Lwpr
 from daemon.learning.lwpr.settings import LwprSettings
@@ -21,8 +25,11 @@ from daemon.learning.samples.dataset import Dataset
 from daemon.learning.samples.motion import MotionTable
 from daemon.learning.samples.motion_samples import SamplingSettings
 from daemon.learning.samples.receptive_fields import ReceptiveFields
+from drivers.pose import Vector
 
 KIND = "tentacled forward model/1"
+FIT = "fit"
+"""In the metadata: how well it foretells motions."""
 _WHAT = "a forward model"
 _LWPR = "lwpr/"
 _MOTIONS = "motions/"
@@ -52,6 +59,7 @@ class PretrainedModel:
             "fields": pretraining.model.count,
             "best_epoch": pretraining.best_epoch,
             "errors": [dict(errors._asdict()) for errors in pretraining.errors],
+            FIT: msgspec.to_builtins(forward_fit(pretraining)),
         }
         return cls(
             pretraining.model, pretraining.motions, pretraining.sampling, _without_nan(metadata)
@@ -61,6 +69,31 @@ class PretrainedModel:
     def fields(self) -> ReceptiveFields:
         """Where local controllers live."""
         return receptive_fields(self.lwpr)
+
+    @cached_property
+    def shape(self) -> CubicShape | None:
+        """The body over all of its travel, where that foretells lines which it was not learnt from
+        better than the fields do those they were learnt from; None: it does not."""
+        found = CubicShape.of(self.motions)
+        if found is None:
+            return None
+        said_mm = np.array([self.lwpr.predict(x) for x in self.motions.inputs])
+        by_fields = unforetold(self.motions, said_mm)
+        return found if unforetold_by_cubics(self.motions) < by_fields else None
+
+    def jacobian(self, tip_mm: Vector, u: Vector) -> Vector:
+        """(3, m) mm per mm or rad, with the tip at (3,) and axes at (m,)."""
+        if self.shape is not None:
+            return self.shape.jacobian(u)
+        return slopes_by_step(self.lwpr, tip_mm, u)
+
+    @property
+    def fit(self) -> ForwardFit | None:
+        """How well it foretells motions. None: the file does not say."""
+        try:
+            return msgspec.convert(self.metadata.get(FIT), ForwardFit | None)
+        except msgspec.ValidationError:
+            return None
 
     def save(self, path: Path) -> None:
         """A reader sees the old file or the whole new one. Raises OSError."""

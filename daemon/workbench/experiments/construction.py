@@ -72,7 +72,7 @@ def experiment_problems(file: ExperimentFile) -> list[Problem]:
                 make_controller(experiment.controller, file.robot, experiment.seed)
             ),
         )
-        for why in filter(None, (_why_too_fast(file, controller) for controller in made)):
+        for why in filter(None, (why_too_fast(file, controller) for controller in made)):
             problems.append(file.problem(("trajectory",), why))
     for index, happening in enumerate(experiment.happenings):
         if lab is not None and happening.inject is not None:
@@ -82,7 +82,7 @@ def experiment_problems(file: ExperimentFile) -> list[Problem]:
     return problems
 
 
-def _why_too_fast(file: ExperimentFile, controller: Controller) -> str | None:
+def why_too_fast(file: ExperimentFile, controller: Controller) -> str | None:
     """Why the axes are too slow for the trajectory, as far as the controller knows the robot."""
     foresight = controller.foresight if isinstance(controller, HasForesight) else None
     trajectory = make_trajectory(file.experiment.trajectory, file.path.parent)

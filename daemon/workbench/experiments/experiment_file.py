@@ -89,6 +89,13 @@ def _with_robot(path: Path, document: YamlDocument, experiment: Experiment) -> E
     if file.robot.emulation is None:
         text = "experiments need an emulated robot, and this one has no 'emulation'"
         raise ConfigError([document.problem(("robot",), text)])
+    return _of_robot(path, document, experiment, file)
+
+
+def _of_robot(
+    path: Path, document: YamlDocument, experiment: Experiment, file: RobotFile
+) -> ExperimentFile:
+    assert file.robot.emulation is not None
     overridden = _overridden(document, file.robot.emulation, experiment)
     robot = file.robot.model_copy(update={"emulation": overridden})
     why = _why_not_followed(experiment, robot, path.parent)
@@ -155,13 +162,24 @@ def on_body(file: ExperimentFile, body: BodyName) -> ExperimentFile:
     What the controller knows before it begins is still the body of the robot file, unless the
     experiment says which. Raises ConfigError.
     """
-    experiment = file.experiment
-    update: dict[str, Any] = {
-        "experiment": f"{experiment.experiment}_{body}",
-        "plant": {**experiment.plant, "body": body},
-    }
+    name = f"{file.experiment.experiment}_{body}"
+    return changed(file, {**body_fields(file.experiment, body), "experiment": name})
+
+
+def body_fields(experiment: Experiment, body: BodyName) -> dict[str, Any]:
+    """The experiment's fields that differ on a named body."""
+    fields: dict[str, Any] = {"plant": {**experiment.plant, "body": body}}
     pretraining = experiment.pretraining
     if pretraining is not None and pretraining.plant is None:
         known = pretraining.model_copy(update={"plant": experiment.plant})
-        update["pretraining"] = known
-    return _with_robot(file.path, file.document, experiment.model_copy(update=update))
+        fields["pretraining"] = known
+    return fields
+
+
+def changed(file: ExperimentFile, update: Mapping[str, Any]) -> ExperimentFile:
+    """The experiment with other fields, on the same robot, checked as it was read.
+
+    Raises ConfigError.
+    """
+    experiment = file.experiment.model_copy(update=update)
+    return _of_robot(file.path, file.document, experiment, file.file)

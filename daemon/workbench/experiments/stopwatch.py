@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from daemon.control.axis_speeds import Foresight, HasForesight
 from daemon.control.controller import Controller, Observation, Proposal
 from daemon.host.clock import ThreadTimeClock
 from daemon.recording.result import ComputingTime
@@ -63,6 +64,12 @@ class TimedController:
     @property
     def ready(self) -> bool:
         return self._controller.ready
+
+    @property
+    def foresight(self) -> Foresight | None:
+        """The other one's, if it has any."""
+        controller = self._controller
+        return controller.foresight if isinstance(controller, HasForesight) else None
 
     def draw_to(self, posture: Vector) -> None:
         """As the other one does, if it does."""

@@ -25,12 +25,17 @@ _LOOK_EVERY_S: Final = 0.05
 _LOOKS_UNTIL_IT_RUNS: Final = 20
 _COUNTED: Final = re.compile(r"(\D*)(\d+) of (\d+)")
 """In a controller's note: what it does, and how much of that."""
+_NOT_TO_BE_FOLLOWED: Final = {"unreachable", "axis_too_slow"}
 _MOST_IN_A_ROW: Final = 50
 """So often may it be held at once when it was resumed."""
 
 
 class TrialError(RuntimeError):
     """The experiment could not be carried out; the text says why."""
+
+
+class RefusedTrialError(TrialError):
+    """The trajectory cannot be followed, and nothing has moved; the text says why."""
 
 
 class Trial:
@@ -79,7 +84,8 @@ class Trial:
                 await self._follow()
             self._carried_out(await self._operator.handle(_USER, Disarm(token=self._token)))
         except CommandRefusedError as refused:
-            raise TrialError(refused.text) from None
+            kind = RefusedTrialError if refused.name in _NOT_TO_BE_FOLLOWED else TrialError
+            raise kind(refused.text) from None
         except TimeoutError:
             late = f"the trajectory was not finished within {self._experiment.longest_s:g} s"
             held = "" if self._service.supervisor.running else f": {self._why()}"

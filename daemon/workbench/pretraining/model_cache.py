@@ -21,18 +21,20 @@ from daemon.files import models_directory
 from daemon.host.progress import Progress
 from daemon.learning.forward.pretrained_model import KIND, PretrainedModel
 from daemon.learning.forward.pretraining import EpochErrors, PretrainingSettings, pretrain
+from daemon.learning.samples.motion_samples import SamplingSettings
 from daemon.workbench.experiments.experiment_file import ExperimentFile, other_plant
 from daemon.workbench.experiments.trial import Tell, TrialError
 from daemon.workbench.pretraining.explore import Exploring, config_sha256, explore
 
-_RECIPE: Final = 2
+_RECIPE: Final = 3
 """Another number for models that come out otherwise from the same settings."""
 _KEY_DIGITS: Final = 16
+_AS_SERVES_BEST: Final = Pretraining()
 
 
 def pretrained(
     file: RobotFile,
-    waypoints: int | None = None,
+    how: Pretraining = _AS_SERVES_BEST,
     seed: int = 1,
     tell: Tell = lambda _: None,
     directory: Path | None = None,
@@ -40,15 +42,14 @@ def pretrained(
 ) -> Path:
     """The model of this emulated robot with nothing at its tip: found, or made in virtual time.
 
-    It is learnt from everything that the exploration saw; nothing is kept back for a test. The same
-    arguments give the same model. Not to be called from an event loop: it runs one of its own.
-    waypoints: how many random places of all the axes' travel are gone to; None: some seconds of
-    designed motions, which are enough to begin with. tell, progress: hear what is done, where
-    something has to be, and how far that is. directory: instead of the usual one.
+    The same arguments give the same model. Not to be called from an event loop: it runs one of its
+    own.
+    how: it is explored and learnt; of which body, and with which seed, is not looked at here. tell,
+    progress: hear what is done, where something has to be, and how far that is. directory: instead
+    of the usual one.
     Raises TrialError and PretrainingError where the robot cannot be explored, OSError.
     """
-    options = _exploration(waypoints)
-    settings = PretrainingSettings(test_share=0.0, seed=seed)
+    options, settings = _exploration(how), _settings(how, seed)
     folder = models_directory() if directory is None else directory
     path = folder / f"{file.robot.robot}-{_key(file, options, settings, seed)}.npz"
     if _usable(path, file):
@@ -64,10 +65,27 @@ def pretrained(
     return path
 
 
-def _exploration(waypoints: int | None) -> Exploring:
-    if waypoints is None:
+def _exploration(how: Pretraining) -> Exploring:
+    if how.waypoints is None:
         return DesignedExploration(kind="designed_exploration")
-    return WaypointExploration(kind="waypoint_exploration", waypoints=waypoints)
+    lines = {} if how.dither_share is None else {"dither_share": how.dither_share}
+    return WaypointExploration(kind="waypoint_exploration", waypoints=how.waypoints, **lines)
+
+
+def _settings(how: Pretraining, seed: int) -> PretrainingSettings:
+    given = {
+        "tip_mm": how.sample_tip_mm,
+        "travel_share": how.sample_travel_share,
+        "averaged_share": how.averaged_share,
+    }
+    sampling = SamplingSettings(**{key: one for key, one in given.items() if one is not None})
+    return PretrainingSettings(
+        fields=how.fields,
+        test_share=how.test_share,
+        seed=seed,
+        sampling=sampling,
+        lag_s=how.lag_s,
+    )
 
 
 def _amount(options: Exploring) -> str:
@@ -155,6 +173,6 @@ def _model(
         unloaded = unloaded.model_copy(update={"plant": plant})
     robot_file = replace(file.file, robot=file.robot.model_copy(update={"emulation": unloaded}))
     try:
-        return pretrained(robot_file, pretraining.waypoints, seed, tell, progress=progress)
+        return pretrained(robot_file, pretraining, seed, tell, progress=progress)
     except PretrainingError as error:
         raise TrialError(str(error)) from error

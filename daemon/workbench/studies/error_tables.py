@@ -22,7 +22,9 @@ _MORE: Final = (
     "distance between the axes' places at a cycle's beginning and at its end, in % of their "
     "travel. Settled: when the error's mean over the last quarter of a cycle was below 1 mm for "
     "good (0: the first one was), and in how many runs it was. Refused: steps, of all. Step: "
-    "computing time of the controller in one step, median (99th percentile)."
+    "computing time of the controller in one step, median (99th percentile). Foretold: R² of the "
+    "forward model that the controller began with, over all motions (median of its fields) [its "
+    "root mean square error per coordinate, mm]."
 )
 
 
@@ -49,7 +51,10 @@ def error_table(file: StudyFile, table: StudyTable, found: Findings) -> Table:
 
 def more_table(file: StudyFile, table: StudyTable, found: Findings) -> Table:
     """What the paper does not have."""
-    head = ("", "true error", "drift %", "settled s", "refused", "step ms", "noise", "distortion")
+    head = (
+        *("", "true error", "drift %", "settled s", "refused", "step ms", "noise", "distortion"),
+        "foretold",
+    )
     made = Table(f"{table.title}: more", head, note=_MORE)
     for name in _names(file, table):
         section = Section(file.rows[name].label)
@@ -67,7 +72,17 @@ def comparison_table(file: StudyFile, found: Findings) -> Table:
     experiments = list(file.experiments.values())
     count = max(cycles_of(experiment) for experiment in experiments)
     cycles = [f"{ordinal(cycle)} mean (σ) max" for cycle in range(count)]
-    head = ("", *cycles, "true, last", "drift %", "settled s", "refused", "step ms", "runs")
+    head = (
+        "",
+        *cycles,
+        "true, last",
+        "drift %",
+        "settled s",
+        "refused",
+        "step ms",
+        "foretold",
+        "runs",
+    )
     note = f"{_ERRORS} {_MORE}"
     made = Table(file.study.description or file.study.study, head, note=note)
     for name, row in file.rows.items():
@@ -142,6 +157,7 @@ def _more_cells(mine: Summary) -> list[str]:
         _step(mine),
         f"{median_of(mine.noise_mm)} ({median_of(mine.reading_noise_mm)})",
         median_of(mine.distortion_mm),
+        _foretold(mine),
     ]
 
 
@@ -155,6 +171,7 @@ def _comparison_cells(mine: Summary, count: int) -> list[str]:
         _settled(mine),
         median_of(mine.refusals, 0),
         _step(mine),
+        _foretold(mine),
         _runs(mine),
     ]
 
@@ -175,6 +192,14 @@ def _percent(value: Spread) -> Spread:
         first_quartile=100 * value.first_quartile,
         third_quartile=100 * value.third_quartile,
         high=100 * value.high,
+    )
+
+
+def _foretold(mine: Summary) -> str:
+    if mine.fit_r2 is None:
+        return "–"
+    return (
+        f"{median_of(mine.fit_r2)} ({median_of(mine.fit_field_r2)}) [{median_of(mine.fit_rmse_mm)}]"
     )
 
 

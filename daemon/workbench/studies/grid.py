@@ -113,7 +113,8 @@ def _one_for_each_model(runs: Iterable[Run]) -> list[Run]:
             body = (experiment.robot, str(experiment.plant), run.plant)
             if known is not None:
                 body = (experiment.robot, str(known), -1)
-            of = (body, experiment.pretraining.waypoints, run.seed if seed is None else seed)
+            how = experiment.pretraining.model_dump_json(exclude={"plant", "seed"})
+            of = (body, how, run.seed if seed is None else seed)
             models.setdefault(of, run)
     return list(models.values())
 

@@ -12,12 +12,15 @@ import msgspec
 
 from config.axis import AxisBase
 from config.emulation import ConcentricTubesPlant
+from config.tasks.experiment import Pretraining
 from config.tasks.study import Variant
 from daemon.files import write_whole
 from daemon.host.processes import Share
+from daemon.learning.forward.forward_fit import ForwardFit
 from daemon.recording.result import Result
 from daemon.recording.run_folder import formatted_json
 from daemon.workbench.experiments.experiment_file import ExperimentFile
+from daemon.workbench.experiments.measures import Measures
 from daemon.workbench.studies.study_file import StudyFile, merged
 from sim_backends.lab.bodies import another_body
 from sim_backends.plants.concentric.body_error import matched_variation
@@ -39,6 +42,9 @@ class Run:
     seed: int
     file: ExperimentFile
     """With this variant's controller, and this body."""
+    foreseen: bool = False
+    """Whether it is first asked, by a model of the body that is known before, whether the axes are
+    fast enough for the path: the same for all controllers."""
 
     def __str__(self) -> str:
         return f"{self.experiment}, {self.variant}, plant {self.plant}, seed {self.seed}"
@@ -68,15 +74,21 @@ def plan(study: StudyFile, seeds: int, plants: int, only: Sequence[str] = ()) ->
     variants = [variant for variant in study.study.variants if variant.variant in only]
     rows = [
         (name, variant.variant, plant, _prepared(study, name, variant, plant))
-        for plant in (range(1, plants + 1) if plants else (0,))
+        for plant in _numbers(study, plants)
         for name in experiments or study.experiments
         for variant in variants or study.study.variants
     ]
     return [
-        Run(name, variant, plant, seed, file)
+        Run(name, variant, plant, seed, file, foreseen=name in study.cells)
         for seed in range(1, seeds + 1)
         for name, variant, plant, file in rows
     ]
+
+
+def _numbers(study: StudyFile, plants: int) -> Sequence[int]:
+    """Of the bodies; 0: the robot file's own."""
+    first = study.study.first_plant
+    return range(first, first + plants) if plants else (0,)
 
 
 def run_folder(root: Path, experiment: str, variant: str, plant: int, seed: int) -> Path:
@@ -96,7 +108,13 @@ def _prepared(study: StudyFile, name: str, variant: Variant, plant: int) -> Expe
     """The experiment with this controller, on this body."""
     file, body_error_mm = study.experiments[name], study.study.body_error_mm
     controller = merged(file.experiment.controller, variant.controller)
-    experiment = file.experiment.model_copy(update={"controller": controller})
+    gain_per_s = getattr(controller, "gain_per_s", None)
+    if name in study.cells and gain_per_s is not None:
+        share = study.cells[name].gain
+        controller = controller.model_copy(update={"gain_per_s": share * gain_per_s})
+    pretraining = _pretraining(file.experiment.pretraining, variant.pretraining)
+    update = {"controller": controller, "pretraining": pretraining}
+    experiment = file.experiment.model_copy(update=update)
     emulation = file.robot.emulation
     if plant == 0 or emulation is None:
         return replace(file, experiment=experiment)
@@ -109,6 +127,13 @@ def _prepared(study: StudyFile, name: str, variant: Variant, plant: int) -> Expe
         raise PlanError(f"nothing tells how far another {emulation.plant.kind} is off")
     robot = file.robot.model_copy(update={"emulation": other})
     return replace(file, experiment=experiment, robot=robot)
+
+
+def _pretraining(own: Pretraining | None, on_top: Pretraining | None) -> Pretraining | None:
+    if own is None or on_top is None:
+        return own if on_top is None else on_top
+    given = {name: getattr(on_top, name) for name in on_top.model_fields_set}
+    return own.model_copy(update=given)
 
 
 def _other_tubes(
@@ -133,7 +158,7 @@ _MATCHED: Final[dict[tuple[str, int, float], ConcentricTubesPlant]] = {}
 
 OUTCOME_FILE: Final = "outcome.json"
 
-Verdict = Literal["finished", "held", "unstable", "failed"]
+Verdict = Literal["finished", "held", "unstable", "failed", "refused"]
 
 
 class Outcome(msgspec.Struct, frozen=True, kw_only=True):
@@ -147,13 +172,21 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
     """Of the run's own: another one, and it has to be done again."""
     failure: str = ""
     """Why it was given up; empty: it came to its end."""
+    refused: bool = False
+    """Whether it was given up before anything moved, because the path cannot be followed."""
+    measures: Measures | None = None
+    """None: it left no steps."""
     result: Result | None = None
     """None: it failed before anything was recorded."""
+    fit: ForwardFit | None = None
+    """Of the model that its controller began with. None: it had none."""
     commit: str | None = None
     """Of the program; with a `+` where files differed from it."""
 
     def verdict(self, unstable_above_mm: float) -> Verdict:
         """In one word: the worst that can be said."""
+        if self.refused:
+            return "refused"
         if self.failure or self.result is None:
             return "failed"
         if any(cycle.max_mm >= unstable_above_mm for cycle in self.result.cycles):

@@ -1,7 +1,7 @@
 """Reads a study file, and the experiments that it names: sound, or every problem at once."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +18,13 @@ from config.tasks.controllers import (
     load_controller_options,
 )
 from config.tasks.study import Study, StudyRow
+from config.tasks.study_matrix import Tuned
 from daemon.workbench.experiments.experiment_file import (
     ExperimentFile,
     load_experiment,
     on_body,
 )
+from daemon.workbench.studies.study_matrix import Cell, expanded
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,10 @@ class StudyFile:
     """By name, in the order of the tables."""
     rows: Mapping[str, StudyRow]
     """By the experiment's name."""
+    cells: Mapping[str, Cell] = field(default_factory=dict)
+    """Of those experiments that a matrix is made of, what it is made of."""
+    searched: str = ""
+    """How the variants were tuned; empty: nobody says."""
 
 
 def load_study(path: Path) -> StudyFile:
@@ -64,11 +70,50 @@ def load_study(path: Path) -> StudyFile:
             if name in experiments:
                 problems.append(document.problem(where, f"another one is called {name} too"))
             experiments[name], rows[name] = loaded, row
+    cells: dict[str, Cell] = {}
+    for made in expanded(document, study, path.parent, problems):
+        name = made.cell.name
+        if name in experiments:
+            problems.append(document.problem(("matrix",), f"another one is called {name} too"))
+        experiments[name], rows[name], cells[name] = made.file, made.row, made.cell
+    study, searched = _with_tuned(document, study, path.parent, problems)
     problems += _unknown_names(document, study, set(experiments))
     problems += _unfit_variants(document, study, experiments)
     if problems:
         raise ConfigError(problems)
-    return StudyFile(path, study, experiments, rows)
+    return StudyFile(path, study, experiments, rows, cells, searched)
+
+
+def _with_tuned(
+    document: YamlDocument, study: Study, folder: Path, problems: list[Problem]
+) -> tuple[Study, str]:
+    """The study with what a search found on top of its variants, and how it was found."""
+    if study.tuned is None:
+        return study, ""
+    path = folder / study.tuned
+    if not is_file(path):
+        text = f"there is no file {path}{did_you_mean_file(path)}"
+        problems.append(document.problem(("tuned",), text))
+        return study, ""
+    tuned = load_tuned(path)
+    variants = [
+        one.model_copy(update={"controller": {**one.controller, **tuned.variants[one.variant]}})
+        if one.variant in tuned.variants
+        else one
+        for one in study.variants
+    ]
+    return study.model_copy(update={"variants": variants}), tuned.search
+
+
+def load_tuned(path: Path) -> Tuned:
+    """Raises ConfigError with every problem of the file."""
+    document = read_yaml(path)
+    if document.problems:
+        raise ConfigError(document.problems)
+    try:
+        return Tuned.model_validate(document.value)
+    except ValidationError as error:
+        raise ConfigError(schema_problems(document, Tuned, error)) from None
 
 
 def merged(options: ControllerOptions, overrides: Mapping[str, Any]) -> ControllerOptions:

@@ -70,6 +70,11 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     distortion_mm: Spread | None
     plant_failures: int
     """Of all runs together."""
+    fit_r2: Spread | None = None
+    """R² of the forward models that the controllers began with, over all motions."""
+    fit_rmse_mm: Spread | None = None
+    fit_field_r2: Spread | None = None
+    """Of each model the median over its fields."""
 
     def trouble(self) -> str:
         """What did not go well, in few words; empty: nothing."""
@@ -82,6 +87,7 @@ def summary(outcomes: Sequence[Outcome], cycles: int, unstable_above_mm: float) 
     results = [outcome.result for outcome in outcomes if outcome.result is not None]
     timed = [result.computing for result in results if result.computing is not None]
     limits = [result.limits for result in results if result.limits is not None]
+    fits = [outcome.fit for outcome in outcomes if outcome.fit is not None]
     verdicts: dict[Verdict, int] = {}
     for verdict in sorted(outcome.verdict(unstable_above_mm) for outcome in outcomes):
         verdicts[verdict] = verdicts.get(verdict, 0) + 1
@@ -104,6 +110,9 @@ def summary(outcomes: Sequence[Outcome], cycles: int, unstable_above_mm: float) 
         reading_noise_mm=_spread_of(limits, lambda one: one.reading_noise_mm),
         distortion_mm=_spread_of(limits, lambda one: one.distortion_mm),
         plant_failures=sum(result.plant_failures for result in results),
+        fit_r2=_spread_of(fits, lambda fit: fit.r2),
+        fit_rmse_mm=_spread_of(fits, lambda fit: fit.rmse_mm),
+        fit_field_r2=_spread_of(fits, lambda fit: fit.field_r2[1] if fit.field_r2 else None),
     )
 
 

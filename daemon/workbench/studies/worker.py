@@ -2,17 +2,29 @@
 
 import shutil
 import tempfile
+from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 import msgspec
 
+from config.tasks.controllers import load_controller_options
+from daemon.controllers.make_controller import make_controller
 from daemon.files import models_directory, write_whole
+from daemon.learning.forward.forward_fit import ForwardFit
+from daemon.learning.forward.pretrained_model import PretrainedModel
 from daemon.recording.result import read_result
 from daemon.recording.run_folder import PROVENANCE_FILE, RUN_FILES, Provenance
+from daemon.workbench.experiments.construction import why_too_fast
+from daemon.workbench.experiments.experiment_file import ExperimentFile, load_experiment
 from daemon.workbench.experiments.in_virtual_time import carry_out_in_virtual_time
-from daemon.workbench.experiments.trial import TrialError
+from daemon.workbench.experiments.measures import measures_of
+from daemon.workbench.experiments.trial import RefusedTrialError, TrialError
 from daemon.workbench.pretraining.model_cache import with_model
 from daemon.workbench.studies.run import Outcome, Run, write_outcome
+
+_ASKED: Final = "forward_jacobian"
+"""Whose model answers: it is the one that every learning controller begins with."""
 
 
 def carry_out_run(run: Run, root: Path, keep_recording: bool) -> Outcome:
@@ -89,10 +101,15 @@ def _take_models(models: Files) -> None:
 
 
 def _outcome(run: Run, folder: Path) -> Outcome:
-    failure = ""
+    refusal, failure, fit = "", "", None
     try:
-        file = with_model(run.file, run.seed, _nobody)
-        carry_out_in_virtual_time(file, run.seed, folder, _nobody)
+        refusal = _why_forbidden(run.file, run.seed) if run.foreseen else ""
+        if not refusal:
+            file = with_model(run.file, run.seed, _nobody)
+            fit = _fit(file)
+            carry_out_in_virtual_time(file, run.seed, folder, _nobody)
+    except RefusedTrialError as error:
+        refusal = str(error)
     except TrialError as error:
         failure = str(error)
     return Outcome(
@@ -101,10 +118,45 @@ def _outcome(run: Run, folder: Path) -> Outcome:
         plant=run.plant,
         seed=run.seed,
         fingerprint=run.fingerprint,
-        failure=failure,
+        fit=fit,
+        failure=failure or refusal,
+        refused=bool(refusal),
+        measures=measures_of(run.file, folder),
         result=read_result(folder),
         commit=_commit(folder),
     )
+
+
+def _why_forbidden(file: ExperimentFile, seed: int) -> str:
+    """Why the axes are too slow for the path, whichever controller follows it; empty: they are not,
+    or the experiment has no pre-training, and nobody knows.
+
+    The model may have to be made. Raises TrialError, OSError.
+    """
+    if file.experiment.pretraining is None:
+        return ""
+    ready = with_model(as_asked(file), seed, _nobody)
+    controller = make_controller(ready.experiment.controller, ready.robot, seed)
+    return why_too_fast(ready, controller) or ""
+
+
+def as_asked(file: ExperimentFile) -> ExperimentFile:
+    """The experiment with the controller that is asked whether its path can be followed.
+
+    The same for all variants: damping and posture are those of the experiment's own controller.
+    """
+    stated = load_experiment(file.path).experiment.controller
+    given = stated.model_dump(include={"damping_mm", "posture_gain_per_s"})
+    options = load_controller_options({**given, "kind": _ASKED})
+    return replace(file, experiment=file.experiment.model_copy(update={"controller": options}))
+
+
+def _fit(file: ExperimentFile) -> ForwardFit | None:
+    """Of the model that it begins with. None: there is none, or it does not say."""
+    model = getattr(file.experiment.controller, "model", None)
+    if file.experiment.pretraining is None or model is None:
+        return None
+    return PretrainedModel.load(Path(model), file.robot).fit
 
 
 def _commit(folder: Path) -> str | None:

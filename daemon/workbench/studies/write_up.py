@@ -1,6 +1,6 @@
 """What a study leaves beside its runs: tables for people and for programs, and pictures."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -13,7 +13,6 @@ from daemon.reference.trajectories import make_trajectory
 from daemon.workbench.experiments.carry_out import STEPS_FILE
 from daemon.workbench.experiments.step_statistics import StepSeries
 from daemon.workbench.report.report_style import styled
-from daemon.workbench.studies.comparison_figure import comparison_figure
 from daemon.workbench.studies.error_tables import (
     aims_text,
     comparison_table,
@@ -21,10 +20,10 @@ from daemon.workbench.studies.error_tables import (
     more_table,
     trouble_text,
 )
+from daemon.workbench.studies.figures import Shown, comparison_figure, run_figure
 from daemon.workbench.studies.findings import Findings
 from daemon.workbench.studies.pose_table import pose_table
 from daemon.workbench.studies.run import Outcome, run_folder
-from daemon.workbench.studies.run_figure import Shown, run_figure
 from daemon.workbench.studies.study_file import StudyFile
 from daemon.workbench.studies.summary import cycle_mean_mm
 from daemon.workbench.studies.table import Table
@@ -60,8 +59,12 @@ def write_up(
     root: Path,
     tables: Sequence[Table],
     figures: Callable[[StudyFile, Findings, Path], Iterator[tuple[str, Figure]]],
+    files: Mapping[str, bytes] | None = None,
 ) -> list[Path]:
-    """Write everything into `root`; returns where it is. Raises OSError."""
+    """Write everything into `root`; returns where it is. Raises OSError.
+
+    files: more of it, by name.
+    """
     pictures = []
     with styled():
         for name, made in figures(file, found, root):
@@ -70,7 +73,11 @@ def write_up(
     write_whole(root / DATA_FILE, formatted_json(found))
     names = [picture.name for picture in pictures]
     write_whole(root / TABLES_FILE, _text(file, found, tables, names).encode())
-    return [root / TABLES_FILE, root / DATA_FILE, *pictures]
+    more = []
+    for name, data in (files or {}).items():
+        write_whole(root / name, data)
+        more.append(root / name)
+    return [root / TABLES_FILE, root / DATA_FILE, *more, *pictures]
 
 
 def reproduction_figures(

@@ -76,6 +76,14 @@ def test_a_lissajous_figure_must_move() -> None:
         assert "nothing moves" in complaints({**figure, **still})[0]
 
 
+def test_a_star_has_points_and_a_random_path_moves() -> None:
+    star = {"kind": "star", "center_mm": [0, 0, 185], "radius_mm": 20, "cycle_s": 20}
+    assert "or it is no star" in complaints({**star, "inner_radius_mm": 20})[0]
+    assert "points" in complaints({**star, "inner_radius_mm": 9, "points": 2})[0]
+    still = {"kind": "random_smooth", "center_mm": [0, 0, 185], "size_mm": [0, 0, 0], "cycle_s": 9}
+    assert "nothing moves" in complaints(still)[0]
+
+
 def test_controllers_are_chosen_by_kind() -> None:
     assert isinstance(load_controller_options({"kind": "broyden"}), Broyden)
     options = load_controller_options(

@@ -14,7 +14,7 @@ from config.robot import Robot
 from config.tasks.exploration import WaypointExploration
 from config.tasks.trajectory import Circle, Lissajous, Rectangle
 from daemon.control.controller import Ahead, Controller, Observation, Phase
-from daemon.controllers.waypoint_exploration import WaypointExplorationController
+from daemon.controllers.exploration.waypoint_exploration import WaypointExplorationController
 from daemon.estimation.pose_filter import PoseFilter
 from daemon.learning.forward.pretrained_model import PretrainedModel
 from daemon.learning.forward.pretraining import PretrainingSettings, pretrain

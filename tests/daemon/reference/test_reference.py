@@ -49,6 +49,22 @@ def test_the_tip_is_led_to_the_start_without_a_jump() -> None:
     assert aim.cycle == 0
 
 
+@pytest.mark.parametrize(("least_s", "lasts_s"), [(30.0, 30.0), (0.1, None)])
+def test_the_way_to_the_start_takes_no_less_than_the_axes_should_have(
+    least_s: float, lasts_s: float | None
+) -> None:
+    hurried = rectangle()
+    unhurried = TrajectoryReference(hurried.trajectory, 10.0, lambda way: least_s)
+    durations = []
+    for reference in (hurried, unhurried):
+        reference.begin(TIP)
+        steps = 0
+        while reference.advance(0, 0.025).cycle < 0:
+            steps += 1
+        durations.append(0.025 * steps)
+    assert durations[1] == pytest.approx(lasts_s or durations[0], abs=0.03)
+
+
 def test_while_it_waits_it_is_where_motion_began() -> None:
     reference = rectangle()
     reference.begin(TIP)

@@ -12,11 +12,14 @@ from config.tasks.trajectory import (
     Helix,
     Hold,
     Lissajous,
+    RandomSmooth,
     Rectangle,
+    Star,
     TrajectoryOptions,
     Waypoints,
 )
 from daemon.reference.trajectories import Trajectory, make_trajectory
+from drivers.pose import Vector
 
 HERE = Path()
 CENTER = (1.0, -2.0, 185.0)
@@ -40,6 +43,13 @@ PERIODIC: list[TrajectoryOptions] = [
     Helix(
         kind="helix", center_mm=CENTER, radius_mm=15.0, turns=1.5, rise_mm=20.0, cycle_s=30.0,
         cycles=2,
+    ),
+    Star(
+        kind="star", center_mm=CENTER, plane="xz", radius_mm=30.0, inner_radius_mm=12.0,
+        cycle_s=30.0, cycles=2,
+    ),
+    RandomSmooth(
+        kind="random_smooth", center_mm=CENTER, size_mm=(60.0, 40.0, 10.0), cycle_s=30.0, cycles=2
     ),
 ]  # fmt: skip
 
@@ -113,6 +123,37 @@ def test_what_is_handed_out_can_be_changed_by_who_has_it() -> None:
         trajectory.start_mm[0] += 5.0
     np.testing.assert_allclose(trajectory.at(0.0)[0], MIDDLE + np.array([-12.5, -50.0, 0.0]))
     np.testing.assert_allclose(trajectory.at(1.0)[1], [5.0, 0.0, 0.0])
+
+
+def test_a_star_has_its_points_on_one_circle_and_sharp_corners_between_them_on_another() -> None:
+    star = made(
+        Star(kind="star", center_mm=CENTER, radius_mm=30.0, inner_radius_mm=12.0, cycle_s=20.0)
+    )
+    np.testing.assert_allclose(star.start_mm, MIDDLE + np.array([30.0, 0.0, 0.0]), atol=1e-9)
+    corners = np.array([star.in_cycle(t_s)[0] for t_s in star.corners_s]) - MIDDLE
+    assert len(corners) == 11
+    np.testing.assert_allclose(np.linalg.norm(corners[::2], axis=1), 30.0)
+    np.testing.assert_allclose(np.linalg.norm(corners[1::2], axis=1), 12.0)
+    speeds = [np.linalg.norm(star.in_cycle(t_s)[1]) for t_s in np.linspace(0.1, 19.9, 50)]
+    np.testing.assert_allclose(speeds, speeds[0])
+
+
+def test_a_random_path_fills_its_box_and_its_seed_says_which_it_is() -> None:
+    options = RandomSmooth(
+        kind="random_smooth", center_mm=CENTER, size_mm=(60.0, 40.0, 0.0), cycle_s=20.0, seed=3
+    )
+    times = np.linspace(0.0, 20.0, 4001)
+
+    def course(seed: int) -> Vector:
+        path = made(options.model_copy(update={"seed": seed}))
+        points: Vector = np.array([path.in_cycle(t_s)[0] for t_s in times]) - MIDDLE
+        return points
+
+    points = course(3)
+    np.testing.assert_allclose(points.max(axis=0), [30.0, 20.0, 0.0], atol=0.01)
+    np.testing.assert_allclose(points.min(axis=0), [-30.0, -20.0, 0.0], atol=0.01)
+    np.testing.assert_array_equal(points, course(3))
+    assert np.abs(points - course(4)).max() > 5.0
 
 
 def test_a_hold_holds() -> None:

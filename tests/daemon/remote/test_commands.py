@@ -17,6 +17,7 @@ from msgspec.structs import replace
 
 from config.loader import RobotFile
 from config.remote import Remote
+from config.tasks.experiment import Pretraining
 from daemon.commands.outcome.exit_codes import EXIT_CANNOT_CREATE as CANNOT_CREATE
 from daemon.commands.outcome.exit_codes import EXIT_CONFIGURATION as CONFIGURATION
 from daemon.commands.outcome.exit_codes import EXIT_DATA as DATA
@@ -135,9 +136,9 @@ def test_an_experiment_s_controller_is_loaded_with_its_model(
     asked = []
 
     def made(
-        file: RobotFile, waypoints: int, seed: int, tell: Callable[[str], None], **more: object
+        file: RobotFile, how: Pretraining, seed: int, tell: Callable[[str], None], **more: object
     ) -> Path:
-        asked.append((file.robot.robot, waypoints, seed))
+        asked.append((file.robot.robot, how.waypoints, seed))
         return tmp_path / "model.npz"
 
     monkeypatch.setattr("daemon.workbench.pretraining.model_cache.pretrained", made)

@@ -6,6 +6,7 @@ import pytest
 from config.emulation import SoftArmPlant
 from config.tasks.controllers import Broyden, TipFollowing
 from config.tasks.trajectory import Circle
+from daemon.control.lag import lag_kernels as kernels
 from daemon.control.lag.body_lag import LONGEST_S, BodyLag, LaggedAxes, Underway, parts
 from daemon.control.tip_following import TipFollower
 from daemon.controllers.broyden import BroydenController
@@ -195,3 +196,52 @@ def test_a_slow_body_is_followed_that_is_lost_without_leading(
 def test_leading_does_not_harm_a_body_that_is_not_slow(monkeypatch: pytest.MonkeyPatch) -> None:
     plain, led = (followed("as_made", lead, 20.0, monkeypatch) for lead in (False, True))
     assert led.mean_mm < 1.15 * plain.mean_mm
+
+
+def arrived_by_hand(times: Vector, told: Vector, dead_s: float, first_order_s: float) -> Vector:
+    """(n, 3) what has arrived, from the first row on."""
+    rows = [told[0]]
+    for k in range(1, len(times)):
+        due = [np.interp(times[k] - dead_s, times[: k + 1], told[: k + 1, i]) for i in range(3)]
+        kept = np.exp(-(times[k] - times[k - 1]) / first_order_s)
+        rows.append(np.array(due) + kept * (rows[-1] - due))
+    return np.array(rows)
+
+
+def test_what_arrives_is_what_was_told_a_dead_time_ago_through_a_first_order_lag() -> None:
+    random = np.random.default_rng(5)
+    times = np.cumsum(random.uniform(0.01, 0.06, 90))
+    told = np.cumsum(random.normal(size=(90, 3)), axis=0)
+    dead_s, first_order_s = np.array([0.0, 0.11, 0.4, 5.0]), np.array([1e-9, 0.2, 0.3, 0.5])
+    arrived = np.tile(told[:, None, :], (1, 4, 1))
+    for k in range(1, 90):
+        upto = slice(0, k + 1)
+        kernels.arrive(times[upto], told[upto], arrived[upto], dead_s, first_order_s)
+    for row in range(4):
+        expected = arrived_by_hand(times, told, dead_s[row], first_order_s[row])
+        assert np.allclose(arrived[:, row], expected, atol=1e-9)
+
+
+def test_only_a_motion_is_added_to_what_the_motions_told() -> None:
+    random = np.random.default_rng(6)
+    arrived, tips = random.normal(size=(8, 2, 3)), random.normal(size=(8, 3))
+    sums, gain_sums = np.ones((3, 2, 3)), np.ones((2, 2, 3))
+    kept = np.array([0.5, 0.25])
+    assert not kernels.add_span(2, arrived, tips, sums, gain_sums, kept, 50.0)
+    assert (sums == 1.0).all()
+    assert (gain_sums == 1.0).all()
+    assert kernels.add_span(2, arrived, tips, sums, gain_sums, kept, 0.1)
+    x, y = arrived[-1] - arrived[2], tips[-1] - tips[2]
+    assert np.allclose(sums, 0.5 + np.array([x * x, x * y, np.tile(y * y, (2, 1))]))
+    assert np.allclose(gain_sums, 0.25 + np.array([x * x, x * y]))
+
+
+def test_a_lag_is_known_after_minutes_as_after_seconds() -> None:
+    """What is kept of the last seconds is moved on in its arrays, and does not grow."""
+    lag, told, waiting = BodyLag(), np.zeros(3), []
+    for k in range(6000):
+        told = told + 0.5 * np.array([np.cos(0.02 * k), np.sin(0.031 * k), 0.2])
+        waiting.append(told)
+        tip = waiting[max(k - 12, 0)]
+        lag.add(0.025 * k, 0.025, told, tip)
+    assert abs(lag.lag_s - 0.3) < 0.05

@@ -37,6 +37,16 @@ def test_what_is_told_otherwise_than_it_comes_is_no_jump() -> None:
     assert not shown(-0.3 * told, told).jumped(79 * DT_S)
 
 
+def test_a_body_that_goes_twice_as_far_as_told_all_the_time_is_not_pushed() -> None:
+    """A load made it soft: what it is off by, it was off by before, and turns with the path."""
+    angle = 29.0 / 28.0 * DT_S * np.arange(240)
+    path = 14.0 * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(240)])
+    assert not shown(path, path).jumped(239 * DT_S)
+    loaded = path.copy()
+    loaded[180:, 2] += 12.0
+    assert shown(loaded, path).jumped(239 * DT_S)
+
+
 def test_noise_and_what_grows_slowly_are_no_jump() -> None:
     noise = 0.3 * np.random.default_rng(3).normal(size=(400, 3))
     assert not shown(noise).jumped(400 * DT_S)

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from config.loader import RobotFile, load_robot
+from config.tasks.experiment import Pretraining
 from config.tasks.exploration import DesignedExploration, WaypointExploration
 from daemon.commands.outcome.exit_codes import (
     EXIT_DATA,
@@ -136,19 +137,25 @@ def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
 
 def test_a_model_is_made_once_and_found_again(tmp_path: Path) -> None:
     told: list[str] = []
-    first = pretrained(FILE, waypoints=5, seed=3, tell=told.append, directory=tmp_path)
+    first = pretrained(FILE, Pretraining(waypoints=5), seed=3, tell=told.append, directory=tmp_path)
     assert any("exploring soft_arm" in line for line in told)
     model = PretrainedModel.load(first, FILE.robot)
     assert model.metadata["kept_back"] == 0
     made = first.stat().st_mtime_ns
     told.clear()
-    assert pretrained(FILE, waypoints=5, seed=3, tell=told.append, directory=tmp_path) == first
+    assert (
+        pretrained(FILE, Pretraining(waypoints=5), seed=3, tell=told.append, directory=tmp_path)
+        == first
+    )
     assert not told
     assert first.stat().st_mtime_ns == made
     assert [path.name for path in tmp_path.iterdir()] == [first.name]
 
     first.write_bytes(first.read_bytes()[:1000])
-    assert pretrained(FILE, waypoints=5, seed=3, tell=told.append, directory=tmp_path) == first
+    assert (
+        pretrained(FILE, Pretraining(waypoints=5), seed=3, tell=told.append, directory=tmp_path)
+        == first
+    )
     assert told
     remade = PretrainedModel.load(first, FILE.robot)
     assert remade.metadata == model.metadata
@@ -168,7 +175,10 @@ def test_another_robot_body_or_setting_has_another_model(
     )
     paths = [
         pretrained(FILE, directory=tmp_path),
-        pretrained(FILE, waypoints=320, directory=tmp_path),
+        pretrained(FILE, Pretraining(waypoints=320), directory=tmp_path),
+        pretrained(FILE, Pretraining(waypoints=320, dither_share=0.0), directory=tmp_path),
+        pretrained(FILE, Pretraining(sample_tip_mm=0.6), directory=tmp_path),
+        pretrained(FILE, Pretraining(lag_s=0.0), directory=tmp_path),
         pretrained(FILE, seed=2, directory=tmp_path),
         pretrained(replace(FILE, robot=other_body), directory=tmp_path),
     ]

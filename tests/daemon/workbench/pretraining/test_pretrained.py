@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from config.loader import RobotFile
+from config.tasks.experiment import Pretraining
 from daemon.learning.forward.pretraining import PretrainingError
 from daemon.workbench.experiments.experiment_file import load_experiment
 from daemon.workbench.experiments.trial import TrialError
@@ -25,12 +26,12 @@ class Made:
     """Stands for the making of models."""
 
     def __init__(self) -> None:
-        self.asked: list[tuple[RobotFile, int, int]] = []
+        self.asked: list[tuple[RobotFile, Pretraining, int]] = []
 
     def __call__(
-        self, file: RobotFile, waypoints: int, seed: int, tell: object, **more: object
+        self, file: RobotFile, how: Pretraining, seed: int, tell: object, **more: object
     ) -> Path:
-        self.asked.append((file, waypoints, seed))
+        self.asked.append((file, how, seed))
         return Path("made.npz")
 
 
@@ -51,12 +52,12 @@ def controller_of(tmp_path: Path, text: str, seed: int = 7) -> object:
 def test_the_model_is_of_this_body_with_nothing_at_its_tip(made: Made, tmp_path: Path) -> None:
     controller = controller_of(tmp_path, EXPERIMENT)
     assert getattr(controller, "model", None) == "made.npz"
-    ((file, waypoints, seed),) = made.asked
+    ((file, how, seed),) = made.asked
     emulation = file.robot.emulation
     assert emulation is not None
     assert getattr(emulation.plant, "mass_g", None) == 50.0
     assert emulation.tip_load_g == 0.0
-    assert (waypoints, seed) == (12, 7)
+    assert (how.waypoints, seed) == (12, 7)
 
 
 def test_a_seed_of_its_own_makes_one_model_for_all_seeds(made: Made, tmp_path: Path) -> None:

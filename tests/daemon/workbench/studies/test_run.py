@@ -4,10 +4,11 @@ from pathlib import Path
 
 import pytest
 
+from config.documents.problems import ConfigError
 from config.tasks.controllers import ConstantCurvature
 from daemon.workbench.studies.run import plan
 from daemon.workbench.studies.study_file import StudyFile, load_study
-from tests.daemon.workbench.studies.made_up import write_study
+from tests.daemon.workbench.studies.made_up import STUDY, write_study
 
 
 @pytest.fixture
@@ -61,3 +62,38 @@ def test_the_variants_controller_is_in_the_experiment(study: StudyFile) -> None:
     controller = run.file.experiment.controller
     assert isinstance(controller, ConstantCurvature)
     assert controller.gain_per_s == 2.5
+
+
+POOR = """
+  - variant: poor
+    label: poor samples
+    pretraining: {waypoints: 80, dither_share: 0, sample_tip_mm: 2.0, lag_s: 0, test_share: 0.2}
+"""
+
+
+def test_a_variant_may_have_learnt_otherwise_beforehand(tmp_path: Path) -> None:
+    study = load_study(write_study(tmp_path, STUDY + POOR))
+    (run,) = plan(study, 1, 0, ["calm", "poor"])
+    pretraining = run.file.experiment.pretraining
+    assert pretraining is not None
+    assert (pretraining.waypoints, pretraining.dither_share, pretraining.lag_s) == (80, 0.0, 0.0)
+    assert (pretraining.sample_tip_mm, pretraining.test_share) == (2.0, 0.2)
+    (other,) = plan(study, 1, 0, ["calm", "broyden"])
+    assert other.file.experiment.pretraining is None
+
+
+def test_what_a_variant_does_not_say_of_pretraining_is_the_experiments(tmp_path: Path) -> None:
+    path = write_study(tmp_path, STUDY + POOR)
+    for name in ("calm", "loaded"):
+        with (tmp_path / f"{name}.yaml").open("a") as file:
+            file.write("pretraining: {waypoints: 40, fields: 7, seed: 5}\n")
+    (run,) = plan(load_study(path), 1, 0, ["calm", "poor"])
+    pretraining = run.file.experiment.pretraining
+    assert pretraining is not None
+    assert (pretraining.waypoints, pretraining.fields, pretraining.seed) == (80, 7, 5)
+
+
+def test_a_dither_needs_lines_to_waypoints(tmp_path: Path) -> None:
+    path = write_study(tmp_path, STUDY + POOR.replace("waypoints: 80, ", ""))
+    with pytest.raises(ConfigError, match=r"study\.yaml:\d+:\d+: .*say how many"):
+        load_study(path)

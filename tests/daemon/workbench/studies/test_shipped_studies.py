@@ -11,6 +11,7 @@ from daemon.commands.terminal.study_command import shipped_study
 from daemon.workbench.studies.findings import cycles_of
 from daemon.workbench.studies.run import plan
 from daemon.workbench.studies.study_file import StudyFile, load_study
+from daemon.workbench.studies.worker import as_asked
 
 SHIPPED = sorted(Path(str(files("config") / "studies")).glob("*.yaml"))
 
@@ -35,6 +36,13 @@ def test_a_shipped_study_is_sound_and_goes_by_its_name(path: Path) -> None:
 
 def test_another_path_is_meant_itself() -> None:
     assert shipped_study("my/own.yaml") == Path("my/own.yaml")
+
+
+def test_whether_a_path_can_be_followed_is_asked_alike_for_all_variants() -> None:
+    asked: dict[str, set[str]] = {}
+    for run in plan(load_study(shipped_study("bench")), 1, 0):
+        asked.setdefault(run.experiment, set()).add(repr(as_asked(run.file).experiment))
+    assert {len(one) for one in asked.values()} == {1}
 
 
 def test_both_rectangles_are_gone_round_at_the_papers_speed(ho2018: StudyFile) -> None:

@@ -79,8 +79,9 @@ def test_the_other_table_has_what_the_paper_has_not(file: StudyFile, found: Find
         "0.20 (0.40)",
         "0.12 (0.34)",
         "0.56",
+        "0.15 (0.30) [0.84]",
     ]
-    assert rows["arcs"][2] == "never"
+    assert (rows["arcs"][2], rows["arcs"][-1]) == ("never", "–")
 
 
 def test_one_table_compares_all(file: StudyFile, found: Findings) -> None:

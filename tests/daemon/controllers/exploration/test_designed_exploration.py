@@ -10,19 +10,17 @@ from hypothesis import strategies as st
 from config.loader import load_robot
 from config.robot import Robot
 from config.tasks.exploration import DesignedExploration, WaypointExploration
-from daemon.controllers.designed_exploration import (
+from daemon.controllers.exploration.designed_exploration import (
     DesignedExplorationController,
     GatheredInformation,
 )
-from daemon.controllers.waypoint_exploration import (
-    ExplorationController,
-    WaypointExplorationController,
-)
+from daemon.controllers.exploration.exploration_controller import ExplorationController
+from daemon.controllers.exploration.waypoint_exploration import WaypointExplorationController
 from daemon.robot.coupled_axes import CoupledAxes
 from drivers.pose import Vector
 from tests import SHIPPED_ROBOTS
 from tests.daemon.control.closed_loop import DT_S, ROBOT, ClosedLoop
-from tests.daemon.controllers.test_waypoint_exploration import (
+from tests.daemon.controllers.exploration.test_waypoint_exploration import (
     LOWEST_N,
     THREE_TENDONS,
     pulled,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from daemon.controllers.waypoint_exploration import QuadraticGuess
+from daemon.controllers.exploration.walls import QuadraticGuess
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
 from tests.daemon.control.closed_loop import ROBOT

@@ -9,10 +9,8 @@ from config.robot import Robot
 from config.tasks.exploration import WaypointExploration
 from daemon.array_files import ModelError
 from daemon.control.controller import Observation
-from daemon.controllers.waypoint_exploration import (
-    ExplorationController,
-    WaypointExplorationController,
-)
+from daemon.controllers.exploration.exploration_controller import ExplorationController
+from daemon.controllers.exploration.waypoint_exploration import WaypointExplorationController
 from daemon.robot.coupled_axes import CoupledAxes
 from drivers.pose import Vector
 from tests import SHIPPED_ROBOTS

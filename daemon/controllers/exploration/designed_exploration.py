@@ -18,7 +18,10 @@ from config.robot import Robot
 from config.tasks.exploration import DesignedExploration
 from daemon.control.controller import Observation, Proposal
 from daemon.control.tip_following import step_time
-from daemon.controllers.waypoint_exploration import DRAWN_AT_MOST, ExplorationController
+from daemon.controllers.exploration.exploration_controller import (
+    DRAWN_AT_MOST,
+    ExplorationController,
+)
 from drivers.pose import Vector
 
 # What is known of the coefficients of a quadratic, from the motions that were made.

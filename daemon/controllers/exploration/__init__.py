@@ -1,0 +1,1 @@
+"""Motions that are made to learn from: each a controller that follows nothing."""

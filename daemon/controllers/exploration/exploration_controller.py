@@ -1,0 +1,173 @@
+"""What explorations have in common: line after line between places of the axes, and walls.
+
+Many places may bring the tip out of its workspace. Where the tip comes near a wall all the same,
+the axes go back the way they came, until it is well inside, and from there on to another place. So
+they do where something stands in the way and a line comes to no end.
+"""
+
+from abc import ABC, abstractmethod
+from collections import deque
+from pathlib import Path
+
+import numpy as np
+
+from config.robot import Robot
+from config.tasks.exploration import Exploration
+from daemon.array_files import ModelError
+from daemon.control.controller import Observation, Proposal
+from daemon.control.tip_following import step_time
+from daemon.controllers.exploration.random_motion import WaypointWalk
+from daemon.controllers.exploration.walls import QuadraticGuess, Walls
+from daemon.robot.axes import AxisRanges
+from drivers.pose import Vector
+
+DRAWN_AT_MOST = 60
+_ALONG = np.linspace(0.25, 1.0, 4)[:, None]
+"""Where a line is looked at before it is gone along."""
+_AHEAD_S = 0.4
+"""The tip goes on for so long, at most, after the axes were told to turn back."""
+_PULLS_AHEAD_S = 0.2
+"""A tension does: as long as the axes need to turn round."""
+_RATE_S = 0.1
+"""Time constant of how fast a tension changes: what is measured is a motor's torque, with noise."""
+_TRAIL_STEPS = 2000
+_GIVEN_UP = 3.0
+_GIVEN_UP_S = 2.0
+"""A line that takes so many times what it takes at full speed, and so much more, is given up."""
+_WELL_INSIDE = 0.1
+"""Of the workspace's width, from its walls."""
+
+
+class ExplorationController(ABC):
+    """A `Controller` that follows nothing, goes along one line after another, and turns back where
+    a wall is near. The kinds differ in where lines lead to, and in how many there are."""
+
+    name: str
+
+    def __init__(self, options: Exploration, robot: Robot, seed: int) -> None:
+        self._axes = AxisRanges.of(robot)
+        self._random = np.random.default_rng(seed)
+        self._walk = WaypointWalk(options, self._axes, self._random)
+        self._walls = Walls(robot, options.wall_mm)
+        self._guess = QuadraticGuess(self._axes, self._walls.count)
+        self._tensions_n: Vector | None = None
+        self._tension_rates = np.zeros(0)
+        self._line = -1
+        self._start = self._goal = np.zeros(self._axes.count)
+        self._trail: deque[Vector] = deque(maxlen=_TRAIL_STEPS)
+        self._turning_back = False
+        self._left_s = 0.0
+        """Until the line is given up."""
+
+    @property
+    @abstractmethod
+    def ready(self) -> bool:
+        """Whether it has seen enough."""
+
+    @property
+    @abstractmethod
+    def note(self) -> str:
+        """What it is doing; empty when it is done."""
+
+    @abstractmethod
+    def _draw(self) -> Vector:
+        """(m,) where the next line leads, from `_start`."""
+
+    def reset(self, observation: Observation) -> None:
+        self._walk.reset()
+        self._tensions_n = None
+        if self._line < 0:
+            self._next_line(observation)
+
+    def observe(self, observation: Observation) -> None:
+        values = self._walls.values(observation)
+        finite = np.isfinite(observation.u).all() and np.isfinite(values).all()
+        if observation.believed and finite:
+            self._guess.add(observation.u, values)
+
+    def propose(self, observation: Observation) -> Proposal:
+        self._left_s -= step_time(observation)
+        self._follow_tensions(observation)
+        if not self.ready and (self._left_s <= 0.0 or self._line_ends(observation)):
+            self._next_line(observation)
+        if self.ready:
+            return Proposal(np.zeros(self._axes.count))
+        if not self._turning_back and self._leaving(observation):
+            self._turning_back = True
+            self._left_s = self._longest_s()  # as much again, for the way back
+        if self._turning_back:
+            return Proposal(self._step_back(observation), self.note, self._line)
+        self._trail.append(observation.targets.copy())
+        return Proposal(self._walk.step(self._goal, observation), self.note, self._line)
+
+    def learn(self) -> None:  # noqa: B027
+        """Others learn from what it does."""
+
+    def save(self, path: Path) -> None:
+        raise ModelError(f"{path} is not written: an exploration has no model, only a recording")
+
+    def load(self, path: Path) -> None:
+        raise ModelError(f"{path} is not read: an exploration takes no model")
+
+    def _next_line(self, observation: Observation) -> None:
+        self._line += 1
+        self._turning_back = False
+        self._start = observation.targets.copy()
+        self._goal = self._draw()
+        self._left_s = self._longest_s()
+
+    def _longest_s(self) -> float:
+        return _GIVEN_UP_S + _GIVEN_UP * self._walk.line_time_s(self._start, self._goal)
+
+    def _line_ends(self, observation: Observation) -> bool:
+        if not self._turning_back:
+            return self._walk.arrived(self._goal, observation)
+        values = self._walls.values(observation)
+        inside = len(self._trail) <= 1 or self._walls.well_inside(values, _WELL_INSIDE)
+        return inside and not self._leaving(observation)
+
+    def _step_back(self, observation: Observation) -> Vector:
+        """(m,) along the way that the axes came."""
+        trail = self._trail
+        while len(trail) > 1 and self._walk.arrived(trail[-1], observation):
+            trail.pop()
+        back = trail[-1] if trail else observation.targets
+        return self._walk.step(back, observation, dither=False)
+
+    def _inside_part(self, goal: Vector) -> tuple[Vector, float]:
+        """(m,) how far on the line to `goal` all seems to be inside, and which share of it that is.
+        Of a line that leads outside from its start on the whole, with how far outside, negative."""
+        line = self._start + _ALONG * (goal - self._start)
+        beyond = self._walls.beyond(self._guess.at(line))
+        outside = np.flatnonzero(beyond > 0.0)
+        if not len(outside):
+            return goal, 1.0
+        if outside[0] == 0:
+            return goal, -float(beyond.max())
+        last = int(outside[0]) - 1
+        return line[last], float(_ALONG[last, 0])
+
+    def _follow_tensions(self, observation: Observation) -> None:
+        """Keep how fast the tendons' tensions change."""
+        pulls, last = observation.tensions_n, self._tensions_n
+        self._tensions_n = pulls
+        if pulls is None:
+            return
+        if last is None:
+            self._tension_rates = np.zeros(len(pulls))
+            return
+        dt_s = step_time(observation)
+        newest = np.nan_to_num((pulls - last) / dt_s)  # of what is not known at the moment: none
+        self._tension_rates += min(dt_s / _RATE_S, 1.0) * (newest - self._tension_rates)
+
+    def _leaving(self, observation: Observation) -> bool:
+        """Whether the tip or a tendon is about to pass a wall, and not on its way back from it."""
+        pulls = observation.tensions_n
+        ahead = observation._replace(
+            tip_mm=observation.tip_mm + _AHEAD_S * observation.tip_velocity_mm_s,
+            tensions_n=None if pulls is None else pulls + _PULLS_AHEAD_S * self._tension_rates,
+        )
+        beyond, then = self._walls.beyond(
+            np.array([self._walls.values(one) for one in (observation, ahead)])
+        )
+        return bool(then > beyond)

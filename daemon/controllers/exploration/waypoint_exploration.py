@@ -1,0 +1,55 @@
+"""Goes to random places of the axes, for others to learn from it: Ho 2018, section 3.2.
+
+Places are drawn evenly from the axes' travel. One that, by what was seen so far, brings the tip out
+of its workspace is drawn again.
+"""
+
+import numpy as np
+
+from config.robot import Robot
+from config.tasks.exploration import WaypointExploration
+from daemon.controllers.exploration.exploration_controller import (
+    DRAWN_AT_MOST,
+    ExplorationController,
+)
+from drivers.pose import Vector
+
+
+class WaypointExplorationController(ExplorationController):
+    """Is ready when it has been everywhere."""
+
+    name = "waypoint_exploration"
+
+    def __init__(self, options: WaypointExploration, robot: Robot, seed: int) -> None:
+        super().__init__(options, robot, seed)
+        self._options = options
+
+    @property
+    def ready(self) -> bool:
+        return self._line >= self._options.waypoints
+
+    @property
+    def note(self) -> str:
+        """What it is doing; empty when it is done."""
+        return "" if self.ready else f"line {self._line + 1} of {self._options.waypoints}"
+
+    def _draw(self) -> Vector:
+        """(m,) a waypoint: the first that seems to be inside with all of the way there. If there
+        is none: as far on one of the ways as it is inside, or the end of what is least outside."""
+        axes = self._axes
+        middle = 0.5 * (axes.lowest + axes.highest)
+        half = 0.5 * self._options.travel_share * axes.travel
+        best, longest = middle, -np.inf
+        if not axes.coupled.way_inside(self._start, middle):
+            best = self._start
+        for _ in range(DRAWN_AT_MOST):
+            away = half * self._random.uniform(-1.0, 1.0, axes.count)
+            goal = middle + axes.less_together(away, self._options.together_share)
+            if not axes.coupled.way_inside(self._start, goal):
+                continue
+            end, inside = self._inside_part(goal)
+            if inside > longest:
+                best, longest = end, inside
+            if longest >= 1.0:
+                break
+        return best

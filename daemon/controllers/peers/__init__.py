@@ -1,0 +1,1 @@
+"""Controllers of other schools, to be compared with: each a full member of its own kind."""

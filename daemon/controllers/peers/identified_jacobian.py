@@ -1,0 +1,134 @@
+"""A Jacobian identified from an exploration by least squares, local or global, and then fixed.
+
+Round any place of the axes, J is what explains the exploration's motions best, Δp ≈ J Δu, the
+nearer ones weighing more (locally weighted regression; Atkeson, Moore and Schaal, Artificial
+Intelligence Review 11, 1997), and where few are near, that of all motions. How near is near is
+found by leaving motions out. Wide enough, it is the same everywhere: a linear model.
+"""
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.learning.forward.pretrained_model import PretrainedModel
+from daemon.learning.lwpr.model import Lwpr
+from daemon.learning.samples.motion import MotionSample
+from drivers.pose import Vector
+
+_MOST_MOTIONS: Final = 800
+"""Evenly from all of them: a step has no time for more."""
+_ASKED_ABOUT: Final = 150
+"""Motions that are left out and foretold."""
+_PARTS: Final = 5
+"""Of the exploration's lines, of which all but one foretell those of the one."""
+_REACHES: Final = (0.15, 0.25, 0.4, 0.7, 1.2, 1e3)
+"""Of the weights, in ranges of the axes; the last one weighs all alike."""
+_GLOBAL_COUNTS: Final = 3.0
+"""As so many motions near by, per axis, counts what all of them say."""
+_COVERED: Final = 3.0
+"""Motions per axis from which on a place is known."""
+
+
+class IdentifiedJacobian:
+    """A `TipJacobian`. Axes count in shares of their range within."""
+
+    def __init__(self, scale: Vector) -> None:
+        """scale: (m,) the axes' ranges."""
+        self.forward: Lwpr | None = None
+        self.believed = 1.0
+        self.modelled = False
+        self._scale = scale
+        self._everywhere: Vector | None = None
+        self._places = self._moved = np.zeros((0, len(scale)))
+        self._tip_moved = np.zeros((0, 3))
+        self._reach = _REACHES[-1]
+
+    @property
+    def known(self) -> bool:
+        """Whether there is a Jacobian at all."""
+        return self._everywhere is not None
+
+    def begin(self, model: PretrainedModel) -> None:
+        """Go by what this exploration says from now on."""
+        motions = model.motions
+        kept = slice(None, None, 1 + (len(motions) - 1) // _MOST_MOTIONS)
+        self._moved = motions.delta_u[kept] / self._scale
+        self._places = motions.u[kept] / self._scale + 0.5 * self._moved
+        self._tip_moved = motions.delta_tip_mm[kept]
+        self._everywhere = self._fit(np.ones(len(self._moved)), None)
+        self._reach = self._best_reach(motions.line[kept] % _PARTS)
+        self.modelled = True
+
+    def measured(self, jacobian: Vector) -> None:
+        """There is no exploration, but this is how the tip answers here: (3, m) per mm or rad."""
+        self._everywhere = jacobian * self._scale
+
+    def covered(self, tip_mm: Vector, u: Vector) -> float:
+        """How far motions of the exploration tell what the tip does here, 0 to 1."""
+        del tip_mm
+        if not self.modelled:
+            return 0.0
+        near = float(self._weights(u / self._scale).sum())
+        return min(near / (_COVERED * len(self._scale)), 1.0)
+
+    def at(self, tip_mm: Vector, u: Vector) -> Vector:
+        """(3, m) mm per mm or rad."""
+        del tip_mm
+        assert self._everywhere is not None
+        if not self.modelled:
+            return self._everywhere / self._scale
+        return self._fit(self._weights(u / self._scale), self._everywhere) / self._scale
+
+    def learn(self, sample: MotionSample) -> None:
+        """It is fixed."""
+
+    def forget_correction(self) -> None:
+        """It is fixed."""
+
+    def to_arrays(self) -> dict[str, Vector]:
+        """What the exploration itself does not say."""
+        assert self._everywhere is not None
+        return {"everywhere": self._everywhere}
+
+    def restore(self, arrays: Mapping[str, Vector]) -> None:
+        """Go on from `to_arrays`. Raises KeyError, and ValueError for other axes."""
+        everywhere = np.array(arrays["everywhere"])
+        if everywhere.shape != (3, len(self._scale)):
+            raise ValueError(f"its Jacobian is not for {len(self._scale)} axes")
+        self._everywhere = everywhere
+
+    def _weights(self, place: Vector) -> Vector:
+        away = self._places - place
+        return np.asarray(np.exp(np.einsum("nm,nm->n", away, away) / (-2.0 * self._reach**2)))
+
+    def _fit(self, weights: Vector, otherwise: Vector | None) -> Vector:
+        """(3, m) drawn to `otherwise`; None: to nothing."""
+        axes = len(self._scale)
+        weighted = self._moved * weights[:, None]
+        gram = weighted.T @ self._moved
+        step = float(np.einsum("nm,nm->", self._moved, self._moved)) / max(self._moved.size, 1)
+        drawn = _GLOBAL_COUNTS * axes * step
+        if otherwise is None:
+            drawn, otherwise = 1e-6 * drawn + 1e-12, np.zeros((3, axes))
+        products = weighted.T @ self._tip_moved + drawn * otherwise.T
+        return np.asarray(np.linalg.solve(gram + drawn * np.eye(axes), products).T)
+
+    def _best_reach(self, parts: NDArray[np.int64]) -> float:
+        """Of the weights, by what is foretold of motions of lines that were left out."""
+        whole = self._places, self._moved, self._tip_moved, self._everywhere
+        asked = np.arange(0, len(parts), 1 + (len(parts) - 1) // _ASKED_ABOUT)
+        missed = np.zeros(len(_REACHES))
+        for part in np.unique(parts):
+            kept = parts != part
+            if not kept.any():
+                return _REACHES[-1]
+            self._places, self._moved, self._tip_moved = (one[kept] for one in whole[:3])
+            self._everywhere = self._fit(np.ones(int(kept.sum())), None)
+            for row in asked[parts[asked] == part]:
+                for k, self._reach in enumerate(_REACHES):
+                    jacobian = self._fit(self._weights(whole[0][row]), self._everywhere)
+                    missed[k] += float(((whole[2][row] - jacobian @ whole[1][row]) ** 2).sum())
+        self._places, self._moved, self._tip_moved, self._everywhere = whole
+        return _REACHES[int(np.argmin(missed))]

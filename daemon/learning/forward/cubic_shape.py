@@ -1,0 +1,153 @@
+"""Where the tip is as a cubic of all axes: the Jacobian of a body over the whole of its travel.
+
+Receptive fields know nothing of their neighbours. After some minutes of random motion a field has a
+hundred samples of a few lines, and its Jacobian is the mean of what differs twofold within it: a
+pneumatic body is three times as soft with its chambers long as with them short. A cubic of all axes
+has 83 coefficients for six axes and a coordinate, and all motions tell all of them. It is a shape
+and not any Jacobian that changes from place to place: what a motion there and back would gain is
+nothing, which saves two thirds of the coefficients of a quadratic Jacobian.
+
+Of bodies that are no such shape, or of too few motions, it misses lines that it was not learnt
+from: then the fields are the better guess.
+"""
+
+from itertools import combinations_with_replacement
+from typing import Final, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daemon.learning.samples.motion import MotionTable
+from drivers.pose import Vector
+
+_RIDGE: Final = 3e-3
+"""Of coefficients in mm, where a motion weighs by its noise: hardly any, but the equations are
+sound."""
+_NOISE_MM: Final = 0.3
+_RELATIVE_NOISE: Final = 0.1
+"""Of a motion: the tracker's, and hysteresis."""
+_PARTS: Final = 5
+"""Of the lines, each kept back once where it is asked how well lines are foretold."""
+_LINES_AT_LEAST: Final = 2 * _PARTS
+_MOTIONS_PER_COEFFICIENT: Final = 5
+"""At least: fewer tell less than they cost."""
+
+
+class CubicShape(NamedTuple):
+    """p = p₀ + a x + b x x + c x x x in each coordinate, x being axes from the middle of where they
+    have been, in halves of it."""
+
+    middle: Vector
+    """(m,)"""
+    half: Vector
+    """(m,)"""
+    linear: Vector
+    """(3, m)"""
+    square: Vector
+    """(3, m, m), symmetric."""
+    cube: Vector
+    """(3, m, m, m), symmetric."""
+
+    @classmethod
+    def of(cls, motions: MotionTable) -> Self | None:
+        """None: they are too few."""
+        terms, lines = _terms(motions.axes), np.unique(motions.line)
+        if len(motions) < _MOTIONS_PER_COEFFICIENT * len(terms) or len(lines) < _LINES_AT_LEAST:
+            return None
+        middle, half = _travel(motions)
+        features, tips = _weighted(motions, terms)
+        return cls(middle, half, *_tensors(_solved(features, tips), terms, motions.axes))
+
+    def jacobian(self, u: Vector) -> Vector:
+        """(3, m) mm per mm or rad at (m,) axes."""
+        x = (u - self.middle) / self.half
+        slopes = self.linear + (2.0 * self.square + 3.0 * self.cube @ x) @ x
+        return np.asarray(slopes / self.half)
+
+
+def unforetold_by_cubics(motions: MotionTable) -> float:
+    """What is left, as in `unforetold`, by cubics that were learnt from other lines."""
+    features, tips = _weighted(motions, _terms(motions.axes))
+    lines = np.unique(motions.line, return_inverse=True)[1]
+    left = np.zeros_like(tips)
+    for part in range(_PARTS):
+        kept_back = lines % _PARTS == part
+        learnt = _solved(features[~kept_back], tips[~kept_back])
+        left[kept_back] = tips[kept_back] - features[kept_back] @ learnt
+    return _root_mean_square(left) / _root_mean_square(tips)
+
+
+def unforetold(motions: MotionTable, said_mm: Vector) -> float:
+    """What is left of motions by (n, 3) mm that was said of them: a share of their root mean
+    square, each weighed by its noise."""
+    weights, tips = _weights(motions), motions.delta_tip_mm
+    return _root_mean_square(weights * (tips - said_mm)) / _root_mean_square(weights * tips)
+
+
+def _root_mean_square(values: Vector) -> float:
+    return float(np.sqrt((values**2).mean()))
+
+
+def _weights(motions: MotionTable) -> Vector:
+    """(n, 1) per mm."""
+    noise_mm2 = _NOISE_MM**2 + _RELATIVE_NOISE**2 * (motions.delta_tip_mm**2).sum(axis=1)
+    return np.asarray(1.0 / np.sqrt(noise_mm2)[:, None])
+
+
+def _travel(motions: MotionTable) -> tuple[Vector, Vector]:
+    """(m,) middle and half of where the axes have been."""
+    lowest, highest = motions.u.min(axis=0), motions.u.max(axis=0)
+    half = 0.5 * (highest - lowest)
+    return 0.5 * (lowest + highest), np.where(half > 0.0, half, 1.0)
+
+
+_Terms = list[tuple[int, ...]]
+
+
+def _terms(axes: int) -> _Terms:
+    """The axes that are multiplied, for each coefficient."""
+    return [
+        chosen
+        for degree in (1, 2, 3)
+        for chosen in combinations_with_replacement(range(axes), degree)
+    ]
+
+
+def _weighted(motions: MotionTable, terms: _Terms) -> tuple[Vector, Vector]:
+    """(n, k) change of each term in a motion, and (n, 3) of the tip, weighed by its noise."""
+    middle, half = _travel(motions)
+    before = _products((motions.u - middle) / half, terms)
+    after = _products((motions.u + motions.delta_u - middle) / half, terms)
+    weights = _weights(motions)
+    return weights * (after - before), weights * motions.delta_tip_mm
+
+
+def _products(x: Vector, terms: _Terms) -> Vector:
+    return np.stack([np.prod(x[:, list(chosen)], axis=1) for chosen in terms], axis=1)
+
+
+def _solved(features: Vector, tips: Vector) -> Vector:
+    """(k, 3)"""
+    gram = features.T @ features + _RIDGE * np.eye(features.shape[1])
+    return np.asarray(np.linalg.solve(gram, features.T @ tips))
+
+
+def _tensors(coefficients: Vector, terms: _Terms, axes: int) -> tuple[Vector, Vector, Vector]:
+    tensors: list[NDArray[np.float64]] = [np.zeros((3, *degree * (axes,))) for degree in (1, 2, 3)]
+    for chosen, coefficient in zip(terms, coefficients, strict=True):
+        places = set(_orders(chosen))
+        for place in places:
+            index: tuple[slice | int, ...] = (slice(None), *place)
+            tensors[len(chosen) - 1][index] = coefficient / len(places)
+    linear, square, cube = tensors
+    return linear, square, cube
+
+
+def _orders(chosen: tuple[int, ...]) -> list[tuple[int, ...]]:
+    if len(chosen) <= 1:
+        return [chosen]
+    return [
+        (one, *rest)
+        for place, one in enumerate(chosen)
+        for rest in _orders(chosen[:place] + chosen[place + 1 :])
+    ]

@@ -1,0 +1,145 @@
+"""The peers that know the robot from its motions, on the arm's physics, frame by frame."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from config.loader import load_robot
+from config.tasks.controllers import load_controller_options
+from config.tasks.trajectory import Circle
+from daemon.array_files import ModelError
+from daemon.control.controller import ControllerError
+from daemon.controllers.learning_controller import LearningController
+from daemon.controllers.make_controller import make_controller
+from daemon.reference.trajectories import make_trajectory
+from drivers.pose import Vector
+from tests import SHIPPED_ROBOTS
+from tests.daemon.control.closed_loop import DT_S, ROBOT, pretrained, started
+
+KINDS = ("gaussian_process", "iterative_learning", "model_predictive")
+each = pytest.mark.parametrize("kind", KINDS)
+CIRCLE = Circle(
+    kind="circle", center_mm=(0.0, 0.0, 185.0), plane="xy", radius_mm=25.0, cycle_s=12.0
+)
+START_MM = make_trajectory(CIRCLE, Path()).start_mm
+LOAD_G = 10.0
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """What a short exploration with nothing at the tip has taught."""
+    path = tmp_path_factory.mktemp("model") / "arm.npz"
+    pretrained(25, epochs=2).save(path)
+    return str(path)
+
+
+def made(kind: str, **options: object) -> LearningController:
+    asked = load_controller_options({"kind": kind, **options})
+    controller = make_controller(asked, ROBOT, seed=1)
+    assert isinstance(controller, LearningController)
+    return controller
+
+
+def rounds(kind: str, model: str, laps: int, **options: object) -> list[float]:
+    """Mean errors in mm, with a load that the exploration did not have."""
+    loop = started(made(kind, model=model, **options), START_MM, LOAD_G)
+    return [loop.follow(CIRCLE).mean_mm for _ in range(laps)]
+
+
+@pytest.mark.parametrize(("kind", "first_mm"), [*zip(KINDS, (1.1, 2.2, 0.9), strict=True)])
+def test_a_circle_is_followed_from_the_first_round_on(
+    kind: str, first_mm: float, model: str
+) -> None:
+    """As well as its kind can: the feedback law alone is behind by what the body is late."""
+    assert rounds(kind, model, 1)[0] < first_mm
+
+
+def test_a_round_that_was_gone_corrects_the_next(model: str) -> None:
+    first, second = rounds("iterative_learning", model, 2)
+    assert second < 0.5 * first
+
+
+def test_the_process_goes_on_learning_unless_told_not_to(model: str) -> None:
+    online = rounds("gaussian_process", model, 2)[1]
+    offline = rounds("gaussian_process", model, 2, learning=False)[1]
+    assert online < 0.95 * offline
+
+
+def test_the_prediction_leaves_no_error_at_rest(model: str) -> None:
+    loop = started(made("model_predictive", model=model, probe=False), START_MM, LOAD_G)
+    loop.load_g = 25.0
+    away = []
+    for _ in range(280):
+        loop.step(START_MM, np.zeros(3))
+        away.append(loop.tip_mm - START_MM)
+    left_mm = np.linalg.norm(np.mean(away[-120:], axis=0))
+    assert left_mm < 0.15, "on average: the tracker's noise is not error"
+
+
+@each
+def test_out_of_reach_the_axes_stop_at_their_limits(kind: str, model: str) -> None:
+    """The loop itself looks at each step whether it is finite, and within speed and travel."""
+    loop = started(made(kind, model=model, probe=False), START_MM)
+    for _ in range(300):
+        loop.step(np.array([500.0, 0.0, 185.0]), np.zeros(3))
+    at_a_limit = (loop.targets < 0.1) | (loop.targets > loop.axes.highest - 0.1)
+    assert at_a_limit.any()
+    far_mm = np.linalg.norm(loop.tip_mm - START_MM)
+    for _ in range(200):
+        loop.step(START_MM, np.zeros(3))
+    assert np.linalg.norm(loop.tip_mm - START_MM) < 0.85 * far_mm, "and comes back"
+
+
+@each
+def test_the_same_seed_gives_the_same_steps(kind: str, model: str) -> None:
+    def steps() -> Vector:
+        loop = started(made(kind, model=model, probe=False), START_MM)
+        path = make_trajectory(CIRCLE, Path())
+        return np.array([loop.step(*path.at(k * DT_S)) for k in range(60)])
+
+    np.testing.assert_array_equal(steps(), steps())
+
+
+@each
+def test_a_tip_that_is_no_number_is_an_error_and_the_next_is_none(kind: str, model: str) -> None:
+    loop = started(made(kind, model=model, probe=False), START_MM)
+    now = loop.observation(START_MM, np.zeros(3))
+    with pytest.raises(ControllerError):
+        loop.controller.propose(now._replace(tip_mm=np.full(3, np.nan)))
+    assert np.isfinite(loop.controller.propose(now).delta_u).all()
+
+
+@each
+def test_what_is_saved_goes_on_elsewhere(kind: str, model: str, tmp_path: Path) -> None:
+    loop = started(made(kind, model=model, probe=False), START_MM, LOAD_G)
+    path = make_trajectory(CIRCLE, Path())
+    for k in range(100):
+        loop.step(*path.at(k * DT_S))
+    loop.controller.save(tmp_path / "learnt.npz")
+    other = made(kind, model=model, probe=False)
+    other.load(tmp_path / "learnt.npz")
+    now = loop.observation(START_MM, np.zeros(3))
+    for one in (loop.controller, other):
+        one.reset(now)
+    expected = loop.controller.propose(now).delta_u
+    np.testing.assert_allclose(other.propose(now).delta_u, expected, atol=1e-6)
+    wrong = next(one for one in KINDS if one != kind)
+    with pytest.raises(ModelError, match="its controller is"):
+        made(wrong, model=model).load(tmp_path / "learnt.npz")
+
+
+@each
+def test_a_model_of_another_robot_is_refused(kind: str, model: str) -> None:
+    options = load_controller_options({"kind": kind, "model": model})
+    other = load_robot(SHIPPED_ROBOTS / "tendon_arm.yaml").robot
+    with pytest.raises(ControllerError, match="does not fit this robot"):
+        make_controller(options, other, seed=1)
+
+
+@each
+@pytest.mark.parametrize("robot", ["tendon_arm.yaml", "concentric_tubes.yaml"])
+def test_any_robot_can_be_babbled(kind: str, robot: str) -> None:
+    made_for = load_robot(SHIPPED_ROBOTS / robot).robot
+    controller = make_controller(load_controller_options({"kind": kind}), made_for, seed=1)
+    assert not controller.ready
