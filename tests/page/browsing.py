@@ -202,6 +202,19 @@ class Browsing:
         self.page.mouse.up()
         return None
 
+    def drag_until(self, true: Callable[[], object], what: str, across_px: float) -> None:
+        """Take hold of the tip and drag it so far to the right, until something has come of it;
+        once more where a busy machine has shown too old a picture and let go."""
+
+        def come() -> object:
+            if not self.probe()["held"]:
+                self.page.mouse.up()
+                x, y = self.grab()
+                self.page.mouse.move(x + across_px, y, steps=4)
+            return true()
+
+        until(come, lambda: f"{what}\n{self.told()}")
+
     def picture(self, name: str) -> None:
         """For the documentation: on a desk as high as it takes to see everything."""
         PICTURES.mkdir(parents=True, exist_ok=True)

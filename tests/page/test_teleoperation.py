@@ -48,18 +48,8 @@ def comes_no_more(on: Stage, since_s: float) -> None:
 
 def moving(on: Stage, seen: Browsing) -> None:
     """The pointer holds the tip, and set-points come."""
-    x, y = seen.grab()
     count = len(on.robot.came_s)
-    seen.page.mouse.move(x + 60, y, steps=4)
-
-    def come() -> bool:
-        if not seen.probe()["held"]:  # a busy machine has shown too old a picture: take hold again
-            seen.page.mouse.up()
-            x, y = seen.grab()
-            seen.page.mouse.move(x + 60, y, steps=4)
-        return len(on.robot.came_s) > count + 5
-
-    until(come, "set-points come")
+    seen.drag_until(lambda: len(on.robot.came_s) > count + 5, "set-points come", 60.0)
 
 
 def test_the_tip_is_dragged_in_a_plane_and_holds_when_it_is_let_go(
