@@ -7,6 +7,9 @@ path's.
 A body that goes twice as far as told, as one does that a load has made soft, is off by more and
 more all the time. That is no jump, however fast: it went on before. Who takes it for one forgets
 each time how the body answers, and never learns it.
+
+Nor is it one that the tip is off to and fro, as where axes turn back and their play keeps it: what
+it was off by then comes back, and neither way is as long as the difference between them.
 """
 
 from bisect import bisect_left
@@ -55,9 +58,10 @@ class Disturbance:
         _, before_mm, arrived_before_mm = lately[
             bisect_left(lately, t_s - _JUMP_S, key=itemgetter(0))
         ]
-        told = arrived_mm - arrived_before_mm
-        jumped = (off_mm - before_mm) - (before_mm - first_mm)
-        taken_off = float(jumped @ jumped) > max(_JUMP_MM**2, _JUMP_SHARE**2 * float(told @ told))
+        told, went_off = arrived_mm - arrived_before_mm, off_mm - before_mm
+        jumped = went_off - (before_mm - first_mm)
+        least = max(_JUMP_MM**2, _JUMP_SHARE**2 * float(told @ told))
+        taken_off = min(float(jumped @ jumped), float(went_off @ went_off)) > least
         if taken_off:
             lags_s = _AFTER_JUMP_LAGS * lag_s
             self._just_until_s = t_s + _JUST_S + lags_s

@@ -47,6 +47,17 @@ def test_a_body_that_goes_twice_as_far_as_told_all_the_time_is_not_pushed() -> N
     assert shown(loaded, path).jumped(239 * DT_S)
 
 
+def test_a_tip_that_is_off_to_and_fro_was_not_pushed() -> None:
+    """By 3 mm one way and then the other: the difference is 6 mm, and nothing was as far off."""
+    times = DT_S * np.arange(240)
+    off = 1.6 * np.sin(2.0 * np.pi * times / 0.6)[:, None] * np.array([0.8, 0.6, 0.0])
+    for k in range(240):
+        assert not shown(off[: k + 1]).jumped(k * DT_S)
+    pushed = off.copy()
+    pushed[200:, 2] += 12.0
+    assert shown(pushed).jumped(239 * DT_S)
+
+
 def test_noise_and_what_grows_slowly_are_no_jump() -> None:
     noise = 0.3 * np.random.default_rng(3).normal(size=(400, 3))
     assert not shown(noise).jumped(400 * DT_S)
