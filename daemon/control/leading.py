@@ -88,7 +88,8 @@ class Leading:
             self.lag.break_off()
         straight = self._disturbance.just_jumped(t_s)
         memory_s = ON_THE_WAY_BACK_S if straight else ON_A_PATH_S
-        self._answer.add(t_s, dt_s, observation.tip_mm, arrived_mm, memory_s)
+        lag_s = self.lag.lag_s
+        self._answer.add(t_s, dt_s, observation.tip_mm, arrived_mm, lag_s, memory_s)
         share = 1.0 - exp(-dt_s / _GAIN_APPROACH_S)
         self._gains = self._gains + share * (self.lag.gains - self._gains)
         self.lag.add(t_s, dt_s, self._told_mm, observation.tip_mm)
@@ -108,14 +109,14 @@ class Leading:
         """(3,) mm to ask for in this step."""
         error = observation.reference_mm - observation.tip_mm
         lag_s, gain, share = self.lag.lag_s, self._gain_per_s, self.predicted
-        answer, hurry = self._answer.matrix, 1.0
+        answered, hurry = share * self._answer.worth, 1.0
         if self._disturbance.just_jumped(observation.t_ns * 1e-9):
             # All the way back is told before much of it is seen, which alone would overshoot.
             gain *= 1.0 + max(1.0 - 2.0 * share, 0.0) * _CATCHING
             hurry += max(2.0 * share - 1.0, 0.0) * _HURRY
+            answered += 1.0 - share
             share = 1.0
-        else:
-            answer = np.eye(3) + share * (answer - np.eye(3))
+        answer = np.eye(3) + answered * (self._answer.matrix - np.eye(3))
         coming = answer @ self._underway.coming_mm
         left = answer @ self._underway.left_mm
         if share > 0.0:

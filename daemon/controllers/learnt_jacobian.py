@@ -17,7 +17,7 @@ import numpy as np
 from config.tasks.controllers import Learner
 from daemon.control.axis_speeds import Foresight
 from daemon.control.controller import ControllerError, Observation
-from daemon.control.jacobian_estimate import JacobianEstimate
+from daemon.control.jacobian_estimate import JacobianEstimate, surely_right
 from daemon.control.jacobian_kernels import in_rows
 from daemon.control.task import POSE, POSITION, task_of
 from daemon.control.tip_following import TipFollower
@@ -150,12 +150,7 @@ class JacobianCorrection:
         The s for which J + s E explains the last motions best, less its standard error. An E that
         follows a hysteresis is wrong as soon as that turns; who believes it asks for nonsense.
         """
-        agreed, said, lacked, count = self.foretold.tolist()
-        if not said > 0.0 or not count > 1.0:
-            return 0.0
-        left = max(lacked - agreed * agreed / said, 0.0) / (count - 1.0)
-        share = float((agreed - _DOUBT * np.sqrt(left * said)) / said)
-        return min(max(share, 0.0), 1.0)
+        return min(max(surely_right(self.foretold, _DOUBT), 0.0), 1.0)
 
 
 def _limited(difference: Vector, jacobian: Vector) -> Vector:

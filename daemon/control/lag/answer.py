@@ -11,6 +11,11 @@ it: the matrix that explains them best, close to the identity where they tell no
 with old ones forgotten: least squares with a prior. A prediction of some tenths of a second by a
 line through what the tip was off lately would know less: the path turns meanwhile, and what it is
 off by turns with it.
+
+Not every body answers alike for as long as it is late. Where axes turn back and their play keeps
+the tip, what the last moment showed is over before the next motion arrives: who goes by it asks for
+too much and too little in turn, and the tip chatters. So M counts as far as it was right: what it
+said of what would come in a lag is held against what came.
 """
 
 from bisect import bisect_left
@@ -21,6 +26,7 @@ from typing import Final
 
 import numpy as np
 
+from daemon.control.jacobian_estimate import surely_right
 from drivers.pose import Vector
 
 _SPAN_S: Final = 0.2
@@ -37,42 +43,80 @@ _ANSWERS: Final = 0.6, 1.8
 _SURELY_WITHIN: Final = min(1.0 - _ANSWERS[0], _ANSWERS[1] - 1.0)
 """No singular value is further from one than the matrix is from the identity (Weyl)."""
 _ONE: Final = np.eye(3)
+_JUDGED_S: Final = 6.0
+"""Then a third is left of what M was right and wrong about. Half as long is as good."""
+_DOUBT: Final = 0.5
+"""Standard errors of the share of M - I that would have been right."""
+_RIGHT_ENOUGH: Final = 1.0 / 3.0
+"""Of such a share: all of M counts from there on. Who goes by M takes out most of what it says is
+lacking, so a good one is seen to be right in no more. Between a third and a half as good.
+"""
 
 
 class Answer:
     """Takes where the tip is and what of the told motion has arrived, step by step."""
 
     def __init__(self) -> None:
-        self._lately: deque[tuple[float, Vector, Vector]] = deque()
+        self._lately: deque[tuple[float, Vector, Vector, Vector]] = deque()
+        """Times, (3,) mm where the tip was, (3,) mm that had arrived, and (3, 3) M."""
         self._told = np.zeros((3, 3))
         """Σ x xᵀ, mm²."""
         self._made = np.zeros((3, 3))
         """Σ s xᵀ, mm²."""
         self.matrix = np.eye(3)
         """(3, 3) M."""
+        self._foretold = np.zeros(4)
+        """As `surely_right` has them, of motions that took a lag."""
+
+    @property
+    def worth(self) -> float:
+        """How far M is to be gone by for what is under way, 0 to 1."""
+        return min(max(surely_right(self._foretold, _DOUBT) / _RIGHT_ENOUGH, 0.0), 1.0)
 
     def begin(self) -> None:
-        """What comes next does not go on from here, and is another body's."""
+        """What comes next does not go on from here, and is another body's. How far it is to be
+        foretold at all is not forgotten."""
         self._lately.clear()
         self._told, self._made, self.matrix = np.zeros((3, 3)), np.zeros((3, 3)), np.eye(3)
 
     def add(
-        self, t_s: float, dt_s: float, tip_mm: Vector, arrived_mm: Vector, memory_s: float
+        self,
+        t_s: float,
+        dt_s: float,
+        tip_mm: Vector,
+        arrived_mm: Vector,
+        lag_s: float,
+        memory_s: float,
     ) -> None:
-        """At `t_s` the tip is at (3,), and (3,) of what was told has arrived. memory_s: after which
-        a third of what was seen is left."""
+        """At `t_s` the tip is at (3,), and (3,) of what was told has arrived. lag_s: of the body.
+        memory_s: after which a third of what was seen is left."""
         lately = self._lately
-        lately.append((t_s, tip_mm, arrived_mm))
+        self._judge(t_s, dt_s, tip_mm, arrived_mm, max(lag_s, _SPAN_S))
+        lately.append((t_s, tip_mm, arrived_mm, self.matrix))
         begin = bisect_left(lately, t_s - _SPAN_S, key=itemgetter(0))
-        _, then_mm, arrived_then_mm = lately[begin]
-        while len(lately) > 1 and lately[1][0] <= t_s - _SPAN_S:
-            lately.popleft()
+        _, then_mm, arrived_then_mm, _ = lately[begin]
         came, due = tip_mm - then_mm, arrived_mm - arrived_then_mm
         kept = exp(-dt_s / memory_s)
         self._told = kept * self._told + np.outer(due, due)
         self._made = kept * self._made + np.outer(came, due)
         one = _ONE_MM2 * _ONE
         self.matrix = _limited((self._made + one) @ np.linalg.inv(self._told + one))
+
+    def _judge(
+        self, t_s: float, dt_s: float, tip_mm: Vector, arrived_mm: Vector, within_s: float
+    ) -> None:
+        """By what it was one lag ago: what has come since was under way then."""
+        lately = self._lately
+        while len(lately) > 1 and lately[1][0] <= t_s - within_s:
+            lately.popleft()
+        if not lately or lately[0][0] > t_s - within_s:
+            return
+        _, then_mm, arrived_then_mm, matrix = lately[0]
+        due = arrived_mm - arrived_then_mm
+        said, lacked = (matrix - _ONE) @ due, tip_mm - then_mm - due
+        # Motions overlap: only one in each lag tells something of its own.
+        seen = np.array([said @ lacked, said @ said, lacked @ lacked, len(lacked)])
+        self._foretold = exp(-dt_s / _JUDGED_S) * self._foretold + dt_s / within_s * seen
 
 
 def _limited(matrix: Vector) -> Vector:

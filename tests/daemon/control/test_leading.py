@@ -1,5 +1,6 @@
 """A late body is led, a repeated path is learnt, and what was no part of the path is not."""
 
+from collections import deque
 from functools import partial
 from pathlib import Path
 
@@ -9,8 +10,8 @@ import pytest
 from config.emulation import SoftArmPlant
 from config.tasks.controllers import ForwardJacobian
 from config.tasks.trajectory import Circle
-from daemon.control.controller import Phase
-from daemon.control.leading import CycleCorrection
+from daemon.control.controller import Observation, Phase
+from daemon.control.leading import CycleCorrection, Leading
 from daemon.controllers.forward_jacobian import ForwardJacobianController
 from daemon.reference.trajectories import make_trajectory
 from drivers.pose import Vector
@@ -128,6 +129,55 @@ def circle(speed_mm_s: float, cycles: int) -> Circle:
 def by_cycle(loop: ClosedLoop, speed_mm_s: float, cycles: int) -> list[float]:
     errors = loop.follow(circle(speed_mm_s, cycles)).errors_mm
     return [float(part.mean()) for part in np.array_split(errors, cycles)]
+
+
+def led_through_play(half_mm: float, speed_mm_s: float, cycles: int, seed: int) -> list[float]:
+    """The mean error of each cycle of a circle, of a tip 0.2 s late behind play in each direction,
+    whose filter takes as long again; mm."""
+    radius_mm, dead_steps, lag_s, noise_mm = 25.0, 8, 0.42, 0.2
+    leading, random = Leading(gain_per_s=7.0, by_cycles=True), np.random.default_rng(seed)
+    leading.lag.lag_s = lag_s
+    cycle_s = 2.0 * np.pi * radius_mm / speed_mm_s
+
+    def at(t_s: float) -> tuple[Vector, Vector]:
+        angle, rate = 2.0 * np.pi * t_s / cycle_s, 2.0 * np.pi / cycle_s
+        there = radius_mm * np.array([np.cos(angle), np.sin(angle), 0.0])
+        return there, rate * np.array([-there[1], there[0], 0.0])
+
+    told = driven = seen = at(0.0)[0]
+    late, moved, errors = deque([told] * dead_steps), np.zeros(3), []
+    for k in range(round(cycles * cycle_s / DT_S)):
+        t_s = k * DT_S
+        driven = np.clip(driven, told - half_mm, told + half_mm)
+        late.append(driven)
+        tip = late.popleft()
+        seen = seen + 0.4 * (tip + noise_mm * random.normal(size=3) - seen)
+        reference, velocity = at(t_s)
+        observation = Observation(
+            t_ns=round(t_s * 1e9),
+            dt_s=DT_S,
+            tip_mm=seen,
+            tip_velocity_mm_s=velocity,
+            u=told,
+            targets=told,
+            reference_mm=reference,
+            reference_velocity_mm_s=velocity,
+            ahead=partial(lambda begin_s, lead_s: at(begin_s + lead_s), t_s),
+            phase=Phase(t_s % cycle_s, cycle_s),
+        )
+        leading.take_stock(observation, DT_S, moved)
+        moved = leading.step(observation, DT_S)
+        told = told + moved
+        errors.append(float(np.linalg.norm(reference - tip)))
+    return [float(part.mean()) for part in np.array_split(errors, cycles)]
+
+
+@pytest.mark.parametrize(("half_mm", "settled_mm"), [(1.5, 0.95), (3.5, 1.05)])
+def test_a_late_tip_behind_play_does_not_chatter_and_learns_its_cycles(
+    half_mm: float, settled_mm: float
+) -> None:
+    means = np.mean([led_through_play(half_mm, 20.0, 4, seed) for seed in (1, 2, 3)], axis=0)
+    assert means[-1] < settled_mm < 0.8 * means[0]
 
 
 def test_a_fast_circle_is_followed_to_the_tracker_s_noise_in_a_few_cycles(

@@ -9,6 +9,7 @@ from daemon.control.lag.answer import ON_A_PATH_S, ON_THE_WAY_BACK_S, Answer
 from drivers.pose import Vector
 
 DT_S = 0.025
+LAG_S = 0.4
 SOFTER = np.array([[1.3, 0.15, 0.0], [-0.1, 1.2, 0.0], [0.0, 0.0, 1.25]])
 
 
@@ -16,7 +17,7 @@ def answered(arrived_mm: Vector, tip_mm: Vector, memory_s: float = ON_A_PATH_S) 
     """(n, 3) step by step."""
     answer = Answer()
     for k, (arrived, tip) in enumerate(zip(arrived_mm, tip_mm, strict=True)):
-        answer.add(k * DT_S, DT_S, tip, arrived, memory_s)
+        answer.add(k * DT_S, DT_S, tip, arrived, LAG_S, memory_s)
     return answer
 
 
@@ -71,6 +72,45 @@ def test_another_body_is_begun_anew() -> None:
     answer = answered(told, told @ SOFTER.T)
     answer.begin()
     np.testing.assert_array_equal(answer.matrix, np.eye(3))
+
+
+def zigzag(period_s: float, steps: int = 600) -> Vector:
+    """(n, 3) to and fro by 6 mm, while a circle of 20 mm/s is gone."""
+    times = DT_S * np.arange(steps)
+    circle = np.column_stack([np.cos(times), np.sin(times), np.zeros(steps)])
+    swing = np.abs((2.0 * times / period_s) % 2.0 - 1.0)
+    return np.asarray(20.0 * circle + 6.0 * swing[:, None] * np.array([0.6, -0.8, 0.0]))
+
+
+def with_play(told_mm: Vector, half_mm: float) -> Vector:
+    """(n, 3) where the tip is behind play in each direction."""
+    tip_mm = told_mm.copy()
+    for k in range(1, len(tip_mm)):
+        low, high = told_mm[k] - half_mm, told_mm[k] + half_mm
+        tip_mm[k] = np.clip(tip_mm[k - 1], low, high)
+    return tip_mm
+
+
+def test_before_anything_is_seen_nothing_is_believed() -> None:
+    assert Answer().worth == 0.0
+
+
+def test_a_body_that_answers_alike_for_longer_than_it_is_late_is_gone_by() -> None:
+    told = zigzag(0.9)
+    noise = 0.2 * np.random.default_rng(5).normal(size=told.shape)
+    assert answered(told, told @ SOFTER.T + noise).worth == 1.0
+
+
+@pytest.mark.parametrize("half_mm", [1.5, 2.5])
+def test_what_play_shows_for_a_moment_is_not_gone_by(half_mm: float) -> None:
+    told = zigzag(0.9)
+    assert answered(told, with_play(told, half_mm)).worth < 0.5
+
+
+def test_noise_is_not_gone_by() -> None:
+    told = zigzag(0.9)
+    noise = 0.5 * np.random.default_rng(5).normal(size=told.shape)
+    assert answered(told, told + noise).worth < 0.3
 
 
 @settings(max_examples=100, deadline=None)
