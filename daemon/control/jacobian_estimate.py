@@ -7,8 +7,6 @@ the rows of J are by direction: J + (d − J x) xᵀP / (xᵀP x + r). P shrinks
 and grows with the distance moved. Without noise r and with P = 1 this is Broyden's own rule.
 """
 
-from math import sqrt
-
 from daemon.control import jacobian_kernels as kernels
 from daemon.control.jacobian_kernels import in_rows
 from daemon.control.task import rank_of
@@ -53,21 +51,3 @@ class JacobianEstimate:
         )
         if kernels.condition(jacobian, self._rank) < _WORST_CONDITION:
             self.jacobian, self.covariance = jacobian, covariance
-
-
-# How far a correction that motions told is to be believed: as far as it foretold the next ones.
-
-
-def surely_right(foretold: Vector, doubt: float) -> float:
-    """The share s of a correction that would have explained motions best, less `doubt` standard
-    errors.
-
-    foretold: (4,) sums over coordinates, of what the correction said times what was lacking without
-    it, what it said squared, what was lacking squared; and how many coordinates that were. Nothing
-    seen: 0.
-    """
-    agreed, said, lacked, count = foretold.tolist()
-    if not said > 0.0 or not count > 1.0:
-        return 0.0
-    left = max(lacked - agreed * agreed / said, 0.0) / (count - 1.0)
-    return float((agreed - doubt * sqrt(left * said)) / said)

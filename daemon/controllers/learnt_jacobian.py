@@ -17,8 +17,9 @@ import numpy as np
 from config.tasks.controllers import Learner
 from daemon.control.axis_speeds import Foresight
 from daemon.control.controller import ControllerError, Observation
-from daemon.control.jacobian_estimate import JacobianEstimate, surely_right
+from daemon.control.jacobian_estimate import JacobianEstimate
 from daemon.control.jacobian_kernels import in_rows
+from daemon.control.lag.answer import surely_right
 from daemon.control.task import POSE, POSITION, task_of
 from daemon.control.tip_following import TipFollower
 from daemon.learning.forward.pretrained_model import PretrainedModel

@@ -20,13 +20,12 @@ said of what would come in a lag is held against what came.
 
 from bisect import bisect_left
 from collections import deque
-from math import exp
+from math import exp, sqrt
 from operator import itemgetter
 from typing import Final
 
 import numpy as np
 
-from daemon.control.jacobian_estimate import surely_right
 from drivers.pose import Vector
 
 _SPAN_S: Final = 0.2
@@ -126,3 +125,21 @@ def _limited(matrix: Vector) -> Vector:
         return matrix
     left, values, right = np.linalg.svd(matrix)
     return np.asarray((left * np.clip(values, *_ANSWERS)) @ right)
+
+
+# How far a correction that motions told is to be believed: as far as it foretold the next ones.
+
+
+def surely_right(foretold: Vector, doubt: float) -> float:
+    """The share s of a correction that would have explained motions best, less `doubt` standard
+    errors.
+
+    foretold: (4,) sums over coordinates, of what the correction said times what was lacking without
+    it, what it said squared, what was lacking squared; and how many coordinates that were. Nothing
+    seen: 0.
+    """
+    agreed, said, lacked, count = foretold.tolist()
+    if not said > 0.0 or not count > 1.0:
+        return 0.0
+    left = max(lacked - agreed * agreed / said, 0.0) / (count - 1.0)
+    return float((agreed - doubt * sqrt(left * said)) / said)
