@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 
 PARTS: Final = {"tip": 1.0, "middle": 0.6, "base": 0.4}
 """Where along the body something stands, as a share of its length."""
-INTO_MM: Final = {"soft": 0.0, "tendon": 3.0, "tubes": 1.0}
+INTO_MM: Final = {"soft": 4.0, "tendon": 3.0, "tubes": 1.0}
 """How far it reaches into where the body would be, at most: more than what a body may be off by."""
 HOME_MM: Final = {"soft": 8.0, "tendon": 5.0, "tubes": 3.0}
 """At least so far it stays from where the body is armed, which is refused otherwise."""
