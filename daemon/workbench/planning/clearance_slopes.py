@@ -20,8 +20,8 @@ from safety.risk.surroundings.distance_grid import DistanceGrid
 
 _MARGIN_MM: Final = 12.0
 """More than other bodies of a design stand away from the one that the model was made of: up to 7 mm
-of the soft arm's. With 5 mm paths were a sixth shorter, and by equation 10 half as likely again to
-touch."""
+of the soft arm's. With 5 mm its paths were a fifth shorter, and by equation 10 half as likely again
+to touch."""
 _SOFTNESS_MM: Final = 4.0
 _LIGHTEST: Final = 2e-3
 """Components that weigh less are left out."""
