@@ -14,10 +14,8 @@ import numpy as np
 from config.robot import Robot
 from config.tasks.controllers import Learner
 from config.tasks.peers import GaussianProcess
-from daemon.array_files import Arrays, prefixed, stripped
-from daemon.control.controller import Observation, Proposal
-from daemon.controllers.learning_controller import LearningController
-from daemon.controllers.learnt_jacobian import TipJacobian
+from daemon.array_files import prefixed, stripped
+from daemon.controllers.jacobian_controller import JacobianController
 from daemon.controllers.peers.axis_use import follower_options
 from daemon.controllers.peers.motion_process import Covariance, MotionProcess, most_likely
 from daemon.learning.forward.pretrained_model import PretrainedModel
@@ -143,7 +141,7 @@ class ProcessJacobian:
         return np.asarray(self._constant + self._explored.jacobian(x))
 
 
-class GaussianProcessController(LearningController):
+class GaussianProcessController(JacobianController):
     """A `Controller`."""
 
     name = "gaussian_process"
@@ -153,34 +151,5 @@ class GaussianProcessController(LearningController):
         self._process_options = options
         super().__init__(follower_options(options, Learner), robot, seed)
 
-    def draw_to(self, posture: Vector) -> None:
-        """Draw the axes to (m,) a posture from now on. Raises ValueError for no numbers."""
-        self._follower.set_posture(posture)
-
     def _new_jacobian(self) -> ProcessJacobian:
         return ProcessJacobian(self._process_options, self._range)
-
-    def _take_over(
-        self, model: PretrainedModel | None, jacobian: TipJacobian, learnt: Arrays
-    ) -> None:
-        """All is in the Jacobian."""
-
-    def _follow(self, observation: Observation) -> Proposal:
-        jacobian = self._jacobian.at(self._follower.due_mm(observation), observation.u)
-        step, jacobian = self._task(observation, jacobian)
-        return Proposal(self._follower.axis_step(jacobian, step, observation))
-
-    def _work_in(self, sample: MotionSample) -> None:
-        self._jacobian.learn(sample)
-
-    def _forget_samples(self) -> None:
-        """There is nothing of them but in the Jacobian."""
-
-    def _learnt_arrays(self) -> Arrays:
-        return {}
-
-    def _go_on(self) -> None:
-        """Nothing waits but samples."""
-
-    def _posture_changed(self) -> None:
-        """The follower has it, and nobody else needs it."""

@@ -10,21 +10,17 @@ import numpy as np
 from config.robot import Robot
 from config.tasks.controllers import Learner
 from config.tasks.peers import IterativeLearning
-from daemon.array_files import Arrays
 from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.control.lag.body_lag import parts
 from daemon.control.tip_following import step_time
-from daemon.controllers.learning_controller import LearningController
-from daemon.controllers.learnt_jacobian import TipJacobian
+from daemon.controllers.jacobian_controller import JacobianController
 from daemon.controllers.peers.axis_use import follower_options, within
 from daemon.controllers.peers.cycle_learning import ClosedLoop, CycleLearning
 from daemon.controllers.peers.identified_jacobian import IdentifiedJacobian
-from daemon.learning.forward.pretrained_model import PretrainedModel
-from daemon.learning.samples.motion import MotionSample
 from drivers.pose import Vector
 
 
-class IterativeLearningController(LearningController):
+class IterativeLearningController(JacobianController):
     """A `Controller`."""
 
     name = "iterative_learning"
@@ -53,10 +49,6 @@ class IterativeLearningController(LearningController):
         gain = min(options.gain_per_s, options.gain_by_lag / max(lag.lag_s, 1e-3))
         return ClosedLoop(gain, *parts(lag.lag_s, lag.dead_share), options.feed_forward)
 
-    def draw_to(self, posture: Vector) -> None:
-        """Draw the axes to (m,) a posture from now on. Raises ValueError for no numbers."""
-        self._follower.set_posture(posture)
-
     def reset(self, observation: Observation) -> None:
         super().reset(observation)
         self._since_s = 0.0
@@ -65,11 +57,6 @@ class IterativeLearningController(LearningController):
 
     def _new_jacobian(self) -> IdentifiedJacobian:
         return IdentifiedJacobian(self._range)
-
-    def _take_over(
-        self, model: PretrainedModel | None, jacobian: TipJacobian, learnt: Arrays
-    ) -> None:
-        """All is in the Jacobian: what cycles have taught is of their path, and is not kept."""
 
     def _follow(self, observation: Observation) -> Proposal:
         dt_s, loop = step_time(observation), self.loop
@@ -100,18 +87,3 @@ class IterativeLearningController(LearningController):
             error = None
         self._cycles.take(phase, reference, error, loop)
         return self._cycles.at(phase.seconds)
-
-    def _work_in(self, sample: MotionSample) -> None:
-        """The model is fixed."""
-
-    def _forget_samples(self) -> None:
-        """There are none."""
-
-    def _learnt_arrays(self) -> Arrays:
-        return {}
-
-    def _go_on(self) -> None:
-        """Nothing waits."""
-
-    def _posture_changed(self) -> None:
-        """The follower has it, and nobody else needs it."""

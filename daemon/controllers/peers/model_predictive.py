@@ -19,18 +19,14 @@ import numpy as np
 from config.robot import Robot
 from config.tasks.controllers import Learner
 from config.tasks.peers import ModelPredictive
-from daemon.array_files import Arrays
 from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.control.jacobian_kernels import in_rows
 from daemon.control.lag.body_lag import parts
 from daemon.control.tip_following import step_time
-from daemon.controllers.learning_controller import LearningController
-from daemon.controllers.learnt_jacobian import TipJacobian
+from daemon.controllers.jacobian_controller import JacobianController
 from daemon.controllers.peers import horizon_kernels as kernels
 from daemon.controllers.peers.axis_use import follower_options, within
 from daemon.controllers.peers.identified_jacobian import IdentifiedJacobian
-from daemon.learning.forward.pretrained_model import PretrainedModel
-from daemon.learning.samples.motion import MotionSample
 from drivers.pose import Vector
 
 _SHORTEST_LAG_S: Final = 1e-3
@@ -113,7 +109,7 @@ class LaggedTip:
         return np.asarray(told + exp((t_s - end_s) / self.lag_s) * (followed - told))
 
 
-class ModelPredictiveController(LearningController):
+class ModelPredictiveController(JacobianController):
     """A `Controller`."""
 
     name = "model_predictive"
@@ -139,10 +135,6 @@ class ModelPredictiveController(LearningController):
         """Jacobian and targets of the last step, and how long it was in s."""
         self._prices = np.zeros((2, n, len(self._scale)))
 
-    def draw_to(self, posture: Vector) -> None:
-        """Draw the axes to (m,) a posture from now on. Raises ValueError for no numbers."""
-        self._follower.set_posture(posture)
-
     def reset(self, observation: Observation) -> None:
         super().reset(observation)
         self._tip = self._last = None
@@ -150,11 +142,6 @@ class ModelPredictiveController(LearningController):
 
     def _new_jacobian(self) -> IdentifiedJacobian:
         return IdentifiedJacobian(self._range)
-
-    def _take_over(
-        self, model: PretrainedModel | None, jacobian: TipJacobian, learnt: Arrays
-    ) -> None:
-        """All is in the Jacobian."""
 
     def _follow(self, observation: Observation) -> Proposal:
         dt_s = step_time(observation)
@@ -219,21 +206,6 @@ class ModelPredictiveController(LearningController):
         """(m,) shares per second to the posture."""
         away = self._follower.posture - observation.targets
         return np.asarray(self._mpc.posture_gain_per_s * away / self._scale)
-
-    def _work_in(self, sample: MotionSample) -> None:
-        """The model is fixed."""
-
-    def _forget_samples(self) -> None:
-        """There are none."""
-
-    def _learnt_arrays(self) -> Arrays:
-        return {}
-
-    def _go_on(self) -> None:
-        """Nothing waits."""
-
-    def _posture_changed(self) -> None:
-        """The follower has it, and nobody else needs it."""
 
 
 def warm_up() -> None:

@@ -1,0 +1,44 @@
+"""What controllers have in common that learn a Jacobian and nothing else: it is inverted at every
+step, by damped least squares and drawn to a posture.
+"""
+
+from daemon.array_files import Arrays
+from daemon.control.controller import Observation, Proposal
+from daemon.controllers.learning_controller import LearningController
+from daemon.controllers.learnt_jacobian import TipJacobian
+from daemon.learning.forward.pretrained_model import PretrainedModel
+from daemon.learning.samples.motion import MotionSample
+from drivers.pose import Vector
+
+
+class JacobianController(LearningController):
+    """A `Controller`, all of whose knowledge is in its Jacobian."""
+
+    def draw_to(self, posture: Vector) -> None:
+        """Draw the axes to (m,) a posture from now on. Raises ValueError for no numbers."""
+        self._follower.set_posture(posture)
+
+    def _follow(self, observation: Observation) -> Proposal:
+        jacobian = self._jacobian.at(self._follower.due_mm(observation), observation.u)
+        step, jacobian = self._task(observation, jacobian)
+        return Proposal(self._follower.axis_step(jacobian, step, observation))
+
+    def _work_in(self, sample: MotionSample) -> None:
+        self._jacobian.learn(sample)
+
+    def _take_over(
+        self, model: PretrainedModel | None, jacobian: TipJacobian, learnt: Arrays
+    ) -> None:
+        """All is in the Jacobian."""
+
+    def _forget_samples(self) -> None:
+        """There is nothing of them but in the Jacobian."""
+
+    def _learnt_arrays(self) -> Arrays:
+        return {}
+
+    def _go_on(self) -> None:
+        """Nothing waits but samples."""
+
+    def _posture_changed(self) -> None:
+        """The follower has it, and nobody else needs it."""
