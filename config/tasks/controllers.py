@@ -245,8 +245,9 @@ class ForwardJacobian(Learner):
     kind: Literal["forward_jacobian"]
 
     memory_samples: Annotated[float, Field(ge=10.0)] | None = None
-    """How many samples a field of the model remembers while it goes on learning. None: fields stay
-    as pre-training left them, and only the correction adapts."""
+    """How many samples a field of the model remembers while it goes on learning: then the fields
+    tell the Jacobian, and no cubic of the axes. None: the model stays as pre-training left it, and
+    only the correction adapts."""
 
 
 class RewardWeighted(Learner):

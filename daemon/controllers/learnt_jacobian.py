@@ -22,8 +22,10 @@ from daemon.control.jacobian_kernels import in_rows
 from daemon.control.lag.answer import surely_right
 from daemon.control.task import POSE, POSITION, task_of
 from daemon.control.tip_following import TipFollower
+from daemon.learning.forward.cubic_shape import CubicShape
+from daemon.learning.forward.forward_model import slopes_by_step
 from daemon.learning.forward.pretrained_model import PretrainedModel
-from daemon.learning.lwpr.model import Lwpr
+from daemon.learning.lwpr.model import Lwpr, with_memory
 from daemon.learning.samples.motion import MotionSample
 from drivers.pose import Vector
 
@@ -175,13 +177,18 @@ _CARRIED_DRIFT_MM = 25.0
 class LearntJacobian:
     """A `TipJacobian`."""
 
-    def __init__(self, options: Learner, travel: Vector) -> None:
-        """travel: (m,) of the axes."""
+    def __init__(
+        self, options: Learner, travel: Vector, memory_samples: float | None = None
+    ) -> None:
+        """travel: (m,) of the axes. memory_samples: how many a field of the model remembers while
+        it goes on learning; None: fields stay as they are."""
         self.forward: Lwpr | None = None
         """Inputs [p, u, Δu], output Δp."""
         self.believed = 1.0
         """The share of what the last motions have told of the model's errors that counts."""
-        self._model: PretrainedModel | None = None
+        self._shape: CubicShape | None = None
+        """What tells the Jacobian instead of the fields, where it is the better guess."""
+        self._memory_samples = memory_samples
         self._options = options
         self._travel = travel
         self._correction = self._no_correction()
@@ -200,9 +207,9 @@ class LearntJacobian:
 
     def begin(self, model: PretrainedModel) -> None:
         """Go by its forward model from now on."""
-        self.forward = forward = model.lwpr
-        self._model = model
-        _ = model.shape  # sought here, which takes half a second, and not in the first step
+        memory = self._memory_samples
+        self.forward = forward = model.lwpr if memory is None else with_memory(model.lwpr, memory)
+        self._shape = model.shape if memory is None else None  # which does not go on learning
         self._correction = self._no_correction()
         places = 3 + len(self._travel)
         middle = forward.centres.mean(axis=0) * np.array(forward.settings.norm_in[:places])
@@ -240,6 +247,9 @@ class LearntJacobian:
             self._carried.correct(moved, sample.delta_tip_mm)
         else:
             self._carry(self._at(middle_mm, middle_u, share))
+        if self._memory_samples is not None and self.forward is not None:
+            inputs = np.concatenate([sample.tip_mm, sample.u, sample.delta_u])
+            self.forward.update(inputs, sample.delta_tip_mm)
 
     def to_arrays(self) -> dict[str, Vector]:
         """What was learnt besides the forward model."""
@@ -278,8 +288,10 @@ class LearntJacobian:
         return np.asarray(share * corrected + (1.0 - share) * self._carried.jacobian)
 
     def _modelled(self, tip_mm: Vector, u: Vector) -> Vector:
-        assert self._model is not None
-        return self._model.jacobian(tip_mm, u) * self._travel
+        assert self.forward is not None
+        if self._shape is not None:
+            return self._shape.jacobian(u) * self._travel
+        return slopes_by_step(self.forward, tip_mm, u) * self._travel
 
     def _input(self, tip_mm: Vector, u: Vector) -> Vector:
         m = len(self._travel)

@@ -17,6 +17,8 @@ from daemon.control.controller import ControllerError
 from daemon.controllers.learning_controller import LearningController
 from daemon.controllers.make_controller import make_controller
 from daemon.controllers.reward_weighted import RewardWeightedController
+from daemon.learning.forward.pretrained_model import PretrainedModel
+from daemon.learning.samples.motion import MotionSample
 from daemon.reference.trajectories import make_trajectory
 from drivers.pose import Vector
 from tests.daemon.control.closed_loop import (
@@ -100,6 +102,25 @@ def test_without_a_model_a_figure_of_eight_is_followed_round_after_round(kind: s
     rounds = [loop.follow(eight) for _ in range(3)]
     assert all(one.mean_mm < 2.0 for one in rounds), [one.mean_mm for one in rounds]
     assert rounds[-1].max_mm < 12.0
+
+
+@pytest.mark.parametrize(("memory_samples", "grown"), [(None, 1.0), (20.0, 1.5)])
+def test_fields_that_forget_learn_another_body(
+    memory_samples: float | None, grown: float, model: str
+) -> None:
+    """One that goes half as far again: nothing of that is left to a correction."""
+    fields = PretrainedModel.load(Path(model), ROBOT).fields
+    place = fields.centres[len(fields.centres) // 2] * fields.scale
+    tip_mm, u, random = place[:3], place[3:], np.random.default_rng(1)
+    controller = made("forward_jacobian", model=model, memory_samples=memory_samples)
+    jacobian = controller._jacobian
+    before = jacobian.at(tip_mm, u)
+    for _ in range(200):
+        moved = 2.5 * random.normal(size=6)
+        controller._work_in(MotionSample(tip_mm, u, moved, 1.5 * before @ moved))
+    jacobian.forget_correction()
+    after = jacobian.at(tip_mm, u)
+    assert (after * before).sum() / (before**2).sum() == pytest.approx(grown, abs=0.1)
 
 
 def test_babbling_that_shows_nothing_is_not_enough() -> None:
