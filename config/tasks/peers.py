@@ -81,7 +81,7 @@ class ModelPredictive(AxisUse, FromMotions, PositionOnly):
     smoothness_mm: Positive = 15.0
     """As what error of the tip a change of the axes' speed by one range per interval counts."""
 
-    damping_mm: Positive = 1.0
+    effort_mm: Positive = 1.0
     """... and a speed of one range per interval, where it moves the tip."""
 
     probe: bool = True

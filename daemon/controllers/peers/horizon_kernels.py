@@ -52,7 +52,7 @@ class Weights(NamedTuple):
 
     smooth: float
     """Of a change of what the axes go in an interval."""
-    damping: float
+    effort: float
     """Of going at all, where it moves the tip ..."""
     rest: float
     """... and of going otherwise than `rest`, where it does not."""
@@ -109,7 +109,7 @@ def _inverses(
             found[j] = found[j - 1]
             continue
         a = max(values[j], 0.0) * curvature
-        price = weights.rest if free[j] > 0.0 else weights.damping
+        price = weights.rest if free[j] > 0.0 else weights.effort
         for i in range(n):
             a[i, i] += price * price + penalty
             a[i, i] += weights.smooth**2 * (2.0 if i + 1 < n else 1.0)

@@ -167,7 +167,7 @@ class ModelPredictiveController(JacobianController):
             in_rows(lowest / self._scale),
             in_rows(highest / self._scale),
         )
-        weights = kernels.Weights(self._mpc.smoothness_mm, self._mpc.damping_mm, _REST_MM)
+        weights = kernels.Weights(self._mpc.smoothness_mm, self._mpc.effort_mm, _REST_MM)
         motion, self._prices = kernels.best_motion(horizon, weights, bounds, self._prices)
         self._last = jacobian, observation.targets, dt_s
         step = motion[0] * self._scale * (dt_s / interval_s)

@@ -33,7 +33,7 @@ def rows(asked: Horizon) -> tuple[Vector, Vector]:
     first = np.zeros(N * AXES)
     first[:AXES] = asked.now
     beside = np.kron(np.eye(N), eye - along)
-    matrix = [tip, WEIGHTS.smooth * changes, WEIGHTS.damping * np.kron(np.eye(N), along)]
+    matrix = [tip, WEIGHTS.smooth * changes, WEIGHTS.effort * np.kron(np.eye(N), along)]
     right = [asked.wanted.ravel(), WEIGHTS.smooth * first, np.zeros(N * AXES)]
     matrix.append(WEIGHTS.rest * beside)
     right.append(np.asarray(WEIGHTS.rest * beside @ np.tile(asked.rest, N), np.float64))

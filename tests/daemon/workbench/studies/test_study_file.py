@@ -4,9 +4,16 @@ from pathlib import Path
 
 import pytest
 
+from config.documents.kinds import CONTROLLERS, entries
 from config.documents.model import OptionsError
 from config.documents.problems import ConfigError
-from config.tasks.controllers import Broyden, ConstantCurvature, load_controller_options
+from config.tasks.controllers import (
+    Broyden,
+    ConstantCurvature,
+    ProportionalLaw,
+    controller_type,
+    load_controller_options,
+)
 from daemon.workbench.studies.study_file import load_study, merged
 from tests.daemon.workbench.studies.made_up import STUDY, write_study
 
@@ -54,3 +61,11 @@ def test_another_kind_keeps_what_both_have_in_common() -> None:
     assert (other.gain_per_s, other.tolerance_mm) == (2.0, 5.0)
     with pytest.raises(OptionsError, match="settle_s"):
         merged(given, {"kind": "constant_curvature", "settle_s": 5.0})
+
+
+@pytest.mark.parametrize("kind", sorted(entries(CONTROLLERS)))
+def test_what_damps_one_kind_means_the_same_to_another(kind: str) -> None:
+    """It is kept from kind to kind: of no kind may it be something else."""
+    options = controller_type(kind)
+    assert options is not None
+    assert ("damping_mm" in options.model_fields) == issubclass(options, ProportionalLaw)
