@@ -45,6 +45,7 @@ def run(arguments: argparse.Namespace) -> Result:
     # What searches is slow to come: `--help` does without.
     from daemon.files import write_whole
     from daemon.workbench.bench import tuning
+    from daemon.workbench.experiments.trial import TrialError
     from daemon.workbench.studies.run import PlanError
     from daemon.workbench.studies.study_file import load_study
 
@@ -52,23 +53,34 @@ def run(arguments: argparse.Namespace) -> Result:
         raise PlanError("--points and --jobs are 1 or more")
     file = load_study(shipped_study(arguments.study))
     study = file.study
-    left = tuning.candidates(study, arguments.points, arguments.seed)
-    left = [one for one in left if one.of in (arguments.controllers or [one.of])]
+    left = tuning.candidates(study, arguments.points, arguments.seed, arguments.controllers)
     scored: dict[str, float] = {}
     errors = 0
     for stage in tuning.stages(arguments.points, len(file.experiments)):
         left = tuning.survivors(left, scored, stage.points)
         scored, failed = _stage(file, left, stage, arguments)
         errors += failed
-    winners = tuning.survivors(left, scored, 1)
+    best = tuning.survivors(left, scored, 1)
+    winners = [one for one in best if one.variant.variant in scored]
+    if not winners:
+        raise TrialError(f"nothing was found: no run was carried out; {arguments.out} has why")
     bodies = range(study.first_plant, study.first_plant + study.plants) if study.plants else (0,)
     search = tuning.search_text(file, arguments.points, arguments.seed, bodies)
     text = tuning.tuned_text(study, winners, scored, search)
     path = arguments.out / TUNED_FILE
     write_whole(path, text.encode())
     found = {one.of: dict(one.options) for one in winners}
-    told = {"study": study.study, "tuned": found, "errors": errors, "written": path}
-    return Result(told, f"{text}{path}", EXIT_FAILED if errors else EXIT_OK)
+    untuned = [one.of for one in best if one not in winners]
+    told = {
+        "study": study.study,
+        "tuned": found,
+        "untuned": untuned,
+        "errors": errors,
+        "written": path,
+    }
+    if untuned:
+        text += f"nothing was found for {', '.join(untuned)}: no run was carried out\n"
+    return Result(told, f"{text}{path}", EXIT_FAILED if errors or untuned else EXIT_OK)
 
 
 def _stage(

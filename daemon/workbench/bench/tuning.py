@@ -15,17 +15,13 @@ from scipy.stats import qmc
 
 from config.tasks.study import Study, Variant
 from config.tasks.study_matrix import Range
-from daemon.workbench.studies.run import Outcome
+from daemon.workbench.studies.run import Outcome, PlanError
 from daemon.workbench.studies.study_file import StudyFile
 
 _DIGITS: Final = 3
 """Of an option's figure: nothing depends on more."""
 _LEAST_MM: Final = 0.01
 """No tracker tells less."""
-
-
-class TuningError(ValueError):
-    """A study that cannot be tuned; the text says why."""
 
 
 @dataclass(frozen=True)
@@ -55,15 +51,24 @@ def stages(points: int, cells: int) -> list[Stage]:
     return [Stage(count, max(1, cells >> (last - k))) for k, count in enumerate(counts)]
 
 
-def candidates(study: Study, points: int, seed: int) -> list[Candidate]:
-    """Of every variant that declares options: so many points each. Raises TuningError."""
-    tuned = [variant for variant in study.variants if variant.tune]
+def candidates(study: Study, points: int, seed: int, only: Sequence[str] = ()) -> list[Candidate]:
+    """Of every variant that declares options, or of these: so many points each.
+
+    Raises PlanError where nothing is to be tuned.
+    """
+    tuned = {variant.variant: variant for variant in study.variants if variant.tune}
     if not tuned:
-        raise TuningError("no variant of this study says what is to be tuned")
+        raise PlanError("no variant of this study says by `tune` which options are to be sought")
+    unknown = [name for name in only if name not in tuned]
+    if unknown:
+        raise PlanError(
+            f"no options of {', '.join(unknown)} are to be sought in this study: those of "
+            f"{', '.join(tuned)} are"
+        )
     return [
-        _candidate(variant, number, options)
-        for variant in tuned
-        for number, options in enumerate(_points(variant.tune, points, seed))
+        _candidate(tuned[name], number, options)
+        for name in only or tuned
+        for number, options in enumerate(_points(tuned[name].tune, points, seed))
     ]
 
 

@@ -4,17 +4,18 @@ from pathlib import Path
 
 import pytest
 
+from daemon.commands.outcome.exit_codes import EXIT_FAILED, EXIT_USAGE
+from daemon.commands.terminal import study_command
 from daemon.commands.terminal.command_line import main
 from daemon.workbench.bench.tuning import (
     Stage,
-    TuningError,
     candidates,
     scores,
     stages,
     survivors,
     tuned_text,
 )
-from daemon.workbench.studies.run import Outcome
+from daemon.workbench.studies.run import Outcome, PlanError
 from daemon.workbench.studies.study_file import StudyFile, load_study, load_tuned
 from tests.daemon.workbench.studies import made_up
 
@@ -58,8 +59,20 @@ def test_points_lie_within_their_ranges_and_a_seed_says_which(file: StudyFile) -
 
 def test_nothing_to_tune_is_told(file: StudyFile) -> None:
     study = file.study.model_copy(update={"variants": file.study.variants[1:]})
-    with pytest.raises(TuningError, match="no variant"):
+    with pytest.raises(PlanError, match="no variant"):
         candidates(study, 4, 1)
+
+
+@pytest.mark.parametrize("name", ["fixed", "arc"])
+def test_who_has_nothing_to_tune_is_named_beside_those_that_have(
+    file: StudyFile, name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["tune", str(file.path), "--out", str(tmp_path / "out"), "--controllers", name]
+    assert main(words) == EXIT_USAGE
+    assert f"no options of {name} are to be sought in this study: those of arcs are" in (
+        capsys.readouterr().err
+    )
+    assert not (tmp_path / "out").exists()
 
 
 def test_half_of_the_points_see_twice_the_cells() -> None:
@@ -108,3 +121,16 @@ def test_a_search_goes_through_its_stages_and_leaves_a_file_that_a_study_can_nam
     capsys.readouterr()
     assert main(words) == 0
     assert "4 runs are done already" in capsys.readouterr().out
+
+
+def test_without_a_run_nothing_is_found_and_that_is_told(
+    file: StudyFile,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(study_command, "carry_out_runs", lambda _runs, _arguments: 1)
+    out = tmp_path / "out"
+    assert main(["tune", str(file.path), "--out", str(out), "--points", "2"]) == EXIT_FAILED
+    assert "nothing was found: no run was carried out" in capsys.readouterr().err
+    assert not (out / "tuned.yaml").exists()
