@@ -1,6 +1,6 @@
 """The controllers that an experiment or a client can choose, and what can be set on them."""
 
-from typing import Annotated, Any, Final, Literal, Self
+from typing import Annotated, Any, Final, Literal, Self, TypeVar
 
 from pydantic import Field, model_validator
 
@@ -10,6 +10,8 @@ from config.tasks.exploration import DesignedExploration, MotorBabbling, Waypoin
 
 Share = Annotated[float, Field(gt=0.0, le=1.0)]
 PerAxis = Annotated[tuple[float, ...], Field(min_length=1, strict=False)]
+
+Law = TypeVar("Law", bound="TipFollowing")
 
 
 class AxisUse(KindOptions):
@@ -28,6 +30,12 @@ class AxisUse(KindOptions):
     axis_weights: Annotated[tuple[Positive, ...], Field(min_length=1, strict=False)] | None = None
     """How dear the motion of each axis is, counted in shares of its range: the diagonal of N of
     Ho 2018, eq. 7. None: all alike."""
+
+    def of_law(self, law: type[Law], **own: bool) -> Law:
+        """What these options say of those of `law`, and `own`, for a controller that uses the axes
+        as that law does."""
+        common = type(self).model_fields.keys() & law.model_fields.keys()
+        return law.model_validate({**{name: getattr(self, name) for name in common}, **own})
 
 
 class ProportionalLaw(AxisUse):

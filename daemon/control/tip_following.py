@@ -90,7 +90,7 @@ class TipFollower:
         else:
             self._home = observation.targets
         returns, dt_s = probing.returns, step_time(observation)
-        step = self._not_too_fast(probing.step(dt_s), dt_s)
+        step = within(probing.step(dt_s), self._options.max_tip_speed_mm_s * dt_s)
         no_posture = np.zeros_like(observation.targets)
         delta_u = self.axis_step(jacobian, step, observation, no_posture)
         if returns:
@@ -139,8 +139,7 @@ class TipFollower:
             turn = turn + observation.reference_turn * dt_s
         if not _all_finite(turn):
             raise ControllerError("where the tip points, or shall point, is not a number")
-        length, most = math.sqrt(turn @ turn), options.max_tip_turn_rad_s * dt_s
-        return np.asarray(turn if length <= most else turn * (most / length))
+        return within(turn, options.max_tip_turn_rad_s * dt_s)
 
     def tip_step(self, observation: Observation) -> Vector:
         """(3,) mm that the tip shall move in this step. Raises ControllerError for no number."""
@@ -152,11 +151,7 @@ class TipFollower:
             step = self._plain_step(observation, dt_s)
         if not _all_finite(step):
             raise ControllerError("where the tip is, or shall be, is not a number")
-        return self._not_too_fast(step, dt_s)
-
-    def _not_too_fast(self, step: Vector, dt_s: float) -> Vector:
-        length, most = math.sqrt(step @ step), self._options.max_tip_speed_mm_s * dt_s
-        return np.asarray(step if length <= most else step * (most / length))
+        return within(step, self._options.max_tip_speed_mm_s * dt_s)
 
     def _plain_step(self, observation: Observation, dt_s: float) -> Vector:
         error = observation.reference_mm - observation.tip_mm
@@ -263,6 +258,12 @@ class TipFollower:
 def step_time(observation: Observation) -> float:
     """Seconds that this step may make up for."""
     return min(max(observation.dt_s, 0.0), LONGEST_STEP_S)
+
+
+def within(vector: Vector, most: float) -> Vector:
+    """The vector, as a whole no longer than `most`."""
+    length = math.sqrt(vector @ vector)
+    return vector if length <= most else np.asarray(vector * (most / length))
 
 
 def bounded_step(

@@ -16,7 +16,6 @@ from config.tasks.controllers import Learner
 from config.tasks.peers import GaussianProcess
 from daemon.array_files import prefixed, stripped
 from daemon.controllers.jacobian_controller import JacobianController
-from daemon.controllers.peers.axis_use import follower_options
 from daemon.controllers.peers.motion_process import Covariance, MotionProcess, most_likely
 from daemon.learning.forward.pretrained_model import PretrainedModel
 from daemon.learning.lwpr.model import Lwpr
@@ -149,7 +148,7 @@ class GaussianProcessController(JacobianController):
     def __init__(self, options: GaussianProcess, robot: Robot, seed: int) -> None:
         """Raises ControllerError for a model that cannot be loaded."""
         self._process_options = options
-        super().__init__(follower_options(options, Learner), robot, seed)
+        super().__init__(options.of_law(Learner), robot, seed)
 
     def _new_jacobian(self) -> ProcessJacobian:
         return ProcessJacobian(self._process_options, self._range)

@@ -12,9 +12,8 @@ from config.tasks.controllers import Learner
 from config.tasks.peers import IterativeLearning
 from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.control.lag.body_lag import parts
-from daemon.control.tip_following import step_time
+from daemon.control.tip_following import step_time, within
 from daemon.controllers.jacobian_controller import JacobianController
-from daemon.controllers.peers.axis_use import follower_options, within
 from daemon.controllers.peers.cycle_learning import ClosedLoop, CycleLearning
 from daemon.controllers.peers.identified_jacobian import IdentifiedJacobian
 from drivers.pose import Vector
@@ -32,8 +31,7 @@ class IterativeLearningController(JacobianController):
         self._cycles: CycleLearning | None = None
         self._since_s = 0.0
         """Since motion began."""
-        frame = follower_options(
-            options,
+        frame = options.of_law(
             Learner,
             lead=options.probe,
             feed_forward=True,

@@ -22,10 +22,9 @@ from config.tasks.peers import ModelPredictive
 from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.control.jacobian_kernels import in_rows
 from daemon.control.lag.body_lag import parts
-from daemon.control.tip_following import step_time
+from daemon.control.tip_following import step_time, within
 from daemon.controllers.jacobian_controller import JacobianController
 from daemon.controllers.peers import horizon_kernels as kernels
-from daemon.controllers.peers.axis_use import follower_options, within
 from daemon.controllers.peers.identified_jacobian import IdentifiedJacobian
 from drivers.pose import Vector
 
@@ -118,8 +117,7 @@ class ModelPredictiveController(JacobianController):
     def __init__(self, options: ModelPredictive, robot: Robot, seed: int) -> None:
         """Raises ControllerError for a model that cannot be loaded."""
         self._mpc = options
-        frame = follower_options(
-            options,
+        frame = options.of_law(
             Learner,
             lead=options.probe,
             by_cycles=False,

@@ -21,10 +21,9 @@ from config.tasks.controllers import TipFollowing
 from config.tasks.peers import PidConstantCurvature
 from daemon.control.axis_speeds import Foresight
 from daemon.control.controller import ControllerError, Observation, Proposal
-from daemon.control.tip_following import TipFollower, step_time
+from daemon.control.tip_following import TipFollower, step_time, within
 from daemon.controllers.constant_curvature import arc_foresight, arc_kinematics
 from daemon.controllers.fixed_model_file import load_model, model_metadata, save_model
-from daemon.controllers.peers.axis_use import follower_options, within
 from drivers.pose import Vector
 
 _KEPT_BACK_SHARE: Final = 0.1
@@ -85,7 +84,7 @@ class PidConstantCurvatureController:
         self._options = options
         self._metadata = model_metadata(self.name, robot)
         self._kinematics = arc_kinematics(self.name, options, robot)
-        self._follower = TipFollower(follower_options(options, TipFollowing), robot)
+        self._follower = TipFollower(options.of_law(TipFollowing), robot)
         self._pid = Pid(options)
         self._last: tuple[Vector, Vector, float] | None = None
         """The Jacobian and the targets of the last step, and how long it was in s."""
