@@ -10,7 +10,13 @@ from typing import Protocol
 import numpy as np
 
 from config.robot import Robot
-from config.tasks.controllers import ArcBody, ConstantCurvature, GasChambers, VolumetricChambers
+from config.tasks.controllers import (
+    ArcBody,
+    ConstantCurvature,
+    GasChambers,
+    TipFollowing,
+    VolumetricChambers,
+)
 from daemon.control.axis_speeds import Foresight
 from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.control.tip_following import TipFollower, bounded_step
@@ -274,15 +280,19 @@ def _shape_by_length(options: ArcBody, first_rad: float) -> Vector:
     )
 
 
-class ConstantCurvatureController:
-    """A `Controller`."""
+class ArcController:
+    """What controllers have in common whose Jacobian is that of arcs, and stays as it is."""
 
-    name = "constant_curvature"
+    name: str
 
-    def __init__(self, options: ConstantCurvature, robot: Robot) -> None:
-        self.kinematics = arc_kinematics(self.name, options, robot)
+    def __init__(self, options: ArcBody, law: TipFollowing, robot: Robot) -> None:
+        """Raises ControllerError for a robot that is no such arm, and where a piston would push out
+        more gas than there is."""
+        bore_mm2 = _bore_mm2(self.name, options, robot)
+        _check_cylinders(options, robot, bore_mm2)
         self._metadata = model_metadata(self.name, robot)
-        self._follower = TipFollower(options, robot)
+        self._follower = TipFollower(law, robot)
+        self.kinematics = ArcKinematics(options, AxisRanges.of(robot), bore_mm2)
 
     @property
     def ready(self) -> bool:
@@ -291,7 +301,12 @@ class ConstantCurvatureController:
     @property
     def foresight(self) -> Foresight:
         """What the model says of a path before it is gone."""
-        return arc_foresight(self.kinematics, self._follower)
+        arcs = self.kinematics
+        return Foresight(
+            lambda tip_mm: arcs.reach(tip_mm, None)[0],
+            lambda _, u: arcs.tip(u)[1],
+            self._follower.axis_velocity,
+        )
 
     def draw_to(self, posture: Vector) -> None:
         """Draw the axes to (m,) a posture from now on. Raises ValueError for no numbers."""
@@ -302,13 +317,6 @@ class ConstantCurvatureController:
 
     def observe(self, observation: Observation) -> None:
         """The model is fixed."""
-
-    def propose(self, observation: Observation) -> Proposal:
-        _, jacobian = self.kinematics.tip(observation.targets)
-        if not self.ready:
-            return self._follower.probe(jacobian, observation)
-        tip_step = self._follower.tip_step(observation)
-        return Proposal(self._follower.axis_step(jacobian, tip_step, observation))
 
     def learn(self) -> None:
         """The model is fixed."""
@@ -321,21 +329,20 @@ class ConstantCurvatureController:
         load_model(path, self._metadata, {})
 
 
-def arc_foresight(arcs: ArcKinematics, follower: TipFollower) -> Foresight:
-    """What a body of arcs says of a path that nobody has gone yet."""
-    return Foresight(
-        lambda tip_mm: arcs.reach(tip_mm, None)[0],
-        lambda _, u: arcs.tip(u)[1],
-        follower.axis_velocity,
-    )
+class ConstantCurvatureController(ArcController):
+    """A `Controller`."""
 
+    name = "constant_curvature"
 
-def arc_kinematics(kind: str, options: ArcBody, robot: Robot) -> ArcKinematics:
-    """kind: of the controller, as errors name it. Raises ControllerError for a robot that is no
-    such arm, and where a piston would push out more gas than there is."""
-    bore_mm2 = _bore_mm2(kind, options, robot)
-    _check_cylinders(options, robot, bore_mm2)
-    return ArcKinematics(options, AxisRanges.of(robot), bore_mm2)
+    def __init__(self, options: ConstantCurvature, robot: Robot) -> None:
+        super().__init__(options, options, robot)
+
+    def propose(self, observation: Observation) -> Proposal:
+        _, jacobian = self.kinematics.tip(observation.targets)
+        if not self.ready:
+            return self._follower.probe(jacobian, observation)
+        tip_step = self._follower.tip_step(observation)
+        return Proposal(self._follower.axis_step(jacobian, tip_step, observation))
 
 
 def _check_cylinders(options: ArcBody, robot: Robot, bore_mm2: Vector) -> None:

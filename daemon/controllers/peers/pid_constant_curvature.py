@@ -11,7 +11,6 @@ The integral stands still while an axis' limit, a speed or the gate keeps the ti
 and its error asks for more of that (conditional integration, there in section 3.5).
 """
 
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -19,11 +18,9 @@ import numpy as np
 from config.robot import Robot
 from config.tasks.controllers import TipFollowing
 from config.tasks.peers import PidConstantCurvature
-from daemon.control.axis_speeds import Foresight
 from daemon.control.controller import ControllerError, Observation, Proposal
-from daemon.control.tip_following import TipFollower, step_time, within
-from daemon.controllers.constant_curvature import arc_foresight, arc_kinematics
-from daemon.controllers.fixed_model_file import load_model, model_metadata, save_model
+from daemon.control.tip_following import step_time, within
+from daemon.controllers.constant_curvature import ArcController
 from drivers.pose import Vector
 
 _KEPT_BACK_SHARE: Final = 0.1
@@ -74,42 +71,23 @@ class Pid:
         return self._velocity
 
 
-class PidConstantCurvatureController:
+class PidConstantCurvatureController(ArcController):
     """A `Controller`."""
 
     name = "pid_constant_curvature"
 
     def __init__(self, options: PidConstantCurvature, robot: Robot) -> None:
         """Raises ControllerError for a robot that is no such arm."""
-        self._options = options
-        self._metadata = model_metadata(self.name, robot)
-        self._kinematics = arc_kinematics(self.name, options, robot)
-        self._follower = TipFollower(options.of_law(TipFollowing), robot)
+        super().__init__(options, options.of_law(TipFollowing), robot)
+        self._max_tip_speed_mm_s = options.max_tip_speed_mm_s
         self._pid = Pid(options)
         self._last: tuple[Vector, Vector, float] | None = None
         """The Jacobian and the targets of the last step, and how long it was in s."""
 
-    @property
-    def ready(self) -> bool:
-        """The model is known from the beginning."""
-        return True
-
-    @property
-    def foresight(self) -> Foresight:
-        """What the model says of a path before it is gone."""
-        return arc_foresight(self._kinematics, self._follower)
-
-    def draw_to(self, posture: Vector) -> None:
-        """Draw the axes to (m,) a posture from now on. Raises ValueError for no numbers."""
-        self._follower.set_posture(posture)
-
     def reset(self, observation: Observation) -> None:
-        self._follower.reset(observation)
+        super().reset(observation)
         self._pid.begin()
         self._last = None
-
-    def observe(self, observation: Observation) -> None:
-        """The model is fixed."""
 
     def propose(self, observation: Observation) -> Proposal:
         dt_s = step_time(observation)
@@ -120,20 +98,10 @@ class PidConstantCurvatureController:
         if not np.isfinite(asked).all():
             self._pid.begin()
             raise ControllerError("where the tip is, or shall be, is not a number")
-        _, jacobian = self._kinematics.tip(observation.targets)
-        tip_step = within(asked, self._options.max_tip_speed_mm_s) * dt_s
+        _, jacobian = self.kinematics.tip(observation.targets)
+        tip_step = within(asked, self._max_tip_speed_mm_s) * dt_s
         self._last = jacobian, observation.targets, dt_s
         return Proposal(self._follower.axis_step(jacobian, tip_step, observation))
-
-    def learn(self) -> None:
-        """The model is fixed."""
-
-    def save(self, path: Path) -> None:
-        """Whose it is: there is nothing else to keep."""
-        save_model(path, self._metadata, {})
-
-    def load(self, path: Path) -> None:
-        load_model(path, self._metadata, {})
 
     def _take_stock(self, observation: Observation) -> None:
         """What limits, speeds and the gate have made of the last step."""

@@ -10,6 +10,7 @@ from config.tasks.controllers import load_controller_options
 from config.tasks.peers import PidConstantCurvature
 from daemon.array_files import ModelError
 from daemon.control.controller import ControllerError, Observation
+from daemon.control.reachability import Bounds, HasKinematics, unreachable
 from daemon.controllers.make_controller import make_controller
 from daemon.controllers.peers.pid_constant_curvature import Pid, PidConstantCurvatureController
 from daemon.reference.trajectories import make_trajectory
@@ -133,3 +134,10 @@ def test_what_is_saved_says_whose_it_is(tmp_path: Path) -> None:
     other = PidConstantCurvatureController(options(), ROBOT.model_copy(update={"robot": "other"}))
     with pytest.raises(ModelError):
         other.load(path)
+
+
+def test_where_the_arm_does_not_come_is_known_before_the_start() -> None:
+    known = controller()
+    assert isinstance(known, HasKinematics)
+    far = make_trajectory(rectangle(60.0, z_mm=290.0), Path())
+    assert unreachable(far, Bounds(model=known.kinematics)) is not None
