@@ -60,7 +60,11 @@ class ActuationHistory:
         """(m,) u at the time of the frame that is nearest to `t_ns`, the very one that was told for
         it: whoever has worked something out for it need not do so again. At `t_ns` itself where no
         frame is near."""
-        at_ns, u = min(self._frames, key=lambda frame: abs(frame[0] - t_ns), default=(None, None))
-        if at_ns is None or u is None or abs(at_ns - t_ns) > _ABOUT_NS:
-            return self.at(t_ns)
-        return u
+        nearest, least_ns = None, _ABOUT_NS + 1
+        for at_ns, u in self._frames:
+            away_ns = abs(at_ns - t_ns)
+            if away_ns < least_ns:
+                nearest, least_ns = u, away_ns
+            elif at_ns < t_ns:  # those after it are older still
+                break
+        return self.at(t_ns) if nearest is None else nearest

@@ -27,7 +27,14 @@ from safety.risk.model.mixture import FloatArray, IndexArray, Mixture
 from safety.risk.model.shape_basis import ShapeBasis, SingleArray
 from safety.risk.moving_obstacles import NOTHING_MOVES, MovingClearance, Swept, longest_ways
 from safety.risk.part_kernels import Draws, PartSlopes, no_slopes, part_slopes
-from safety.risk.shape_kernels import Shapes, Skin, SolidArrays, place_shapes, worst_place
+from safety.risk.shape_kernels import (
+    Shapes,
+    Skin,
+    SolidArrays,
+    fall_to,
+    place_shapes,
+    worst_place,
+)
 from safety.risk.surroundings.distance_grid import DistanceGrid
 from safety.risk.surroundings.environment import InsertionPort
 
@@ -203,7 +210,8 @@ class ContactModel:
                 f"the body's shape has {self._basis.coefficients} coefficients, and the mixture is "
                 f"over {mixture.dimensions}"
             )
-        component = mixture.chosen(self._uniform)
+        component = np.empty(self._uniform.size, np.int64)
+        fall_to(mixture.weights, self._uniform, component)
         self._now.mixture = None
         self._now.looked_mm = self._moving_clearance.far_mm
         shapes = self._now.shapes

@@ -64,34 +64,52 @@ class Shapes(NamedTuple):
 
 @_placing
 def place_shapes(means, factors, component, normal, base, modes, positions):  # type: ignore[no-untyped-def]
-    """Write the centrelines of (S, d) standard normal draws, each for its (S,) component.
+    """Write the centrelines of (S, d) standard normal draws, each for its (S,) component: quickest
+    where those of one component are neighbours.
 
     base: (3n,), modes: (d, 3n): a centreline is base + Σ coefficient · mode.
     """
-    components, d = means.shape
-    width = base.size
+    d, width, count = means.shape[1], base.size, positions.shape[0]
     wide = (width + _LANES - 1) // _LANES * _LANES
-    middles = np.zeros((components, wide), np.float32)
-    spreads = np.zeros((components, d, wide), np.float32)
-    row = np.empty(wide, np.float32)
-    for k in range(components):
-        _own_modes(means[k], factors[k], base, modes, middles[k], spreads[k], row)
-    for s in range(positions.shape[0]):
-        middle, spread = middles[component[s]], spreads[component[s]]
+    middle, spread = np.zeros(wide, np.float32), np.zeros((d, wide), np.float32)
+    row, other = np.empty(wide, np.float32), np.empty(wide, np.float32)
+    known, s = -1, 0
+    while s < count:
+        k = component[s]
+        if k != known:
+            _own_modes(means[k], factors[k], base, modes, middle, spread, row)
+            known = k
+        # Two at a time, where the next is of the same component: what is read serves both.
+        both = s + 1 < count and component[s + 1] == k
+        o = s + 1 if both else s
         for c in range(wide):
-            row[c] = middle[c]
+            row[c] = other[c] = middle[c]
         for i in range(0, d // 4 * 4, 4):
-            p, q = np.float32(normal[s, i]), np.float32(normal[s, i + 1])
-            t, u = np.float32(normal[s, i + 2]), np.float32(normal[s, i + 3])
+            p, q, t, u = _four(normal, s, i)
+            pp, qq, tt, uu = _four(normal, o, i)
             for c in range(wide):
-                half = row[c] + p * spread[i, c] + q * spread[i + 1, c]
-                row[c] = half + t * spread[i + 2, c] + u * spread[i + 3, c]
+                first, second = spread[i, c], spread[i + 1, c]
+                third, fourth = spread[i + 2, c], spread[i + 3, c]
+                row[c] = (row[c] + p * first + q * second) + t * third + u * fourth
+                other[c] = (other[c] + pp * first + qq * second) + tt * third + uu * fourth
         for i in range(d // 4 * 4, d):
-            z = np.float32(normal[s, i])
+            z, zz = np.float32(normal[s, i]), np.float32(normal[o, i])
             for c in range(wide):
                 row[c] += z * spread[i, c]
+                other[c] += zz * spread[i, c]
         for c in range(width):
             positions[s, c] = row[c]
+        for c in range(width):
+            positions[o, c] = other[c]
+        s = o + 1
+
+
+@_placing
+def _four(normal, s, i):  # type: ignore[no-untyped-def]
+    return (
+        *(np.float32(normal[s, i]), np.float32(normal[s, i + 1])),
+        *(np.float32(normal[s, i + 2]), np.float32(normal[s, i + 3])),
+    )
 
 
 @_placing
@@ -121,6 +139,17 @@ def _own_modes(mean, factor, base, modes, middle, spread, row):  # type: ignore[
 def _scaled(values, share, row):  # type: ignore[no-untyped-def]
     for c in range(values.size):
         row[c] = share * values[c]
+
+
+@_kernel
+def fall_to(weights, uniform, component):  # type: ignore[no-untyped-def]
+    """Write the (S,) component that each of (S,) draws from [0, 1) falls to, which rise."""
+    k, edge = 0, weights[0]
+    for s in range(uniform.size):
+        while k < weights.size - 1 and edge <= uniform[s]:
+            k += 1
+            edge += weights[k]
+        component[s] = k
 
 
 @_kernel

@@ -127,9 +127,11 @@ def message_time_ns(message: Message) -> int:
 def telemetry_payload(message: Message) -> bytes:
     """A telemetry message as it is recorded: JSON without the fields that are not known."""
     payload = _ENCODER.encode(message)
-    if b"null" not in payload:
-        return payload
-    return _NULL_FIRST.sub(b"", _NULL_FIELD.sub(b"", payload))
+    for kind in (_NULL_FIELD, _NULL_FIRST):
+        if b"null" not in payload:  # most have none after the first
+            break
+        payload = kind.sub(b"", payload)
+    return payload
 
 
 def tracker_payload(direction: str, data: bytes) -> bytes:
