@@ -255,8 +255,7 @@ class ContactModel:
         component, normal = start.component[changed], self._normal[changed]
         self._place(end.mixture, component, normal, arriving.positions)
         there = self._look(arriving)
-        kept = _taken(end.shapes, changed)
-        _put(end.shapes, changed, arriving)
+        _exchange(end.shapes, changed, arriving)
         sweep(surroundings, skin, start.shapes, end.shapes, swept, surely)
         moving = end.moving
         if moving is not None or there is not None:
@@ -264,9 +263,9 @@ class ContactModel:
             moving = np.full(surely.size, far_mm, np.float32) if moving is None else moving.copy()
             moving[changed] = far_mm if there is None else there
         self._pass_moving(start, end.shapes, moving, surely)
-        _put(end.shapes, changed, kept)
-        swept[changed] = np.minimum(swept[changed], kept.clearance)
-        surely[changed] = np.minimum(surely[changed], kept.surely)
+        _exchange(end.shapes, changed, arriving)
+        swept[changed] = np.minimum(swept[changed], end.shapes.clearance[changed])
+        surely[changed] = np.minimum(surely[changed], end.shapes.surely[changed])
 
     def _pass_moving(
         self, start: _Measured, end: Shapes, after: SingleArray | None, surely: SingleArray
@@ -302,20 +301,14 @@ class ContactModel:
         )
 
 
-def _taken(shapes: Shapes, rows: IndexArray) -> Shapes:
-    return Shapes(
-        shapes.positions[rows],
-        shapes.clearance[rows],
-        shapes.node[rows],
-        shapes.surely[rows],
-        shapes.least[rows],
-    )
-
-
-def _put(shapes: Shapes, rows: IndexArray, others: Shapes) -> None:
-    shapes.positions[rows], shapes.clearance[rows] = others.positions, others.clearance
-    shapes.node[rows], shapes.surely[rows] = others.node, others.surely
-    shapes.least[rows] = others.least
+def _exchange(shapes: Shapes, rows: IndexArray, others: Shapes) -> None:
+    """What a way is swept with: put that of others in place of rows, and of rows in others."""
+    for one, other in (
+        (shapes.positions, others.positions),
+        (shapes.clearance, others.clearance),
+        (shapes.surely, others.surely),
+    ):
+        one[rows], other[:] = other, one[rows]
 
 
 def surroundings_of(grid: DistanceGrid, port: InsertionPort | None) -> SolidArrays:

@@ -95,7 +95,11 @@ def _find_lowest(grid, values, port, shapes, exact, table, pieces):  # type: ign
     """
     positions, clearance, node = shapes.positions, shapes.clearance, shapes.node
     surely, least = shapes.surely, shapes.least
-    rank = min(exact, clearance.size) - 1
+    rank, undecided = min(exact, clearance.size) - 1, 0
+    for s in range(clearance.size):
+        undecided += 0 if least[s] >= min(clearance[s], _enough(grid)) else 1
+    if undecided == 0:
+        return
     for again in range(2):
         lowest = np.partition(clearance, rank)[rank]
         needed = min(max(lowest, _ZERO), _enough(grid))
@@ -216,15 +220,17 @@ def _empty(box):  # type: ignore[no-untyped-def]
 def _enclose(positions, first, last, box):  # type: ignore[no-untyped-def]
     """Widen a box by shapes."""
     lowest, highest, total, apart = box[0], box[1], box[2], box[3]
-    for s in range(first, last):
-        row = positions[s]
+    for s in range(first, last, 2):  # two at a time: what is read and written serves both
+        row, other = positions[s], positions[min(s + 1, last - 1)]
         for c in range(row.size):
-            value = row[c]
-            lowest[c] = value if value < lowest[c] else lowest[c]
-            highest[c] = value if value > highest[c] else highest[c]
-            total[c] += value
+            low, high = row[c], other[c]
+            low, high = low if low < high else high, high if low < high else low
+            lowest[c] = low if low < lowest[c] else lowest[c]
+            highest[c] = high if high > highest[c] else highest[c]
+            total[c] += row[c] + other[c]
         for c in range(row.size - 3):
-            away = abs(row[c + 3] - row[c])
+            away, beside = abs(row[c + 3] - row[c]), abs(other[c + 3] - other[c])
+            away = away if away > beside else beside
             apart[c] = away if away > apart[c] else apart[c]
 
 
@@ -233,10 +239,12 @@ def _longest_way(start, end, first, last, box):  # type: ignore[no-untyped-def]
     """What no node of these shapes goes farther than."""
     apart = box[3]
     apart[:] = _ZERO
-    for s in range(first, last):
-        before, after = start[s], end[s]
+    for s in range(first, last, 2):
+        o = min(s + 1, last - 1)
+        before, after, other_before, other_after = start[s], end[s], start[o], end[o]
         for c in range(apart.size):
-            away = abs(after[c] - before[c])
+            away, beside = abs(after[c] - before[c]), abs(other_after[c] - other_before[c])
+            away = away if away > beside else beside
             apart[c] = away if away > apart[c] else apart[c]
     longest = _ZERO
     for i in range(0, apart.size, 3):

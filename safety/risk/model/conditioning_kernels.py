@@ -129,7 +129,7 @@ def _cholesky(symmetric, root, logs):  # type: ignore[no-untyped-def]
     """Fill the lower halves of (d, d, K) with factors, and add to (K,) the logarithm of the product
     of each diagonal; not finite where there is none. Only the lower halves are looked at."""
     d, _, components = root.shape
-    by_diagonal = np.empty(components)
+    by_diagonal, product = np.empty(components), np.ones(components)
     for j in range(d):
         for i in range(j, d):
             for k in range(components):
@@ -141,11 +141,12 @@ def _cholesky(symmetric, root, logs):  # type: ignore[no-untyped-def]
                 for k in range(components):
                     root[j, j, k] = sqrt(root[j, j, k])
                     by_diagonal[k] = 1.0 / root[j, j, k]
+                    product[k] *= root[j, j, k]
             else:
                 for k in range(components):
                     root[i, j, k] *= by_diagonal[k]
-        for k in range(components):
-            logs[k] += log(root[j, j, k])
+    for k in range(components):
+        logs[k] += log(product[k])
 
 
 @_kernel
