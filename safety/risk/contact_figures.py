@@ -72,7 +72,7 @@ class ContactRisk:
             float(ordered[max(1, samples // 100) - 1]),
             float(ordered[few - 1]),
             float(ordered[samples // 2]),
-            float(ordered[:few].mean()),
+            float(np.add.reduce(ordered[:few])) / few,  # `mean` takes five times as long
             worst,
         )
 

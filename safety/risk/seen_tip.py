@@ -7,8 +7,8 @@ tip is off. And what is seen here says less of the body elsewhere: friction and 
 the tip counts as less accurately known by a share of the way that the model has it go from here.
 """
 
-from dataclasses import dataclass, replace
-from math import isfinite, sqrt
+from dataclasses import dataclass
+from math import isfinite
 from typing import Final
 
 import numpy as np
@@ -22,7 +22,7 @@ from safety.risk.model.conditioning import (
     tip_direction,
     tip_place,
 )
-from safety.risk.model.conditioning_kernels import spread
+from safety.risk.model.conditioning_kernels import spread, write_moved_tip
 from safety.risk.model.mixture import FloatArray, Mixture
 from safety.risk.model.shape_basis import ShapeBasis
 from safety.risk.moving_obstacles import Swept
@@ -57,10 +57,9 @@ class SeenTip:
     """(d,) of the model's coefficients."""
     beside: float
     """mm², of one coordinate of the tip: the variance of what the model has not seen."""
-    place_mm: FloatArray
-    """(3,)."""
-    direction: FloatArray | None
-    """(3,) unit vector; None: not measured, or not to be believed."""
+    value: FloatArray
+    """(3,) place in mm; or (6,) that and the direction, a unit vector, where it is measured and to
+    be believed."""
     agrees: bool
     """Whether the model has nothing against the tip: then what it says given the tip decides by
     itself. Else it may only make the risk higher."""
@@ -78,8 +77,9 @@ class TipConditioning:
         self._offset = np.concatenate([place[1], direction[1]])
         self._place, self._direction = self._matrix[:_PLACE], self._matrix[_PLACE:]
         self._bends = bending_covariance(basis)
-        self._variance = accuracy_mm**2
         self._direction_variance = None if accuracy_rad is None else accuracy_rad**2
+        unsure = 0.0 if self._direction_variance is None else self._direction_variance
+        self._variances = np.array([accuracy_mm**2, unsure])
         self._length_mm = float(basis.arc_mm[-1] - basis.arc_mm[0])
 
     def seen(
@@ -96,7 +96,7 @@ class TipConditioning:
         mean = _mean(mixture)
         off = place_mm - self._offset[:_PLACE] - self._place @ mean
         beside = OTHER_BODY * _spread(mixture, self._place) / 3.0 + OFF_SHARE**2 * float(off @ off)
-        seen = SeenTip(mean, beside, place_mm, None, agrees)
+        seen = SeenTip(mean, beside, place_mm, agrees)
         if direction is None or self._direction_variance is None:
             return seen
         given = self.there(seen, mixture)
@@ -105,28 +105,23 @@ class TipConditioning:
         turned = direction - self._offset[_PLACE:] - self._direction @ _mean(given)
         variance = 3.0 * self._direction_variance + _spread(given, self._direction)
         near = float(turned @ turned) <= _ASKEW**2 * variance  # never of no number
-        return replace(seen, direction=direction) if near else seen
+        if not near:
+            return seen
+        return SeenTip(mean, beside, np.concatenate([place_mm, direction]), agrees)
 
     def there(self, seen: SeenTip, mixture: Mixture) -> Mixture | None:
         """The model's mixture at another place of the axes, or at the same, given the tip.
 
         The tip is taken to go as the mean of the model goes. None: there is no finite answer.
         """
-        sees, unsure = seen.direction, self._direction_variance
-        rows = _PLACE if sees is None or unsure is None else 2 * _PLACE
-        matrix = self._matrix[:rows]
-        went = matrix @ (_mean(mixture) - seen.mean)
-        went_mm = _length(went[:_PLACE])
-        if not (isfinite(seen.beside) and isfinite(went_mm)):
+        value, variance = np.empty(seen.value.size), np.empty(seen.value.size)
+        write_moved_tip(
+            *(mixture.weights, mixture.means_mm, seen.mean, self._matrix, self._offset, seen.value),
+            *(self._variances, self._length_mm, FORGETS, value, variance),
+        )
+        if not (isfinite(seen.beside) and isfinite(variance[0])):
             return None
-        value, variance = went - self._offset[:rows], np.empty(rows)
-        value[:_PLACE] += seen.place_mm
-        variance[:_PLACE] = self._variance + (FORGETS * went_mm) ** 2
-        if sees is not None and unsure is not None:
-            value[_PLACE:] += sees
-            turned_rad = max(_length(went[_PLACE:]), went_mm / self._length_mm)
-            variance[_PLACE:] = unsure + (FORGETS * turned_rad) ** 2
-        observation = LinearObservation(matrix, value, variance)
+        observation = LinearObservation(self._matrix[: value.size], value, variance)
         found = conditioned(mixture, observation, seen.beside * self._bends)
         return None if found is None else found.mixture
 
@@ -193,10 +188,6 @@ class GivenTip:
 def _spread(mixture: Mixture, matrix: FloatArray) -> float:
     """Sum of the variances of matrix · coefficients, of the whole mixture."""
     return float(spread(mixture.weights, mixture.means_mm, mixture.factors_per_mm, matrix))
-
-
-def _length(way: FloatArray) -> float:
-    return sqrt(float(way @ way))
 
 
 def _mean(mixture: Mixture) -> FloatArray:

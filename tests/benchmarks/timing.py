@@ -17,6 +17,7 @@ Figures = dict[str, Any]
 STATED_REFERENCE_MS: Final = 54.0
 """What a million turns of the reference loop took on the machine of docs/figures.md."""
 _TURNS: Final = 1_000_000
+REFERENCE_TURNS_IN_1_MS: Final = round(_TURNS / STATED_REFERENCE_MS)
 _LINES_OF_A_TRACEBACK: Final = 12
 
 

@@ -76,6 +76,40 @@ def spread(weights, means, factors, matrix):  # type: ignore[no-untyped-def]
 
 
 @_kernel
+def write_moved_tip(  # type: ignore[no-untyped-def]
+    weights, means, seen_mean, matrix, offset, seen, unsure, length, forgets, value, variance
+):
+    """Write what a tip that was seen says of another place of the axes, where it is taken to have
+    gone as the mixture's mean has: (q,) value and (q,) variance of matrix · coefficients.
+
+    weights (K,), means (K, d) there, and (d,) seen_mean of the mixture where the tip was seen.
+    matrix (6, d) and offset (6,): place and direction of the tip. seen: (q,) of both, or the place
+    alone. unsure: (2,) variances of place and direction; forgets: standard deviation of the place
+    for each mm that it goes on, and of the direction for each rad, or as much by a body's length.
+    """
+    d, place = seen_mean.size, 3
+    went, shift, way = np.zeros(value.size), np.empty(d), 0.0
+    for i in range(d):
+        shift[i] = -seen_mean[i]
+        for k in range(weights.size):
+            shift[i] += weights[k] * means[k, i]
+    for o in range(value.size):
+        for i in range(d):
+            went[o] += matrix[o, i] * shift[i]
+        value[o] = seen[o] + went[o] - offset[o]
+    for o in range(place):
+        way += went[o] * went[o]
+    turned = way / (length * length)
+    if value.size > place:
+        turned = max(turned, went[3] * went[3] + went[4] * went[4] + went[5] * went[5])
+    for o in range(value.size):
+        if o < place:
+            variance[o] = unsure[0] + forgets * forgets * way
+        else:
+            variance[o] = unsure[1] + forgets * forgets * turned
+
+
+@_kernel
 def _invert_upper(factors, out):  # type: ignore[no-untyped-def]
     """Fill the upper halves of (d, d, K) with the inverses of (K, d, d) upper factors."""
     d, _, components = out.shape

@@ -57,10 +57,10 @@ def write_features(u, offset, scale, period, out):  # type: ignore[no-untyped-de
 
 @_kernel
 def is_near(known, u, scale, period, reach):  # type: ignore[no-untyped-def]
-    """Whether one of (n, f) known features is no farther from those of (m,) u, which say 1 / scale
+    """Whether one of (n, f) known features is no farther from those of (m,) u, which say (m,) scale
     for one unit of an input; never of no number."""
     place = np.empty(feature_count(period))
-    write_features(u, np.zeros(u.size), scale, period, place)
+    write_features(u, np.zeros(u.size), 1.0 / scale, period, place)
     for k in range(known.shape[0]):
         square = 0.0
         for i in range(place.size):

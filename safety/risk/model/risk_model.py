@@ -88,7 +88,7 @@ class RiskModel:
         if place.shape != self.scale.shape:
             raise ValueError(f"the networks take {self.scale.size} numbers, not {place.shape}")
         period = self.points.period
-        return bool(is_near(self.known_features, place, 1.0 / self.scale, period, self.reach))
+        return bool(is_near(self.known_features, place, self.scale, period, self.reach))
 
 
 def risk_model(

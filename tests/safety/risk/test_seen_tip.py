@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from safety.risk.model.conditioning_kernels import write_moved_tip
 from safety.risk.model.mixture import FloatArray, Mixture
 from safety.risk.model.shape_basis import ShapeBasis
 from safety.risk.seen_tip import FORGETS, OFF_SHARE, OTHER_BODY, TipConditioning
@@ -59,7 +60,7 @@ def test_a_direction_tells_one_bend_from_another() -> None:
     for slope in (0.02, 0.06):
         along = np.array([slope, 0.0, 1.0]) / np.hypot(slope, 1.0)
         seen = given.seen(mixture, np.array([4.0, 0.0, 200.0]), along)
-        assert seen.direction is not None
+        assert seen.value.size == 6
         found = given.there(seen, mixture)
         assert found is not None
         mean = found.weights @ found.means_mm
@@ -79,14 +80,14 @@ def test_a_direction_tells_one_bend_from_another() -> None:
 )
 def test_a_direction_that_cannot_be_is_left_out(along: FloatArray) -> None:
     given, mixture = conditioning(), mixture_at()
-    assert given.seen(mixture, TIP_MM, along).direction is None
-    assert given.seen(mixture, TIP_MM, np.array([0.03, -0.03, 1.0])).direction is not None
+    assert given.seen(mixture, TIP_MM, along).value.size == 3
+    assert given.seen(mixture, TIP_MM, np.array([0.03, -0.03, 1.0])).value.size == 6
 
 
 def test_a_direction_that_is_not_asked_for_says_nothing() -> None:
     given, mixture = conditioning(accuracy_rad=None), mixture_at()
     seen = given.seen(mixture, TIP_MM, np.array([0.03, -0.03, 1.0]))
-    assert seen.direction is None
+    assert seen.value.size == 3
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf])
@@ -141,3 +142,26 @@ def test_what_the_tip_is_off_by_leaves_the_middle_less_known() -> None:
         spreads.append(float(middle.std()))
     assert spreads[0] < spreads[1] < spreads[2]
     assert spreads[2] > 0.1 * OFF_SHARE * 30.0
+
+
+@pytest.mark.parametrize("rows", [3, 6])
+def test_a_tip_goes_as_the_mean_goes_and_is_less_sure_by_a_share_of_its_way(rows: int) -> None:
+    random = np.random.default_rng(rows)
+    weights, means = np.array([0.2, 0.5, 0.3]), random.normal(size=(3, 4))
+    before, matrix, offset = (
+        random.normal(size=4),
+        random.normal(size=(6, 4)),
+        random.normal(size=6),
+    )
+    seen, unsure = random.normal(size=rows), np.array([0.3, 0.01])
+    value, variance = np.empty(rows), np.empty(rows)
+    write_moved_tip(
+        *(weights, means, before, matrix, offset, seen, unsure, 200.0, 0.3, value, variance)
+    )
+    went = matrix[:rows] @ (weights @ means - before)
+    np.testing.assert_allclose(value + offset[:rows], seen + went, rtol=1e-12)
+    way = float(np.linalg.norm(went[:3]))
+    np.testing.assert_allclose(variance[:3], 0.3 + (0.3 * way) ** 2, rtol=1e-12)
+    if rows == 6:
+        turned = max(float(np.linalg.norm(went[3:])), way / 200.0)
+        np.testing.assert_allclose(variance[3:], 0.01 + (0.3 * turned) ** 2, rtol=1e-12)
