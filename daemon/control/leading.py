@@ -12,7 +12,7 @@ of dead time and lag before it): errors of the Jacobian come in with what is und
 does not wait for the body.
 """
 
-from math import ceil, exp, sqrt
+from math import exp
 from typing import Final
 
 import numpy as np
@@ -21,6 +21,7 @@ from daemon.control.controller import Observation, Phase
 from daemon.control.lag.answer import ON_A_PATH_S, ON_THE_WAY_BACK_S, Answer
 from daemon.control.lag.body_lag import BodyLag, Underway, parts
 from daemon.control.lag.disturbance import Disturbance
+from daemon.control.repeated_path import CycleCorrection
 from drivers.pose import Vector
 
 _SHORT_S, _LONG_S = 0.2, 0.4
@@ -136,7 +137,7 @@ class Leading:
             if self._cycles is not None:
                 self._cycles.break_off()
             return
-        if self._cycles is None or not self._cycles.fits(phase, observation.reference_mm):
+        if self._cycles is None or not self._cycles.path.fits(phase, observation.reference_mm):
             self._cycles = CycleCorrection(phase.cycle_s)
         if not observation.believed or self._disturbance.jumped(observation.t_ns * 1e-9):
             self._cycles.break_off()
@@ -167,102 +168,3 @@ class Leading:
         told, due, earlier, later = aims
         mean_velocity = (later[0] - earlier[0]) / (later_s - earlier_s)
         return told[1], due[0], first_order_s * mean_velocity
-
-
-# What a repeated path taught.
-#
-# Along one cycle there are places, evenly in time, each with a correction c of the reference, which
-# is led like the reference itself: so the tip shows c without delay, and an error e that is seen at
-# a place belongs to that place. c becomes Q(0.98 c + 0.5 e), a step of iterative learning control
-# (Bristow, Tharayil and Alleyne, IEEE Control Systems 26, 2006). Q, a triangle, keeps noise out of
-# it, and what the body is too slow for. Every place is renewed once in a cycle, shortly after the
-# tip has shown what became of it and long before the path comes there again: nothing jumps where
-# one cycle goes over into the next.
-
-
-_SPACING_S: Final = 0.05
-_MOST_PLACES: Final = 4000
-_HALF_WIDTH_S: Final = 0.2
-_KEPT, _TAKEN = 0.98, 0.5
-_MOST_TAKEN_MM: Final = 5.0
-"""No error counts as more: whatever made it was hardly the path."""
-_FARTHEST_MM: Final = 15.0
-_SET_OUT_S: Final = 0.5
-"""... and two lags after the path begins, the tip still comes from rest, which no cycle repeats."""
-_SAME_MM: Final = 1.0
-"""... beyond what the reference goes between two places, where it passed in the last cycle."""
-
-
-class CycleCorrection:
-    """Takes errors by phase, gives corrections by phase. For one path."""
-
-    def __init__(self, cycle_s: float) -> None:
-        self.cycle_s = cycle_s
-        count = max(1, min(_MOST_PLACES, ceil(cycle_s / _SPACING_S)))
-        self._spacing_s = cycle_s / count
-        self._half = max(1, round(_HALF_WIDTH_S / self._spacing_s))
-        weights = self._half - np.abs(np.arange(1 - self._half, self._half))
-        self._weights = weights / weights.sum()
-        self._corrections = np.zeros((count, 3))
-        self._next = np.zeros((count, 3))
-        """0.98 c + 0.5 e of each place, when e was seen last."""
-        self._path = np.full((count, 3), np.nan)
-        """Where the reference was."""
-        self._place: int | None = None
-        self._errors: list[Vector] = []
-        self._along_s = 0.0
-
-    def fits(self, phase: Phase, reference_mm: Vector) -> bool:
-        """Whether this is the path that was learnt: as long, and along the same places."""
-        if phase.cycle_s != self.cycle_s:
-            return False
-        count, place = len(self._path), self._at_place(phase)
-        known = self._path[place]
-        if np.isnan(known[0]):
-            return True
-        ways = [self._path[k % count] - known for k in (place - 1, place + 1)]
-        between_mm = max((sqrt(way @ way) for way in ways if not np.isnan(way[0])), default=0.0)
-        away = reference_mm - known
-        return float(away @ away) <= (_SAME_MM + 2.0 * between_mm) ** 2
-
-    def at(self, phase_s: float) -> tuple[Vector, Vector]:
-        """(3,) mm to add to the reference, and (3,) mm/s by which that changes."""
-        where = phase_s / self._spacing_s
-        left, count = int(np.floor(where)), len(self._corrections)
-        here, there = self._corrections[left % count], self._corrections[(left + 1) % count]
-        return here + (where - left) * (there - here), (there - here) / self._spacing_s
-
-    def break_off(self) -> None:
-        """What comes next does not go on from here. What was learnt stays."""
-        self._place, self._along_s = None, 0.0
-        self._errors.clear()
-
-    def add(
-        self, phase: Phase, dt_s: float, lag_s: float, error_mm: Vector, reference_mm: Vector
-    ) -> None:
-        """(3,) from the tip to its reference."""
-        self._along_s += dt_s
-        place = self._at_place(phase)
-        self._path[place] = reference_mm
-        if self._along_s < _SET_OUT_S + 2.0 * lag_s:
-            return
-        if place != self._place:
-            if self._place is not None:
-                self._take(self._place, np.mean(self._errors, axis=0))
-            self._place = place
-            self._errors.clear()
-        size_mm = sqrt(error_mm @ error_mm)
-        self._errors.append(error_mm * min(1.0, _MOST_TAKEN_MM / max(size_mm, 1e-9)))
-
-    def _at_place(self, phase: Phase) -> int:
-        return round(phase.seconds / self._spacing_s) % len(self._corrections)
-
-    def _take(self, place: int, error_mm: Vector) -> None:
-        """The error at a place is known; so is all that the one half a width before needs."""
-        count = len(self._corrections)
-        self._next[place] = _KEPT * self._corrections[place] + _TAKEN * error_mm
-        middle = place - self._half + 1
-        around = np.arange(middle - self._half + 1, middle + self._half) % count
-        found = self._weights @ self._next[around]
-        far_mm = sqrt(found @ found)
-        self._corrections[middle % count] = found * min(1.0, _FARTHEST_MM / max(far_mm, 1e-9))

@@ -5,6 +5,7 @@ multiplied by a length: what turning by one radian counts for, in mm. Three numb
 are two degrees of freedom: a change along the direction itself does not exist.
 """
 
+from math import sqrt
 from typing import Final
 
 import numpy as np
@@ -53,6 +54,12 @@ def turn_between(one: Vector, other: Vector) -> Vector:
     aside = other - along * one
     sine = float(np.sqrt(aside @ aside))
     return np.asarray(aside * (float(np.arctan2(sine, along)) / sine if sine > 1e-12 else 1.0))
+
+
+def within(vector: Vector, most: float) -> Vector:
+    """The vector, as a whole no longer than `most`."""
+    length = sqrt(vector @ vector)
+    return vector if length <= most else np.asarray(vector * (most / length))
 
 
 def angle_between(one: Vector, other: Vector) -> float:

@@ -18,7 +18,7 @@ from daemon.control.jacobian_kernels import in_rows
 from daemon.control.lag import body_lag
 from daemon.control.lag.probing import Probing
 from daemon.control.leading import Leading
-from daemon.control.task import POSITION, points, turn_between
+from daemon.control.task import POSITION, points, turn_between, within
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
 
@@ -258,12 +258,6 @@ class TipFollower:
 def step_time(observation: Observation) -> float:
     """Seconds that this step may make up for."""
     return min(max(observation.dt_s, 0.0), LONGEST_STEP_S)
-
-
-def within(vector: Vector, most: float) -> Vector:
-    """The vector, as a whole no longer than `most`."""
-    length = math.sqrt(vector @ vector)
-    return vector if length <= most else np.asarray(vector * (most / length))
 
 
 def bounded_step(

@@ -8,24 +8,21 @@ every harmonic, and so is the answer: Δc = T* e / (|T|² + λ). A filter Q with
 magnitude of a Butterworth filter's, keeps out noise and what T is not known for.
 """
 
-from math import ceil, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from daemon.control.controller import Phase
+from daemon.control.repeated_path import RepeatedPath
+from daemon.control.task import within
 from drivers.pose import Vector
 
-_SPACING_S: Final = 0.05
-_MOST_PLACES: Final = 4000
 _SEEN_SHARE: Final = 0.75
 """Of a cycle, of which less was measured: nothing is learnt from it."""
 _MOST_TAKEN_MM: Final = 10.0
 """No error counts as more: whatever made it was hardly the path."""
 _FARTHEST_MM: Final = 20.0
-_SAME_MM: Final = 1.0
-"""Beyond what the reference goes between two places: where it passed in the last cycle."""
 _BLEND_S: Final = 0.5
 """From one cycle's correction to the next one's: nothing jumps."""
 
@@ -51,32 +48,18 @@ class CycleLearning:
 
     def __init__(self, cycle_s: float, caution: float, cutoff_hz: float) -> None:
         """caution: λ. cutoff_hz: where Q leaves a half."""
-        self.cycle_s = cycle_s
+        self.path = RepeatedPath(cycle_s)
         self.cycles = 0
         """How many were learnt from."""
-        count = max(2, min(_MOST_PLACES, ceil(cycle_s / _SPACING_S)))
-        self._spacing_s = cycle_s / count
+        count = self.path.count
+        self._cycle_s = cycle_s
         self._caution = caution
-        self._hertz = np.fft.rfftfreq(count, self._spacing_s)
+        self._hertz = np.fft.rfftfreq(count, self.path.spacing_s)
         self._smooth = 1.0 / (1.0 + (self._hertz / cutoff_hz) ** 4)
         self._corrections = self._before = np.zeros((count, 3))
         self._errors = np.zeros((count, 3))
         self._seen = np.zeros(count)
-        self._path = np.full((count, 3), np.nan)
         self._last_s: float | None = None
-
-    def fits(self, phase: Phase, reference_mm: Vector) -> bool:
-        """Whether this is the path that is learnt: as long, and along the same places."""
-        if phase.cycle_s != self.cycle_s:
-            return False
-        place, count = self._place(phase.seconds), len(self._path)
-        known = self._path[place]
-        if np.isnan(known[0]):
-            return True
-        ways = [self._path[k % count] - known for k in (place - 1, place + 1)]
-        between_mm = max((sqrt(way @ way) for way in ways if not np.isnan(way[0])), default=0.0)
-        away = reference_mm - known
-        return float(away @ away) <= (_SAME_MM + 2.0 * between_mm) ** 2
 
     def break_off(self) -> None:
         """What was seen of this cycle is no whole one. What was learnt stays."""
@@ -88,34 +71,23 @@ class CycleLearning:
         self, phase: Phase, reference_mm: Vector, error_mm: Vector | None, loop: ClosedLoop
     ) -> None:
         """(3,) from the tip to its reference; None: not measured. loop: as it is known by now."""
-        if self._last_s is not None and phase.seconds < self._last_s - 0.5 * self.cycle_s:
+        if self._last_s is not None and phase.seconds < self._last_s - 0.5 * self._cycle_s:
             self._learn(loop)
         self._last_s = phase.seconds
-        place = self._place(phase.seconds)
-        self._path[place] = reference_mm
+        place = self.path.passes(phase, reference_mm)
         if error_mm is not None:
-            size_mm = sqrt(error_mm @ error_mm)
-            self._errors[place] += error_mm * min(1.0, _MOST_TAKEN_MM / max(size_mm, 1e-9))
+            self._errors[place] += within(error_mm, _MOST_TAKEN_MM)
             self._seen[place] += 1.0
 
     def at(self, phase_s: float) -> tuple[Vector, Vector]:
         """(3,) mm to add to the reference, and (3,) mm/s by which that changes."""
-        new, new_change = self._interpolated(self._corrections, phase_s)
+        new, new_change = self.path.at(self._corrections, phase_s)
         share = phase_s / _BLEND_S
         if share >= 1.0:
             return new, new_change
-        old, old_change = self._interpolated(self._before, phase_s)
+        old, old_change = self.path.at(self._before, phase_s)
         change = share * new_change + (1.0 - share) * old_change + (new - old) / _BLEND_S
         return share * new + (1.0 - share) * old, change
-
-    def _place(self, phase_s: float) -> int:
-        return round(phase_s / self._spacing_s) % len(self._path)
-
-    def _interpolated(self, values: Vector, phase_s: float) -> tuple[Vector, Vector]:
-        where = phase_s / self._spacing_s
-        left, count = int(np.floor(where)), len(values)
-        here, there = values[left % count], values[(left + 1) % count]
-        return here + (where - left) * (there - here), (there - here) / self._spacing_s
 
     def _learn(self, loop: ClosedLoop) -> None:
         seen = np.flatnonzero(self._seen)

@@ -12,7 +12,8 @@ from config.tasks.controllers import Learner
 from config.tasks.peers import IterativeLearning
 from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.control.lag.body_lag import parts
-from daemon.control.tip_following import step_time, within
+from daemon.control.task import within
+from daemon.control.tip_following import step_time
 from daemon.controllers.jacobian_controller import JacobianController
 from daemon.controllers.peers.cycle_learning import ClosedLoop, CycleLearning
 from daemon.controllers.peers.identified_jacobian import IdentifiedJacobian
@@ -76,7 +77,7 @@ class IterativeLearningController(JacobianController):
             if self._cycles is not None:
                 self._cycles.break_off()
             return np.zeros(3), np.zeros(3)
-        if self._cycles is None or not self._cycles.fits(phase, reference):
+        if self._cycles is None or not self._cycles.path.fits(phase, reference):
             options = self._ilc
             self._cycles = CycleLearning(phase.cycle_s, options.caution, options.cutoff_hz)
         error: Vector | None = reference - observation.tip_mm

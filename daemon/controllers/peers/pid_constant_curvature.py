@@ -19,7 +19,8 @@ from config.robot import Robot
 from config.tasks.controllers import TipFollowing
 from config.tasks.peers import PidConstantCurvature
 from daemon.control.controller import ControllerError, Observation, Proposal
-from daemon.control.tip_following import step_time, within
+from daemon.control.task import within
+from daemon.control.tip_following import step_time
 from daemon.controllers.constant_curvature import ArcController
 from drivers.pose import Vector
 

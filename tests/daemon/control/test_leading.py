@@ -11,7 +11,8 @@ from config.emulation import SoftArmPlant
 from config.tasks.controllers import ForwardJacobian
 from config.tasks.trajectory import Circle
 from daemon.control.controller import Observation, Phase
-from daemon.control.leading import CycleCorrection, Leading
+from daemon.control.leading import Leading
+from daemon.control.repeated_path import CycleCorrection
 from daemon.controllers.forward_jacobian import ForwardJacobianController
 from daemon.reference.trajectories import make_trajectory
 from drivers.pose import Vector
@@ -83,9 +84,11 @@ def test_a_single_large_error_is_not_believed_in_full() -> None:
 def test_another_path_of_the_same_length_is_not_taken_for_the_one_that_was_learnt() -> None:
     cycles = CycleCorrection(CYCLE_S)
     go_round(cycles, rounds=2)
-    assert all(cycles.fits(Phase(t_s, CYCLE_S), path(t_s)) for t_s in np.arange(0.0, 8.0, 0.06))
-    assert not cycles.fits(Phase(1.0, CYCLE_S), path(1.0) + np.array([0.0, 8.0, 0.0]))
-    assert not cycles.fits(Phase(1.0, CYCLE_S + 1.0), path(1.0))
+    assert all(
+        cycles.path.fits(Phase(t_s, CYCLE_S), path(t_s)) for t_s in np.arange(0.0, 8.0, 0.06)
+    )
+    assert not cycles.path.fits(Phase(1.0, CYCLE_S), path(1.0) + np.array([0.0, 8.0, 0.0]))
+    assert not cycles.path.fits(Phase(1.0, CYCLE_S + 1.0), path(1.0))
 
 
 @pytest.fixture(scope="module")

@@ -90,8 +90,8 @@ def test_another_path_is_another_one(where: str) -> None:
     learning = CycleLearning(CYCLE_S, caution=0.3, cutoff_hz=1.0)
     errors_by_cycle(learning, 2)
     same = Phase(3.0, CYCLE_S)
-    assert learning.fits(same, reference(3.0)[0])
+    assert learning.path.fits(same, reference(3.0)[0])
     if where == "elsewhere":
-        assert not learning.fits(same, reference(3.0, radius_mm=20.0)[0])
+        assert not learning.path.fits(same, reference(3.0, radius_mm=20.0)[0])
     else:
-        assert not learning.fits(Phase(3.0, 2.0 * CYCLE_S), reference(3.0)[0])
+        assert not learning.path.fits(Phase(3.0, 2.0 * CYCLE_S), reference(3.0)[0])
