@@ -144,7 +144,8 @@ class TipFollower:
     def tip_step(self, observation: Observation) -> Vector:
         """(3,) mm that the tip shall move in this step. Raises ControllerError for no number."""
         dt_s = step_time(observation)
-        if self._leads:
+        known = _all_finite(observation.tip_mm) and _all_finite(observation.reference_mm)
+        if known and self._leads:  # which would keep what is no number, and lead by it ever after
             self._take_stock(observation, dt_s)
             step = self.leading.step(observation, dt_s)
         else:
@@ -163,7 +164,7 @@ class TipFollower:
     def _take_stock(self, observation: Observation, dt_s: float) -> None:
         """What was told since the last step, and what the tip made of all before."""
         moved_mm = self._moved_mm(observation)
-        if moved_mm is not None and _all_finite(observation.tip_mm):
+        if moved_mm is not None:
             self.leading.take_stock(observation, dt_s, moved_mm)
 
     def _moved_mm(self, observation: Observation) -> Vector | None:

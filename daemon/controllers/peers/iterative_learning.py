@@ -59,14 +59,16 @@ class IterativeLearningController(JacobianController):
 
     def _follow(self, observation: Observation) -> Proposal:
         dt_s, loop = step_time(observation), self.loop
+        velocity = observation.reference_velocity_mm_s
+        numbers = (observation.tip_mm, observation.reference_mm, velocity)
+        if not all(np.isfinite(one).all() for one in numbers):
+            raise ControllerError("where the tip is, or shall be, is not a number")
         self._since_s += dt_s
         correction, changes = self._correction(observation, loop)
         error = observation.reference_mm + correction - observation.tip_mm
         step = min(loop.gain_per_s * dt_s, 1.0) * error
         if loop.feed_forward:
-            step = step + dt_s * (observation.reference_velocity_mm_s + changes)
-        if not np.isfinite(step).all():
-            raise ControllerError("where the tip is, or shall be, is not a number")
+            step = step + dt_s * (velocity + changes)
         step = within(step, self._ilc.max_tip_speed_mm_s * dt_s)
         jacobian = self._jacobian.at(observation.tip_mm, observation.u)
         return Proposal(self._follower.axis_step(jacobian, step, observation))

@@ -8,7 +8,7 @@ from scipy.optimize import lsq_linear
 
 from config.tasks.controllers import TipFollowing
 from daemon.control import jacobian_kernels as kernels
-from daemon.control.controller import ControllerError, Observation
+from daemon.control.controller import ControllerError, Observation, Phase
 from daemon.control.tip_following import TipFollower, bounded_step, damped_solution
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
@@ -127,6 +127,18 @@ def test_a_jacobian_that_is_not_finite_is_an_error_and_no_step() -> None:
 def test_a_tip_that_is_not_a_number_is_an_error_and_no_step() -> None:
     with pytest.raises(ControllerError, match="not a number"):
         follower().tip_step(seen(tip_mm=np.array([0.0, np.nan, 0.0])))
+
+
+def test_a_tip_that_is_not_a_number_teaches_a_path_that_is_repeated_nothing() -> None:
+    law = follower(lead=True, probe=False)
+    law.reset(seen())
+    for k in range(240):
+        now = seen(t_ns=round(k * DT_S * 1e9))._replace(phase=Phase(k * DT_S % 2.0, 2.0))
+        if k == 90:
+            with pytest.raises(ControllerError, match="not a number"):
+                law.tip_step(now._replace(tip_mm=np.full(3, np.nan)))
+        else:
+            assert np.isfinite(law.tip_step(now)).all()
 
 
 def test_without_limits_the_step_is_the_pseudo_inverse_with_a_null_space_part() -> None:

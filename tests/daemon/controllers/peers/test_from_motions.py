@@ -9,7 +9,7 @@ from config.loader import load_robot
 from config.tasks.controllers import load_controller_options
 from config.tasks.trajectory import Circle
 from daemon.array_files import ModelError
-from daemon.control.controller import ControllerError
+from daemon.control.controller import ControllerError, Phase
 from daemon.controllers.learning_controller import LearningController
 from daemon.controllers.make_controller import make_controller
 from daemon.reference.trajectories import make_trajectory
@@ -108,6 +108,18 @@ def test_a_tip_that_is_no_number_is_an_error_and_the_next_is_none(kind: str, mod
     with pytest.raises(ControllerError):
         loop.controller.propose(now._replace(tip_mm=np.full(3, np.nan)))
     assert np.isfinite(loop.controller.propose(now).delta_u).all()
+
+
+def test_a_tip_that_is_no_number_teaches_the_next_round_nothing(model: str) -> None:
+    loop = started(made("iterative_learning", model=model, probe=False, set_out_s=0.0), START_MM)
+    now = loop.observation(START_MM, np.zeros(3))
+    for k in range(120):
+        seen = now._replace(phase=Phase(k * DT_S % 1.0, 1.0))
+        if k == 60:
+            with pytest.raises(ControllerError):
+                loop.controller.propose(seen._replace(tip_mm=np.full(3, np.nan)))
+        else:
+            assert np.isfinite(loop.controller.propose(seen).delta_u).all()
 
 
 @each
