@@ -44,7 +44,7 @@ class LaggedTip:
         self._told: deque[tuple[float, Vector]] = deque([(-np.inf, np.zeros(3))])
         """What has arrived last, and what is to arrive."""
         self._followed = np.zeros(3)
-        self._t_s = 0.0
+        self._t_s = self._seen_s = 0.0
         self._disturbance: Vector | None = None
         self._trend = np.zeros(3)
         """mm/s by which the disturbance changes: a Jacobian that is wrong shows as one."""
@@ -61,16 +61,20 @@ class LaggedTip:
         self._told.append((self._t_s, self._told[-1][1] + told_mm))
         while len(self._told) > 1 and self._told[1][0] <= self._t_s - self.dead_s:
             self._told.popleft()
+        if self._disturbance is not None:
+            self._disturbance = self._disturbance + dt_s * self._trend
 
-    def see(self, tip_mm: Vector, dt_s: float) -> None:
-        """(3,) where the tip is measured, so long after the last time."""
+    def see(self, tip_mm: Vector) -> None:
+        """(3,) where the tip is measured."""
+        passed_s = self._t_s - self._seen_s
+        self._seen_s = self._t_s
         if self._disturbance is None:
             self._disturbance = tip_mm - self._followed
-        expected = self._disturbance + dt_s * self._trend
-        missing = tip_mm - self._followed - expected
-        kept = exp(-dt_s / self._observer_s)
-        self._disturbance = expected + (1.0 - kept * kept) * missing
-        self._trend = self._trend + (1.0 - kept) ** 2 / dt_s * missing
+        elif passed_s > 0.0:
+            missing = tip_mm - self._followed - self._disturbance
+            kept = exp(-passed_s / self._observer_s)
+            self._disturbance = self._disturbance + (1.0 - kept * kept) * missing
+            self._trend = self._trend + (1.0 - kept) ** 2 / passed_s * missing
 
     def coming(self, ends_s: Vector) -> Vector:
         """(n, 3) mm where the tip will be at these times from now, if no more is told."""
@@ -185,7 +189,7 @@ class ModelPredictiveController(JacobianController):
             self._tip.tell(jacobian @ moved, dt_s)
             now = moved / self._scale / last_s
         if observation.believed:
-            self._tip.see(observation.tip_mm, dt_s)
+            self._tip.see(observation.tip_mm)
         return self._tip, now
 
     def _wanted(self, observation: Observation, tip: LaggedTip) -> Vector:

@@ -13,7 +13,7 @@ ENDS_S = 0.1 * np.arange(1.0, 11.0)
 def told(steps: Vector, observer_s: float = 0.2) -> LaggedTip:
     """A tip that was told these, mm along x, from step to step."""
     tip = LaggedTip(DEAD_S, LAG_S, observer_s)
-    tip.see(np.zeros(3), DT_S)
+    tip.see(np.zeros(3))
     for mm in steps:
         tip.tell(np.array([mm, 0.0, 0.0]), DT_S)
     return tip
@@ -36,7 +36,7 @@ def test_what_is_foretold_is_what_comes() -> None:
 
 def test_the_response_is_that_of_even_motions() -> None:
     tip, dense = told(np.zeros(1)), LaggedTip(DEAD_S, LAG_S, 0.2)
-    dense.see(np.zeros(3), DT_S)
+    dense.see(np.zeros(3))
     for _ in range(200):  # the second interval, in steps of half a millisecond
         dense.tell(np.array([1.0 / 200, 0.0, 0.0]), 0.1 / 200)
     seen = dense.coming(ENDS_S)[:-2, 0]
@@ -49,10 +49,22 @@ def test_what_no_model_has_is_found_at_rest_and_on_a_straight_way(speed_mm_s: fl
     tip = told(np.zeros(1))
     for k in range(200):
         tip.tell(np.zeros(3), DT_S)
-        tip.see(np.array([7.0 + speed_mm_s * k * DT_S, 0.0, 0.0]), DT_S)
+        tip.see(np.array([7.0 + speed_mm_s * k * DT_S, 0.0, 0.0]))
     last = 7.0 + speed_mm_s * 199 * DT_S
     assert tip.tip_mm[0] == pytest.approx(last, abs=1e-3)
     np.testing.assert_allclose(tip.coming(ENDS_S)[:, 0], last + speed_mm_s * ENDS_S, atol=1e-2)
+
+
+@pytest.mark.parametrize("unseen", [1, 8])
+def test_while_the_tip_is_not_seen_the_disturbance_goes_on_as_it_did(unseen: int) -> None:
+    tip, speed_mm_s = told(np.zeros(1)), 4.0
+    for k in range(400):
+        tip.tell(np.zeros(3), DT_S)
+        truth = np.array([speed_mm_s * k * DT_S, 0.0, 0.0])
+        if k > 200:
+            np.testing.assert_allclose(tip.tip_mm, truth, atol=1e-2)
+        if k < 200 or k % unseen == 0:
+            tip.see(truth)
 
 
 def test_an_observer_that_is_slower_lets_less_noise_through() -> None:
@@ -61,7 +73,7 @@ def test_an_observer_that_is_slower_lets_less_noise_through() -> None:
         tip, random, seen = told(np.zeros(1), observer_s), np.random.default_rng(1), []
         for _ in range(400):
             tip.tell(np.zeros(3), DT_S)
-            tip.see(0.3 * random.normal(size=3), DT_S)
+            tip.see(0.3 * random.normal(size=3))
             seen.append(tip.tip_mm)
         spreads.append(float(np.std(seen)))
     assert spreads[1] < 0.7 * spreads[0] < 0.25
