@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from daemon.workbench.bench.judgement import CellFindings, Figures, cell_findings
-from daemon.workbench.bench.tables import short_label
 from daemon.workbench.report.report_style import figure
 from daemon.workbench.studies.findings import Findings
 from daemon.workbench.studies.study_file import StudyFile
@@ -44,7 +43,7 @@ def bench_figures(file: StudyFile, found: Findings, root: Path) -> Iterator[tupl
 
 def bench_figure(file: StudyFile, cells: Sequence[CellFindings]) -> Figure:
     """Colour: ratio of the settled error to the cell's best. Text: the settled error in mm."""
-    groups = list(dict.fromkeys(_group(cell) for cell in cells))
+    groups = list(dict.fromkeys(cell.group for cell in cells))
     rows = len(cells) + len(groups)
     made = figure(_MARGIN_INCHES + _ROW_INCHES * rows)
     made.set_layout_engine("constrained")
@@ -54,8 +53,8 @@ def bench_figure(file: StudyFile, cells: Sequence[CellFindings]) -> Figure:
         names.append((row + 0.62, group))
         row += 1
         for cell in cells:
-            if _group(cell) == group:
-                names.append((row + 0.5, short_label(cell)))
+            if cell.group == group:
+                names.append((row + 0.5, cell.short_label))
                 _draw_cell(axes, row, cell, file)
                 row += 1
     _frame(axes, file, rows)
@@ -77,10 +76,6 @@ def bench_figure(file: StudyFile, cells: Sequence[CellFindings]) -> Figure:
         "settled error against the cell's best (figures: mm; framed: best, or within noise of it)"
     )
     return made
-
-
-def _group(cell: CellFindings) -> str:
-    return cell.label.partition(":")[0]
 
 
 def _draw_cell(axes: Axes, row: int, cell: CellFindings, file: StudyFile) -> None:

@@ -70,6 +70,16 @@ class CellFindings(msgspec.Struct, frozen=True, kw_only=True):
     """Why no controller can follow the path; empty: it can be followed."""
     figures: list[Figures]
 
+    @property
+    def group(self) -> str:
+        """Robot and body, with which its label begins."""
+        return self.label.partition(": ")[0]
+
+    @property
+    def short_label(self) -> str:
+        """Path, speed, load and gain: the rest of it."""
+        return self.label.partition(": ")[2]
+
     def of(self, variant: str) -> Figures | None:
         """None: it was not run."""
         return next((one for one in self.figures if one.variant == variant), None)

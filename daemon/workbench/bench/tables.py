@@ -94,25 +94,16 @@ def _winners(file: StudyFile, cells: Sequence[CellFindings]) -> Table:
     tuned = file.searched or "The controllers were not tuned: their figures are the study's own."
     note = f"{_WINNERS}{CRITERION} {tuned}{said}"
     table = Table(file.study.description or file.study.study, head, note=note)
-    for heading in dict.fromkeys(map(_group, cells)):
+    for heading in dict.fromkeys(cell.group for cell in cells):
         section = Section(heading)
         for cell in cells:
-            if _group(cell) == heading:
+            if cell.group == heading:
                 words = [_cell_text(cell, variant.variant) for variant in variants]
                 floors = [one.floor_mm for one in cell.figures if one.floor_mm is not None]
                 floor = number(min(floors)) if floors else "–"
-                section.rows.append([short_label(cell), *words, floor])
+                section.rows.append([cell.short_label, *words, floor])
         table.sections.append(section)
     return table
-
-
-def _group(cell: CellFindings) -> str:
-    return cell.label.partition(":")[0]
-
-
-def short_label(cell: CellFindings) -> str:
-    """Without robot and body."""
-    return cell.label.partition(": ")[2]
 
 
 def _cell_text(cell: CellFindings, variant: str) -> str:
