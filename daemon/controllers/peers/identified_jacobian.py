@@ -7,7 +7,7 @@ found by leaving motions out. Wide enough, it is the same everywhere: a linear m
 """
 
 from collections.abc import Mapping
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,59 @@ _COVERED: Final = 3.0
 """Motions per axis from which on a place is known."""
 
 
+class _Motions(NamedTuple):
+    """What was seen of n motions of m axes, in shares of their ranges."""
+
+    places: Vector
+    """(n, m) their middles."""
+    moved: Vector
+    """(n, m)"""
+    tip_moved: Vector
+    """(n, 3) mm"""
+
+    def of(self, kept: NDArray[np.bool_]) -> "_Motions":
+        """Those of them."""
+        return _Motions(*(one[kept] for one in self))
+
+    def weights(self, place: Vector, reach: float) -> Vector:
+        """(n,) that they have at (m,)."""
+        away = self.places - place
+        return np.asarray(np.exp(np.einsum("nm,nm->n", away, away) / (-2.0 * reach**2)))
+
+    def fit(self, weights: Vector, otherwise: Vector | None) -> Vector:
+        """(3, m) drawn to `otherwise`; None: to nothing."""
+        axes = self.moved.shape[1]
+        weighted = self.moved * weights[:, None]
+        gram = weighted.T @ self.moved
+        step = float(np.einsum("nm,nm->", self.moved, self.moved)) / max(self.moved.size, 1)
+        drawn = _GLOBAL_COUNTS * axes * step
+        if otherwise is None:
+            drawn, otherwise = 1e-6 * drawn + 1e-12, np.zeros((3, axes))
+        products = weighted.T @ self.tip_moved + drawn * otherwise.T
+        return np.asarray(np.linalg.solve(gram + drawn * np.eye(axes), products).T)
+
+    def fit_of_all(self) -> Vector:
+        """(3, m) the same everywhere."""
+        return self.fit(np.ones(len(self.moved)), None)
+
+
+def _best_reach(motions: _Motions, parts: NDArray[np.int64]) -> float:
+    """Of the weights, by what is foretold of motions of lines that were left out."""
+    asked = np.arange(0, len(parts), 1 + (len(parts) - 1) // _ASKED_ABOUT)
+    missed = np.zeros(len(_REACHES))
+    for part in np.unique(parts):
+        others = motions.of(parts != part)
+        if not len(others.moved):
+            return _REACHES[-1]
+        everywhere = others.fit_of_all()
+        for row in asked[parts[asked] == part]:
+            place, moved, tip_moved = (one[row] for one in motions)
+            for k, reach in enumerate(_REACHES):
+                jacobian = others.fit(others.weights(place, reach), everywhere)
+                missed[k] += float(((tip_moved - jacobian @ moved) ** 2).sum())
+    return _REACHES[int(np.argmin(missed))]
+
+
 class IdentifiedJacobian:
     """A `TipJacobian`. Axes count in shares of their range within."""
 
@@ -38,11 +91,9 @@ class IdentifiedJacobian:
         """scale: (m,) the axes' ranges."""
         self.forward: Lwpr | None = None
         self.believed = 1.0
-        self.modelled = False
         self._scale = scale
         self._everywhere: Vector | None = None
-        self._places = self._moved = np.zeros((0, len(scale)))
-        self._tip_moved = np.zeros((0, 3))
+        self._motions: _Motions | None = None
         self._reach = _REACHES[-1]
 
     @property
@@ -50,16 +101,21 @@ class IdentifiedJacobian:
         """Whether there is a Jacobian at all."""
         return self._everywhere is not None
 
+    @property
+    def modelled(self) -> bool:
+        """Whether an exploration tells what a motion should do."""
+        return self._motions is not None
+
     def begin(self, model: PretrainedModel) -> None:
         """Go by what this exploration says from now on."""
-        motions = model.motions
-        kept = slice(None, None, 1 + (len(motions) - 1) // _MOST_MOTIONS)
-        self._moved = motions.delta_u[kept] / self._scale
-        self._places = motions.u[kept] / self._scale + 0.5 * self._moved
-        self._tip_moved = motions.delta_tip_mm[kept]
-        self._everywhere = self._fit(np.ones(len(self._moved)), None)
-        self._reach = self._best_reach(motions.line[kept] % _PARTS)
-        self.modelled = True
+        table = model.motions
+        kept = slice(None, None, 1 + (len(table) - 1) // _MOST_MOTIONS)
+        moved = table.delta_u[kept] / self._scale
+        places = table.u[kept] / self._scale + 0.5 * moved
+        motions = _Motions(places, moved, table.delta_tip_mm[kept])
+        self._everywhere = motions.fit_of_all()
+        self._reach = _best_reach(motions, table.line[kept] % _PARTS)
+        self._motions = motions
 
     def measured(self, jacobian: Vector) -> None:
         """There is no exploration, but this is how the tip answers here: (3, m) per mm or rad."""
@@ -68,18 +124,19 @@ class IdentifiedJacobian:
     def covered(self, tip_mm: Vector, u: Vector) -> float:
         """How far motions of the exploration tell what the tip does here, 0 to 1."""
         del tip_mm
-        if not self.modelled:
+        if self._motions is None:
             return 0.0
-        near = float(self._weights(u / self._scale).sum())
+        near = float(self._motions.weights(u / self._scale, self._reach).sum())
         return min(near / (_COVERED * len(self._scale)), 1.0)
 
     def at(self, tip_mm: Vector, u: Vector) -> Vector:
         """(3, m) mm per mm or rad."""
         del tip_mm
         assert self._everywhere is not None
-        if not self.modelled:
+        if self._motions is None:
             return self._everywhere / self._scale
-        return self._fit(self._weights(u / self._scale), self._everywhere) / self._scale
+        weights = self._motions.weights(u / self._scale, self._reach)
+        return self._motions.fit(weights, self._everywhere) / self._scale
 
     def learn(self, sample: MotionSample) -> None:
         """It is fixed."""
@@ -98,37 +155,3 @@ class IdentifiedJacobian:
         if everywhere.shape != (3, len(self._scale)):
             raise ValueError(f"its Jacobian is not for {len(self._scale)} axes")
         self._everywhere = everywhere
-
-    def _weights(self, place: Vector) -> Vector:
-        away = self._places - place
-        return np.asarray(np.exp(np.einsum("nm,nm->n", away, away) / (-2.0 * self._reach**2)))
-
-    def _fit(self, weights: Vector, otherwise: Vector | None) -> Vector:
-        """(3, m) drawn to `otherwise`; None: to nothing."""
-        axes = len(self._scale)
-        weighted = self._moved * weights[:, None]
-        gram = weighted.T @ self._moved
-        step = float(np.einsum("nm,nm->", self._moved, self._moved)) / max(self._moved.size, 1)
-        drawn = _GLOBAL_COUNTS * axes * step
-        if otherwise is None:
-            drawn, otherwise = 1e-6 * drawn + 1e-12, np.zeros((3, axes))
-        products = weighted.T @ self._tip_moved + drawn * otherwise.T
-        return np.asarray(np.linalg.solve(gram + drawn * np.eye(axes), products).T)
-
-    def _best_reach(self, parts: NDArray[np.int64]) -> float:
-        """Of the weights, by what is foretold of motions of lines that were left out."""
-        whole = self._places, self._moved, self._tip_moved, self._everywhere
-        asked = np.arange(0, len(parts), 1 + (len(parts) - 1) // _ASKED_ABOUT)
-        missed = np.zeros(len(_REACHES))
-        for part in np.unique(parts):
-            kept = parts != part
-            if not kept.any():
-                return _REACHES[-1]
-            self._places, self._moved, self._tip_moved = (one[kept] for one in whole[:3])
-            self._everywhere = self._fit(np.ones(int(kept.sum())), None)
-            for row in asked[parts[asked] == part]:
-                for k, self._reach in enumerate(_REACHES):
-                    jacobian = self._fit(self._weights(whole[0][row]), self._everywhere)
-                    missed[k] += float(((whole[2][row] - jacobian @ whole[1][row]) ** 2).sum())
-        self._places, self._moved, self._tip_moved, self._everywhere = whole
-        return _REACHES[int(np.argmin(missed))]
