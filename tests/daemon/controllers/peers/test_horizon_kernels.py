@@ -81,4 +81,8 @@ def test_the_travel_is_kept_within_at_every_end(seed: int) -> None:
 def test_a_tip_that_nothing_moves_leaves_the_axes_to_their_posture() -> None:
     asked = horizon(1)._replace(jacobian=np.zeros((3, AXES)))
     found, _ = best_motion(asked, WEIGHTS, WIDE, nothing_paid())
-    assert np.isfinite(found).all()
+    changes = WEIGHTS.smooth * (np.eye(N) - np.eye(N, k=-1))
+    right = np.zeros((2 * N, AXES))
+    right[0], right[N:] = WEIGHTS.smooth * asked.now, WEIGHTS.rest * asked.rest
+    expected = np.linalg.lstsq(np.concatenate([changes, WEIGHTS.rest * np.eye(N)]), right)[0]
+    np.testing.assert_allclose(found, expected, atol=1e-9)
