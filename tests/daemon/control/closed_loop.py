@@ -11,10 +11,13 @@ from config.control import PoseFilterSettings
 from config.emulation import SoftArmPlant
 from config.loader import load_robot
 from config.robot import Robot
+from config.tasks.controllers import load_controller_options
 from config.tasks.exploration import WaypointExploration
 from config.tasks.trajectory import Circle, Lissajous, Rectangle
 from daemon.control.controller import Ahead, Controller, Observation, Phase
 from daemon.controllers.exploration.waypoint_exploration import WaypointExplorationController
+from daemon.controllers.learning_controller import LearningController
+from daemon.controllers.make_controller import make_controller
 from daemon.estimation.pose_filter import PoseFilter
 from daemon.learning.forward.pretrained_model import PretrainedModel
 from daemon.learning.forward.pretraining import PretrainingSettings, pretrain
@@ -252,6 +255,13 @@ def explored(waypoints: int, seed: int = 1, body: int = 0) -> Dataset:
     _, line = np.unique(notes, return_inverse=True)
     frames = Frames(np.array(t_ns), np.array(tip_mm), np.array(u), line)
     return Dataset.of(frames, ROBOT, {"seed": seed})
+
+
+def made_learner(kind: str, **options: object) -> LearningController:
+    asked = load_controller_options({"kind": kind, **options})
+    controller = make_controller(asked, ROBOT, seed=1)
+    assert isinstance(controller, LearningController)
+    return controller
 
 
 @cache

@@ -9,13 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from config.tasks.controllers import load_controller_options
 from config.tasks.exploration import MotorBabbling
 from config.tasks.trajectory import Lissajous
 from daemon.array_files import ModelError
 from daemon.control.controller import ControllerError
 from daemon.controllers.learning_controller import LearningController
-from daemon.controllers.make_controller import make_controller
 from daemon.controllers.reward_weighted import RewardWeightedController
 from daemon.learning.forward.pretrained_model import PretrainedModel
 from daemon.learning.samples.motion import MotionSample
@@ -27,6 +25,7 @@ from tests.daemon.control.closed_loop import (
     ROBOT,
     ClosedLoop,
     Followed,
+    made_learner,
     pretrained,
     rectangle,
     started,
@@ -46,13 +45,6 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("model") / "arm.npz"
     pretrained(60, epochs=8).save(path)
     return str(path)
-
-
-def made(kind: str, **options: object) -> LearningController:
-    asked = load_controller_options({"kind": kind, **options})
-    controller = make_controller(asked, ROBOT, seed=1)
-    assert isinstance(controller, LearningController)
-    return controller
 
 
 def followed(loop: ClosedLoop, laps: int = 1) -> list[Followed]:
@@ -77,7 +69,9 @@ def window_of(loop: ClosedLoop) -> Vector:
 @both
 def test_a_load_that_was_never_felt_is_learnt_in_a_lap(kind: str, model: str) -> None:
     online, offline = (
-        followed(started(made(kind, model=model, learning=learning), START_MM, LOAD_G), laps=2)
+        followed(
+            started(made_learner(kind, model=model, learning=learning), START_MM, LOAD_G), laps=2
+        )
         for learning in (True, False)
     )
     assert online[0].mean_mm <= offline[0].mean_mm
@@ -88,7 +82,7 @@ def test_a_load_that_was_never_felt_is_learnt_in_a_lap(kind: str, model: str) ->
 @both
 def test_without_a_model_the_first_motions_teach_enough(kind: str) -> None:
     babbling = MotorBabbling(duration_s=30.0).model_dump()
-    loop = started(made(kind, babbling=babbling), START_MM, LOAD_G)
+    loop = started(made_learner(kind, babbling=babbling), START_MM, LOAD_G)
     assert followed(loop)[0].mean_mm < 1.2
 
 
@@ -98,7 +92,7 @@ def test_without_a_model_a_figure_of_eight_is_followed_round_after_round(kind: s
     eight = Lissajous(
         kind="lissajous", center_mm=(0.0, 0.0, 185.0), amplitude_mm=(30.0, 30.0, 0.0), cycle_s=40.0
     )
-    loop = started(made(kind), np.array(eight.center_mm))
+    loop = started(made_learner(kind), np.array(eight.center_mm))
     rounds = [loop.follow(eight) for _ in range(3)]
     assert all(one.mean_mm < 2.0 for one in rounds), [one.mean_mm for one in rounds]
     assert rounds[-1].max_mm < 12.0
@@ -112,7 +106,7 @@ def test_fields_that_forget_learn_another_body(
     fields = PretrainedModel.load(Path(model), ROBOT).fields
     place = fields.centres[len(fields.centres) // 2] * fields.scale
     tip_mm, u, random = place[:3], place[3:], np.random.default_rng(1)
-    controller = made("forward_jacobian", model=model, memory_samples=memory_samples)
+    controller = made_learner("forward_jacobian", model=model, memory_samples=memory_samples)
     jacobian = controller._jacobian
     before = jacobian.at(tip_mm, u)
     for _ in range(200):
@@ -124,7 +118,9 @@ def test_fields_that_forget_learn_another_body(
 
 
 def test_babbling_that_shows_nothing_is_not_enough() -> None:
-    loop = ClosedLoop(made("reward_weighted", babbling={"duration_s": 5.0, "reach_share": 0.01}))
+    loop = ClosedLoop(
+        made_learner("reward_weighted", babbling={"duration_s": 5.0, "reach_share": 0.01})
+    )
     loop.start()
     with pytest.raises(ControllerError, match="let them be longer or wider"):
         loop.explore()
@@ -133,10 +129,10 @@ def test_babbling_that_shows_nothing_is_not_enough() -> None:
 @both
 def test_without_learning_nothing_changes(kind: str, model: str) -> None:
     """Offline is what the model says, whatever happens: also after a lap under a load."""
-    controller = made(kind, model=model, learning=False)
+    controller = made_learner(kind, model=model, learning=False)
     loop = started(controller, START_MM, LOAD_G)
     followed(loop)
-    untouched = made(kind, model=model, learning=False)
+    untouched = made_learner(kind, model=model, learning=False)
     untouched.reset(loop.observation(START_MM, np.zeros(3)))
     for reference in START_MM + np.eye(3):
         asked = loop.observation(reference, np.zeros(3))
@@ -147,7 +143,7 @@ def test_without_learning_nothing_changes(kind: str, model: str) -> None:
 @both
 def test_who_shall_not_learn_needs_a_model(kind: str) -> None:
     with pytest.raises(ControllerError, match="give `model`"):
-        made(kind, learning=False)
+        made_learner(kind, learning=False)
 
 
 # What never gets in.
@@ -163,7 +159,7 @@ def poisoned(measured_mm: Vector, frame: int) -> Vector | None:
 
 
 def test_outliers_gaps_and_what_is_no_number_teach_nothing(model: str) -> None:
-    loop = started(made("reward_weighted", model=model), START_MM)
+    loop = started(made_learner("reward_weighted", model=model), START_MM)
     frames = iter(range(10**9))
     loop.seen = lambda measured_mm: poisoned(measured_mm, next(frames))
     (lap,) = followed(loop)
@@ -172,7 +168,7 @@ def test_outliers_gaps_and_what_is_no_number_teach_nothing(model: str) -> None:
 
 
 def test_a_frozen_tracker_teaches_nothing(model: str) -> None:
-    loop = started(made("reward_weighted", model=model), START_MM)
+    loop = started(made_learner("reward_weighted", model=model), START_MM)
     followed(loop)
     last = loop.tip_mm
     before = window_of(loop)
@@ -186,7 +182,7 @@ def test_a_frozen_tracker_teaches_nothing(model: str) -> None:
 
 def test_a_robot_that_is_held_teaches_nothing(model: str) -> None:
     """The gate refuses every step; somebody pushes the tip about."""
-    loop = started(made("reward_weighted", model=model), START_MM)
+    loop = started(made_learner("reward_weighted", model=model), START_MM)
     followed(loop)
     before = window_of(loop)
     loop.permitted = lambda step: np.zeros_like(step)
@@ -201,7 +197,7 @@ def test_a_robot_that_is_held_teaches_nothing(model: str) -> None:
 
 def test_steps_that_are_made_smaller_are_learnt_as_they_were(model: str) -> None:
     """What counts is where the axes went, not where they were sent."""
-    loop = started(made("reward_weighted", model=model), START_MM)
+    loop = started(made_learner("reward_weighted", model=model), START_MM)
     loop.permitted = lambda step: 0.5 * step
     followed(loop)
     assert_sound(window_of(loop))
@@ -230,19 +226,19 @@ def assert_sound(samples: Vector) -> None:
 def test_who_goes_on_and_who_loads_it_do_the_same_to_the_last_bit(
     kind: str, model: str, tmp_path: Path
 ) -> None:
-    loop = started(made(kind, model=model), START_MM, LOAD_G)
+    loop = started(made_learner(kind, model=model), START_MM, LOAD_G)
     followed(loop)
     loop.controller.save(tmp_path / "learnt.npz")
-    loaded = made(kind, model=model)
+    loaded = made_learner(kind, model=model)
     loaded.load(tmp_path / "learnt.npz")
     assert_alike(loop, loaded)
 
 
 @both
 def test_what_was_learnt_without_a_model_is_kept_as_well(kind: str, tmp_path: Path) -> None:
-    loop = started(made(kind, babbling={"duration_s": 20.0}), START_MM)
+    loop = started(made_learner(kind, babbling={"duration_s": 20.0}), START_MM)
     loop.controller.save(tmp_path / "learnt.npz")
-    loaded = made(kind, model=str(tmp_path / "learnt.npz"))
+    loaded = made_learner(kind, model=str(tmp_path / "learnt.npz"))
     assert loaded.ready
     assert_alike(loop, loaded)
 
@@ -269,22 +265,22 @@ def assert_alike(loop: ClosedLoop, other: LearningController) -> None:
 @both
 def test_a_file_of_another_kind_or_none_is_refused(kind: str, model: str, tmp_path: Path) -> None:
     other = KINDS[1 - KINDS.index(kind)]
-    loop = started(made(other, model=model), START_MM)
+    loop = started(made_learner(other, model=model), START_MM)
     loop.controller.save(tmp_path / "other.npz")
     (tmp_path / "none.npz").write_bytes(b"nothing")
-    controller = made(kind, model=model)
+    controller = made_learner(kind, model=model)
     with pytest.raises(ModelError, match="its controller is"):
         controller.load(tmp_path / "other.npz")
     with pytest.raises(ModelError, match=r"none\.npz"):
         controller.load(tmp_path / "none.npz")
     with pytest.raises(ControllerError, match="cannot be loaded"):
-        made(kind, model=str(tmp_path / "absent.npz"))
+        made_learner(kind, model=str(tmp_path / "absent.npz"))
 
 
 @both
 def test_nothing_is_saved_before_anything_is_learnt(kind: str, tmp_path: Path) -> None:
     with pytest.raises(ModelError, match="nothing is learnt yet"):
-        made(kind).save(tmp_path / "learnt.npz")
+        made_learner(kind).save(tmp_path / "learnt.npz")
 
 
 # The axes that the tip does not need.
@@ -301,7 +297,9 @@ def test_the_attractor_keeps_the_posture_over_many_laps(kind: str, model: str) -
     """Off, every lap ends with the axes elsewhere; on, they come back to where they were."""
     off, on = (
         drift_per_lap(
-            followed(started(made(kind, model=model, posture_gain_per_s=gain), START_MM), laps=4)
+            followed(
+                started(made_learner(kind, model=model, posture_gain_per_s=gain), START_MM), laps=4
+            )
         )
         for gain in (0.0, 0.3)
     )
@@ -315,7 +313,7 @@ def test_another_posture_gives_other_axes_at_the_same_error(kind: str, model: st
     for first in (18.0, 32.0):
         posture = (first, first, first, 25.0, 25.0, 25.0)
         options = {"model": model, "posture": posture, "posture_gain_per_s": 0.3}
-        laps[first] = followed(started(made(kind, **options), START_MM), laps=2)[1]
+        laps[first] = followed(started(made_learner(kind, **options), START_MM), laps=2)[1]
     low, high = laps[18.0], laps[32.0]
     assert (high.u - low.u)[:, :3].mean() > 5.0
     assert high.mean_mm == pytest.approx(low.mean_mm, abs=0.15)
@@ -323,7 +321,7 @@ def test_another_posture_gives_other_axes_at_the_same_error(kind: str, model: st
 
 @both
 def test_a_posture_may_be_changed_on_the_way(kind: str, model: str) -> None:
-    loop = started(made(kind, model=model, posture_gain_per_s=0.3), START_MM)
+    loop = started(made_learner(kind, model=model, posture_gain_per_s=0.3), START_MM)
     posture = np.array([32.0, 32.0, 32.0, 18.0, 18.0, 18.0])
     before = followed(loop)[0]
     learner(loop).set_posture(posture)
@@ -340,7 +338,7 @@ def mean_distance(u: Vector, posture: Vector) -> float:
 @pytest.mark.parametrize("posture", [np.full(6, np.nan), np.zeros(5)])
 def test_a_posture_that_is_none_is_refused(kind: str, posture: Vector, model: str) -> None:
     with pytest.raises(ValueError, match="6 finite numbers"):
-        made(kind, model=model).set_posture(posture)
+        made_learner(kind, model=model).set_posture(posture)
 
 
 # Beyond reach.
@@ -349,7 +347,7 @@ def test_a_posture_that_is_none_is_refused(kind: str, posture: Vector, model: st
 @both
 def test_out_of_reach_nothing_winds_up(kind: str, model: str) -> None:
     """Half a minute at a place that cannot be reached, and it comes back as if it never was."""
-    loop = started(made(kind, model=model), START_MM)
+    loop = started(made_learner(kind, model=model), START_MM)
     for _ in range(1200):
         loop.step(START_MM + np.array([0.0, 0.0, 80.0]), np.zeros(3))
     loop.lead(START_MM)
@@ -361,7 +359,7 @@ def test_the_paper_s_law_follows_by_itself(model: str) -> None:
     """No fallback, no feed-forward: 14.2 g are learnt all the same, and lag is what remains."""
     slow = wide_rectangle(cycle_s=60.0)
     loop = started(
-        made("reward_weighted", model=model, paper=True),
+        made_learner("reward_weighted", model=model, paper=True),
         make_trajectory(slow, Path()).start_mm,
         LOAD_G,
     )

@@ -10,12 +10,11 @@ from config.tasks.controllers import load_controller_options
 from config.tasks.trajectory import Circle
 from daemon.array_files import ModelError
 from daemon.control.controller import ControllerError, Phase
-from daemon.controllers.learning_controller import LearningController
 from daemon.controllers.make_controller import make_controller
 from daemon.reference.trajectories import make_trajectory
 from drivers.pose import Vector
 from tests import SHIPPED_ROBOTS
-from tests.daemon.control.closed_loop import DT_S, ROBOT, pretrained, started
+from tests.daemon.control.closed_loop import DT_S, made_learner, pretrained, started
 
 KINDS = ("gaussian_process", "iterative_learning", "model_predictive")
 each = pytest.mark.parametrize("kind", KINDS)
@@ -34,16 +33,9 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(path)
 
 
-def made(kind: str, **options: object) -> LearningController:
-    asked = load_controller_options({"kind": kind, **options})
-    controller = make_controller(asked, ROBOT, seed=1)
-    assert isinstance(controller, LearningController)
-    return controller
-
-
 def rounds(kind: str, model: str, laps: int, **options: object) -> list[float]:
     """Mean errors in mm, with a load that the exploration did not have."""
-    loop = started(made(kind, model=model, **options), START_MM, LOAD_G)
+    loop = started(made_learner(kind, model=model, **options), START_MM, LOAD_G)
     return [loop.follow(CIRCLE).mean_mm for _ in range(laps)]
 
 
@@ -67,7 +59,7 @@ def test_the_process_goes_on_learning_unless_told_not_to(model: str) -> None:
 
 
 def test_the_prediction_leaves_no_error_at_rest(model: str) -> None:
-    loop = started(made("model_predictive", model=model, probe=False), START_MM, LOAD_G)
+    loop = started(made_learner("model_predictive", model=model, probe=False), START_MM, LOAD_G)
     loop.load_g = 25.0
     away = []
     for _ in range(280):
@@ -80,7 +72,7 @@ def test_the_prediction_leaves_no_error_at_rest(model: str) -> None:
 @each
 def test_out_of_reach_the_axes_stop_at_their_limits(kind: str, model: str) -> None:
     """The loop itself looks at each step whether it is finite, and within speed and travel."""
-    loop = started(made(kind, model=model, probe=False), START_MM)
+    loop = started(made_learner(kind, model=model, probe=False), START_MM)
     for _ in range(300):
         loop.step(np.array([500.0, 0.0, 185.0]), np.zeros(3))
     at_a_limit = (loop.targets < 0.1) | (loop.targets > loop.axes.highest - 0.1)
@@ -94,7 +86,7 @@ def test_out_of_reach_the_axes_stop_at_their_limits(kind: str, model: str) -> No
 @each
 def test_the_same_seed_gives_the_same_steps(kind: str, model: str) -> None:
     def steps() -> Vector:
-        loop = started(made(kind, model=model, probe=False), START_MM)
+        loop = started(made_learner(kind, model=model, probe=False), START_MM)
         path = make_trajectory(CIRCLE, Path())
         return np.array([loop.step(*path.at(k * DT_S)) for k in range(60)])
 
@@ -103,7 +95,7 @@ def test_the_same_seed_gives_the_same_steps(kind: str, model: str) -> None:
 
 @each
 def test_a_tip_that_is_no_number_is_an_error_and_the_next_is_none(kind: str, model: str) -> None:
-    loop = started(made(kind, model=model, probe=False), START_MM)
+    loop = started(made_learner(kind, model=model, probe=False), START_MM)
     now = loop.observation(START_MM, np.zeros(3))
     with pytest.raises(ControllerError):
         loop.controller.propose(now._replace(tip_mm=np.full(3, np.nan)))
@@ -111,7 +103,9 @@ def test_a_tip_that_is_no_number_is_an_error_and_the_next_is_none(kind: str, mod
 
 
 def test_a_tip_that_is_no_number_teaches_the_next_round_nothing(model: str) -> None:
-    loop = started(made("iterative_learning", model=model, probe=False, set_out_s=0.0), START_MM)
+    loop = started(
+        made_learner("iterative_learning", model=model, probe=False, set_out_s=0.0), START_MM
+    )
     now = loop.observation(START_MM, np.zeros(3))
     for k in range(120):
         seen = now._replace(phase=Phase(k * DT_S % 1.0, 1.0))
@@ -124,12 +118,12 @@ def test_a_tip_that_is_no_number_teaches_the_next_round_nothing(model: str) -> N
 
 @each
 def test_what_is_saved_goes_on_elsewhere(kind: str, model: str, tmp_path: Path) -> None:
-    loop = started(made(kind, model=model, probe=False), START_MM, LOAD_G)
+    loop = started(made_learner(kind, model=model, probe=False), START_MM, LOAD_G)
     path = make_trajectory(CIRCLE, Path())
     for k in range(100):
         loop.step(*path.at(k * DT_S))
     loop.controller.save(tmp_path / "learnt.npz")
-    other = made(kind, model=model, probe=False)
+    other = made_learner(kind, model=model, probe=False)
     other.load(tmp_path / "learnt.npz")
     now = loop.observation(START_MM, np.zeros(3))
     for one in (loop.controller, other):
@@ -138,7 +132,7 @@ def test_what_is_saved_goes_on_elsewhere(kind: str, model: str, tmp_path: Path) 
     np.testing.assert_allclose(other.propose(now).delta_u, expected, atol=1e-6)
     wrong = next(one for one in KINDS if one != kind)
     with pytest.raises(ModelError, match="its controller is"):
-        made(wrong, model=model).load(tmp_path / "learnt.npz")
+        made_learner(wrong, model=model).load(tmp_path / "learnt.npz")
 
 
 @each
