@@ -4,14 +4,14 @@ import asyncio
 import socket
 import subprocess
 import sys
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 import zenoh
 
 from daemon.host.clock import run_in_real_time
-from daemon.messages import Acquire, Answer, Load, Refusal, SetpointRefused, Tip
+from daemon.messages import Acquire, Answer, Load, SetpointRefused, Tip
 from daemon.remote.client.address import LocalAddress, TlsAddress
 from daemon.remote.client.blocking_client import BlockingRobotClient
 from daemon.remote.client.client import RobotClient
@@ -21,14 +21,11 @@ from daemon.remote.client.client_errors import (
     ClientError,
     DaemonNotRunningError,
     DisconnectedError,
-    LeaseLostError,
     RefusedError,
     TimedOutError,
     VersionMismatchError,
 )
 from daemon.remote.client.connection import Connection
-from daemon.remote.client.lease_keeper import LeaseKeeper
-from sim_backends.virtual_time import run_in_virtual_time
 from tests.daemon.remote.over_tls import STRANGER, free_port, make_certificates, serving_all
 from tests.daemon.remote.rig import (
     ROBOT,
@@ -113,95 +110,6 @@ def test_the_lease_is_renewed_as_long_as_the_client_is_there_and_then_runs_out(
             await until(lambda: robot.lease.holder(robot.clock.now_ns()) is None)
 
     run_in_real_time(test())
-
-
-class Daemon:
-    """Answers renewals as it is told to."""
-
-    def __init__(self) -> None:
-        self.asked: list[float] = []
-        self.lost: list[LeaseLostError] = []
-        self.answers: Callable[[str], Answer] = lambda token: self.granted(token or "t1")
-
-    @staticmethod
-    def granted(token: str) -> Answer:
-        return Answer(request="", state="", token=token, expires_in_s=2.0)
-
-    async def renew(self, token: str, within_s: float) -> Answer:
-        self.asked.append(asyncio.get_running_loop().time())
-        return self.answers(token)
-
-
-def kept(test: Callable[[Daemon, LeaseKeeper], Awaitable[None]]) -> None:
-    async def run() -> None:
-        daemon = Daemon()
-        keeper = LeaseKeeper(daemon.renew, daemon.lost.append)
-        await keeper.acquire(1.0)
-        await test(daemon, keeper)
-        await keeper.stop()
-
-    run_in_virtual_time(run())
-
-
-def test_a_lease_is_renewed_several_times_before_it_runs_out_and_not_after_stopping() -> None:
-    async def test(daemon: Daemon, keeper: LeaseKeeper) -> None:
-        await asyncio.sleep(10.0)
-        gaps = [b - a for a, b in zip(daemon.asked, daemon.asked[1:], strict=False)]
-        assert max(gaps) <= 2.0 / 4
-        assert len(gaps) < 60
-        assert daemon.lost == []
-        assert await keeper.stop() == "t1"
-        asked = len(daemon.asked)
-        await asyncio.sleep(5.0)
-        assert len(daemon.asked) == asked
-
-    kept(test)
-
-
-def test_a_short_silence_is_survived_and_a_long_one_is_the_loss_of_the_lease() -> None:
-    async def test(daemon: Daemon, keeper: LeaseKeeper) -> None:
-        granting = daemon.answers
-
-        def silent(token: str) -> Answer:
-            raise TimedOutError("no answer")
-
-        await asyncio.sleep(1.0)
-        daemon.answers = silent
-        await asyncio.sleep(1.0)
-        daemon.answers = granting
-        await asyncio.sleep(5.0)
-        assert daemon.lost == []
-        daemon.answers = silent
-        await asyncio.sleep(3.0)
-        assert [str(error) for error in daemon.lost] == [
-            "the lease is lost: it could not be renewed: no answer"
-        ]
-
-    kept(test)
-
-
-def test_a_lease_that_somebody_else_has_taken_is_lost() -> None:
-    async def test(daemon: Daemon, keeper: LeaseKeeper) -> None:
-        def refused(token: str) -> Answer:
-            raise RefusedError(Refusal(request="", state="", name="no_lease", text="bob has it"))
-
-        daemon.answers = refused
-        await asyncio.sleep(3.0)
-        assert [str(error) for error in daemon.lost] == ["the lease is lost: bob has it"]
-
-    kept(test)
-
-
-def test_a_lease_that_ran_out_unnoticed_is_not_used_silently() -> None:
-    async def test(daemon: Daemon, keeper: LeaseKeeper) -> None:
-        daemon.answers = lambda token: daemon.granted("t2")
-        await asyncio.sleep(3.0)
-        assert "it ran out before it was renewed" in str(daemon.lost[0])
-        assert len(daemon.lost) == 1
-        daemon.answers = lambda token: daemon.granted(token)
-        assert (await keeper.acquire(1.0)).token == "t2"
-
-    kept(test)
 
 
 def test_messages_come_in_their_order_and_the_newest_win(tmp_path: Path) -> None:
