@@ -196,7 +196,11 @@ class ArcBody(ConfigModel):
         return self
 
 
-class ConstantCurvature(TipFollowing, ArcBody):
+class PositionOnly(KindOptions):
+    """Of a kind that leads the tip by its position, and cannot lead where it points."""
+
+
+class ConstantCurvature(TipFollowing, ArcBody, PositionOnly):
     """A body of circular arcs, whose Jacobian is known from its dimensions."""
 
     kind: Literal["constant_curvature"]
@@ -227,10 +231,6 @@ class FromMotions(KindOptions):
 
     babbling: MotorBabbling = MotorBabbling()
     """The first motions where there is no model."""
-
-
-class PositionOnly(KindOptions):
-    """Of a kind that leads the tip by its position, and cannot lead where it points."""
 
 
 class Learner(TipFollowing, FromMotions):
@@ -333,6 +333,11 @@ def controller_type(kind: str) -> type[KindOptions] | None:
 
 class _Asked(ConfigModel):
     controller: ControllerOptions
+
+
+def position_only(options: KindOptions) -> str:
+    """Its kind, if it leads the tip by its position alone; empty: it points, too."""
+    return options.kind if isinstance(options, PositionOnly) else ""
 
 
 def load_controller_options(mapping: dict[str, Any]) -> ControllerOptions:

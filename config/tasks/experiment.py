@@ -5,8 +5,8 @@ from typing import Annotated, Any
 from pydantic import Field, model_validator
 
 from config.documents.model import ConfigModel, Name, NotNegative, Positive
-from config.tasks.controllers import ControllerOptions, PositionOnly
-from config.tasks.trajectory import Pointed, TrajectoryOptions
+from config.tasks.controllers import ControllerOptions
+from config.tasks.trajectory import TrajectoryOptions
 
 
 class Happening(ConfigModel):
@@ -112,15 +112,3 @@ class Experiment(ConfigModel):
     """Of everything random, unless `--seed` says another."""
     longest_s: Positive = 3600.0
     """The experiment is given up after this long."""
-
-    @model_validator(mode="after")
-    def _who_shall_point_can(self) -> "Experiment":
-        path = self.trajectory
-        points = isinstance(path, Pointed) and path.pointing is not None
-        if points and isinstance(self.controller, PositionOnly):
-            raise ValueError(
-                f"{self.controller.kind} leads the tip by its position alone, and the trajectory "
-                "says where to point: leave its `pointing` out, or take a controller that points, "
-                "such as broyden or gaussian_process"
-            )
-        return self

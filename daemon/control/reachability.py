@@ -52,6 +52,8 @@ class Bounds:
     """Where the axes may be together, and how fast they go."""
     foresight: Foresight | None = None
     """What is known of how the axes would go; None: nothing."""
+    position_only: str = ""
+    """Kind of the controller, if it leads the tip by its position alone."""
 
 
 def unreachable(trajectory: Trajectory, bounds: Bounds) -> str | None:
@@ -64,6 +66,7 @@ def looks(trajectory: Trajectory, bounds: Bounds) -> Iterator[str | None]:
 
     The first that is not None is the answer; without one everything can be reached.
     """
+    yield _not_pointed(trajectory, bounds)
     times = np.union1d(np.linspace(0.0, trajectory.cycle_s, BOX_SAMPLES + 1), trajectory.corners_s)
     for first in range(0, len(times), _SAMPLES_AT_ONCE):
         yield _out_of_bounds(trajectory, times[first : first + _SAMPLES_AT_ONCE], bounds)
@@ -76,6 +79,17 @@ def too_fast(trajectory: Trajectory, bounds: Bounds) -> Iterator[str | None]:
     if bounds.foresight is None or bounds.axes is None:
         return
     yield from speed_looks(trajectory, bounds.foresight, bounds.axes)
+
+
+def _not_pointed(trajectory: Trajectory, bounds: Bounds) -> str | None:
+    """Where a planned path points follows from where it leads the axes: nobody has asked for it."""
+    if not bounds.position_only or not trajectory.points or trajectory.path is not None:
+        return None
+    return (
+        f"{bounds.position_only} leads the tip by its position alone, and the {trajectory.kind} "
+        "trajectory says where to point: leave that out, or take a controller that points, such as "
+        "broyden or gaussian_process"
+    )
 
 
 def _looks_of_model(

@@ -14,7 +14,12 @@ from typing import Any, Final, Protocol, TypeVar
 from config.documents.model import OptionsError
 from config.paths import is_shipped_model
 from config.robot import Robot
-from config.tasks.controllers import Broyden, ControllerOptions, load_controller_options
+from config.tasks.controllers import (
+    Broyden,
+    ControllerOptions,
+    load_controller_options,
+    position_only,
+)
 from config.tasks.trajectory import Planned, Waypoints, load_trajectory_options
 from daemon.control import guarded_controller
 from daemon.control.axis_speeds import HasForesight
@@ -129,6 +134,7 @@ class MotionLoader:
             getattr(options, "max_tip_speed_mm_s", None),
             AxisRanges.of(self._robot),
             controller.foresight if isinstance(controller, HasForesight) else None,
+            position_only(options),
         )
 
     async def _made(self, work: Callable[[], T]) -> T:

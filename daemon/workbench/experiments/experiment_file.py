@@ -16,6 +16,7 @@ from config.emulation import Emulation, Plant
 from config.loader import RobotFile
 from config.paths import BUILTIN, is_file, named_model
 from config.robot import Robot
+from config.tasks.controllers import position_only
 from config.tasks.experiment import Experiment
 from daemon.recording.run_folder import describe_run
 from daemon.robot.checked_robot import check_robot
@@ -121,8 +122,11 @@ def _why_not_followed(experiment: Experiment, robot: Robot, folder: Path) -> str
         trajectory = make_trajectory(experiment.trajectory, folder)
     except ValueError as error:
         return str(error)
-    speed = getattr(experiment.controller, "max_tip_speed_mm_s", None)
-    return unreachable(trajectory, Bounds(robot.workspace, tip_speed_mm_s=speed)) or ""
+    controller = experiment.controller
+    speed = getattr(controller, "max_tip_speed_mm_s", None)
+    alone = position_only(controller)
+    bounds = Bounds(robot.workspace, tip_speed_mm_s=speed, position_only=alone)
+    return unreachable(trajectory, bounds) or ""
 
 
 def robot_path(name: str, path: Path) -> Path:

@@ -8,8 +8,21 @@ import pytest
 
 from config.control import Workspace
 from config.loader import load_robot
-from config.tasks.controllers import Broyden, ConstantCurvature
-from config.tasks.trajectory import Circle, Hold, TrajectoryOptions, Waypoints
+from config.tasks.controllers import (
+    Broyden,
+    ConstantCurvature,
+    load_controller_options,
+    position_only,
+)
+from config.tasks.planned_path import PlannedPath
+from config.tasks.trajectory import (
+    Circle,
+    Hold,
+    Planned,
+    PointPointing,
+    TrajectoryOptions,
+    Waypoints,
+)
 from daemon.control.axis_speeds import HasForesight
 from daemon.control.reachability import (
     Bounds,
@@ -20,7 +33,7 @@ from daemon.control.reachability import (
     unreachable,
 )
 from daemon.controllers.make_controller import make_controller
-from daemon.reference.trajectories import make_trajectory
+from daemon.reference.trajectories import Trajectory, make_trajectory
 from daemon.robot.axes import AxisRanges
 from daemon.workbench.experiments.experiment_file import load_experiment
 from drivers.pose import Vector
@@ -173,3 +186,55 @@ def test_a_coupled_limit_on_the_way_is_named_with_its_reason() -> None:
     )
     near = circle.model_copy(update={"radius_mm": 4.0})
     assert unreachable(make_trajectory(near, Path()), bounds) is None
+
+
+POSITION_ONLY = (
+    "constant_curvature",
+    "iterative_learning",
+    "model_predictive",
+    "pid_constant_curvature",
+)
+POINTING = PointPointing(kind="away_from", point_mm=(-8.0, -12.0, 136.0))
+CIRCLE = Circle(kind="circle", center_mm=(36.0, 0.0, 179.0), radius_mm=15.0, cycle_s=30.0)
+
+
+def only_by_position(kind: str, trajectory: Trajectory) -> str | None:
+    options = load_controller_options({"kind": kind})
+    return unreachable(trajectory, Bounds(position_only=position_only(options)))
+
+
+@pytest.mark.parametrize("kind", POSITION_ONLY)
+def test_who_leads_positions_alone_is_told_who_points(kind: str, tmp_path: Path) -> None:
+    assert only_by_position(kind, make_trajectory(CIRCLE, Path())) is None
+    circle = make_trajectory(CIRCLE.model_copy(update={"pointing": POINTING}), Path())
+    (tmp_path / "way.csv").write_text("t,x,y,z,dx,dy,dz\n0,0,0,180,0,0,1\n2,4,0,180,1,0,1\n")
+    way = make_trajectory(Waypoints(kind="waypoints", file="way.csv"), tmp_path)
+    for trajectory in (circle, way):
+        text = only_by_position(kind, trajectory)
+        assert text is not None
+        assert text.startswith(f"{kind} leads the tip by its position alone")
+        assert "such as broyden or gaussian_process" in text
+
+
+@pytest.mark.parametrize("kind", ["broyden", "gaussian_process"])
+def test_who_points_may_be_told_where(kind: str) -> None:
+    circle = CIRCLE.model_copy(update={"pointing": POINTING})
+    assert only_by_position(kind, make_trajectory(circle, Path())) is None
+
+
+@pytest.mark.parametrize("kind", POSITION_ONLY)
+def test_where_a_planned_path_points_nobody_has_asked_for(kind: str) -> None:
+    path = PlannedPath(
+        tentacled_path=1,
+        robot="soft_arm",
+        axes=("one",),
+        model_sha256="0" * 64,
+        surroundings_sha256="0" * 64,
+        t_s=(0.0, 3.0),
+        u=((0.0,), (2.0,)),
+        tip_mm=((0.0, 0.0, 198.0), (10.0, 0.0, 197.0)),
+        direction=((0.0, 0.0, 1.0), (1.0, 0.0, 0.0)),
+    )
+    trajectory = make_trajectory(Planned(kind="planned", path=path), Path())
+    assert trajectory.points
+    assert only_by_position(kind, trajectory) is None

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from config.loader import load_robot
+from daemon.control.reachability import Bounds
 from daemon.host.clock import run_in_real_time
 from daemon.messages import Load
 from daemon.reference.trajectories import Trajectory
@@ -154,3 +155,13 @@ CIRCLE: dict[str, Any] = {
     "cycle_s": 20.0,
 }
 LEARNER: dict[str, Any] = {"kind": "reward_weighted"}
+
+
+def test_what_is_loaded_is_held_against_whether_its_controller_points() -> None:
+    async def test(kind: str) -> Bounds:
+        load = Load(trajectory=CIRCLE, controller={"kind": kind})
+        return (await MotionLoader(ROBOT, 1, None, in_a_thread).to_follow(load))[2]
+
+    for kind in ("pid_constant_curvature", "constant_curvature"):
+        assert run_in_real_time(test(kind)).position_only == kind
+    assert run_in_real_time(test("broyden")).position_only == ""

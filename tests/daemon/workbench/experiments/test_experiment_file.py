@@ -56,3 +56,12 @@ def test_a_waypoint_file_that_is_missing_or_a_pipe_is_told(tmp_path: Path) -> No
     assert "way.csv: No such file" in problem(tmp_path, with_waypoints())
     (tmp_path / "way.csv").mkdir()
     assert "way.csv" in problem(tmp_path, with_waypoints())
+
+
+def test_who_cannot_point_is_told_with_the_trajectory(tmp_path: Path) -> None:
+    pointing = "  pointing: {kind: away_from, point_mm: [0, 0, 0]}\ncontroller:"
+    text = EXPERIMENT.replace("controller:", pointing)
+    told = problem(tmp_path, text.replace("broyden", "pid_constant_curvature"))
+    assert "trajectory: pid_constant_curvature leads the tip by its position alone" in told
+    (tmp_path / "experiment.yaml").write_text(text)
+    assert load_experiment(tmp_path / "experiment.yaml").experiment.controller.kind == "broyden"
