@@ -75,6 +75,8 @@ _LONGEST_S = 1.8
 """Of a line, at full speed: what a body that answers late makes of it is seen before its end."""
 _SHORTEST = 0.5
 """... and the shortest, as a share of that."""
+_COUNTED = 0.25
+"""... and the least that one is counted as: what is hardly a line would tell most per second."""
 _BEGINS_WITH = 0.5
 """Of the share of the travel that places are from in the end."""
 _GROWN_AFTER = 0.5
@@ -128,7 +130,7 @@ class DesignedExplorationController(ExplorationController):
         if not len(places):
             return self._start.copy()
         times_s = np.array([self._walk.line_time_s(self._start, place) for place in places])
-        times_s = np.maximum(times_s, 0.25 * _LONGEST_S)
+        times_s = np.maximum(times_s, _COUNTED * _LONGEST_S)
         told = self._information.gain(self._shares(self._start), self._shares(places), times_s)
         best: Vector = places[0]
         longest = -np.inf

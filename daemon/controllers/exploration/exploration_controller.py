@@ -22,6 +22,7 @@ from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
 
 DRAWN_AT_MOST = 60
+"""Places, until one is inside with all of the way there."""
 _ALONG = np.linspace(0.25, 1.0, 4)[:, None]
 """Where a line is looked at before it is gone along."""
 _AHEAD_S = 0.4
@@ -31,6 +32,7 @@ _PULLS_AHEAD_S = 0.2
 _RATE_S = 0.1
 """Time constant of how fast a tension changes: what is measured is a motor's torque, with noise."""
 _TRAIL_STEPS = 2000
+"""Of the way that the axes came, to go back along: 50 s at 40 frames a second."""
 _GIVEN_UP = 3.0
 _GIVEN_UP_S = 2.0
 """A line that takes so many times what it takes at full speed, and so much more, is given up."""

@@ -21,9 +21,11 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 _ROUNDS: Final = 80
+"""At most. What is beyond the bounds then, who makes the step cuts off."""
 _CLOSE: Final = 1e-5
 """In ranges of the axes: closer to the bounds than this is within them."""
 _RELAXED: Final = 1.6
+"""Over-relaxation, as OSQP has it."""
 _NOTHING: Final = 1e-9
 """Of the largest curvature, below which a direction leaves the tip where it is."""
 _PENALTY: Final = 0.1
