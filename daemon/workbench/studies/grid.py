@@ -107,7 +107,7 @@ def _one_for_each_model(runs: Iterable[Run]) -> list[Run]:
     models: dict[tuple[object, ...], Run] = {}
     for run in runs:
         experiment = run.file.experiment
-        if experiment.pretraining is not None and needs_model(run.file):
+        if experiment.pretraining is not None and (run.foreseen or needs_model(run.file)):
             seed = experiment.pretraining.seed
             known = experiment.pretraining.plant
             body = (experiment.robot, str(experiment.plant), run.plant)

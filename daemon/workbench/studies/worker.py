@@ -48,7 +48,13 @@ def carry_out_run(run: Run, root: Path, keep_recording: bool) -> Outcome:
 
 def make_model(run: Run) -> None:
     """Make what the run's controller has to know before, unless it is there. Raises as above."""
-    with_model(run.file, run.seed, _nobody)
+    with_model(_with_one_that_needs_it(run), run.seed, _nobody)
+
+
+def _with_one_that_needs_it(run: Run) -> ExperimentFile:
+    """The experiment with a controller that wants the model, if only the one that is asked whether
+    the path can be followed."""
+    return as_asked(run.file) if run.foreseen else run.file
 
 
 # On a machine that shares no disk with ours: what is needed goes there, what comes out comes home.
@@ -73,7 +79,7 @@ def carry_out_run_away(run: Run, keep_recording: bool, models: Files) -> tuple[O
 
 def make_model_away(run: Run) -> Files:
     """As `make_model`, with the model's file."""
-    file = with_model(run.file, run.seed, _nobody)
+    file = with_model(_with_one_that_needs_it(run), run.seed, _nobody)
     path = Path(str(getattr(file.experiment.controller, "model", "")))
     return {path.name: path.read_bytes()}
 

@@ -10,7 +10,9 @@ import pytest
 from daemon.commands.outcome.exit_codes import EXIT_CONFIGURATION, EXIT_USAGE
 from daemon.commands.terminal.command_line import main
 from daemon.host.processes import Share
-from daemon.workbench.studies.grid import Grid
+from daemon.workbench.pretraining.model_cache import needs_model
+from daemon.workbench.studies import worker
+from daemon.workbench.studies.grid import Grid, _one_for_each_model
 from daemon.workbench.studies.run import Outcome, Run, plan, read_outcome, shared
 from daemon.workbench.studies.study_file import load_study
 from tests.daemon.workbench.studies.made_up import write_study
@@ -70,6 +72,38 @@ def test_every_run_is_done_and_heard_of(done: tuple[Path, Path, Heard]) -> None:
     assert good.result.computing is not None
     assert bad is not None
     assert bad.failure == "posture has 2 positions, and the robot 6 axes"
+
+
+BENCH = """
+study: small
+matrix:
+  - robot: arm
+    experiment: calm.yaml
+    paths:
+      - path: circle
+        trajectory: {kind: circle, center_mm: [0, 0, 185], radius_mm: 5}
+        speeds_mm_s: [5, 10]
+variants:
+  - {variant: broyden, label: broyden}
+  - {variant: arcs, label: arcs, controller: {kind: constant_curvature}}
+seeds: 2
+plants: 0
+"""
+
+
+def test_the_model_that_tells_whether_paths_can_be_followed_is_made_before_the_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Once for each seed, though no controller begins with it."""
+    path = write_study(tmp_path, BENCH)
+    with (tmp_path / "calm.yaml").open("a") as file:
+        file.write("pretraining: {}\n")
+    makers = _one_for_each_model(plan(load_study(path), 2, 0))
+    assert [run.seed for run in makers] == [1, 2]
+    made = []
+    monkeypatch.setattr(worker, "with_model", lambda file, *_: made.append(needs_model(file)))
+    worker.make_model(makers[0])
+    assert made == [True]
 
 
 def test_shares_put_together_are_the_same_runs_and_tables(
