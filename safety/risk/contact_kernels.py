@@ -34,6 +34,8 @@ CAP_MM = 0.6
 """More clearance need not be proved: the way between two questions takes hardly anything of it."""
 _KEPT_MM = np.float32(0.1)
 """By so much less than nodes have is enough for what is between them: more costs more pieces."""
+_ROUNDED_MM = np.float32(0.01)
+"""Places of some 100 mm are rounded by less than this."""
 _ROUNDED_MM2 = np.float32(1e-2)
 """Squares of distances up to some 100 mm are rounded by less than this."""
 _MOST_CUTS = 64
@@ -70,15 +72,18 @@ def clearances(surroundings, skin, shapes, exact):  # type: ignore[no-untyped-de
     table, listed = _table_of(skin), np.empty((3, skin.radius.size), np.int64)
     box = np.empty((4, positions.shape[1]), np.float32)
     pieces, cap = np.empty((_MOST_CUTS, 4), np.float32), np.float32(CAP_MM)
+    thin = skin.radius.min()
     for first in range(0, clearance.size, _TOGETHER):
         last = min(first + _TOGETHER, clearance.size)
         _empty(box)
         _enclose(positions, first, last, box)
-        opened = _bound(grid, values, box, table, listed)
+        outside, opened = _bound(grid, values, port, box, table, listed)
         for s in range(first, last):
-            clearance[s], node[s] = _at_nodes(grid, values, port, positions, s, table, listed)
+            clearance[s], node[s] = _at_nodes(
+                grid, values, port, positions, s, outside, table, listed
+            )
             near, least[s] = _listed_near(grid, values, positions, s, opened, table, listed)
-            surely[s] = cap
+            surely[s] = max(cap, _proved_of_far(grid, thin, least[s]))
             if near > 0 or not clearance[s] > _ZERO:
                 clearance[s], node[s], least[s], surely[s] = _proved(
                     *(grid, values, port, positions, s, clearance[s], node[s], near, least[s]),
@@ -132,22 +137,23 @@ def sweep(surroundings, skin, start, end, swept, surely):  # type: ignore[no-unt
     between, thin = np.empty((1, box.shape[1]), np.float32), skin.safe.min()
     for first in range(0, swept.size, _TOGETHER):
         last = min(first + _TOGETHER, swept.size)
-        longest, opened = _longest_way(start.positions, end.positions, first, last, box), -1
+        longest = _longest_way(start.positions, end.positions, first, last, box)
+        bounded, counts = False, (0, 0)
         for s in range(first, last):
             swept[s] = min(swept[s], start.clearance[s], end.clearance[s])
             least = _on_the_way(port, start.surely[s], end.surely[s], longest, thin)
             if least > _ZERO or not swept[s] > _ZERO:
                 surely[s] = min(surely[s], least, swept[s])
                 continue
-            if opened < 0:
+            if not bounded:
                 _empty(box)
                 _enclose(start.positions, first, last, box)
                 _enclose(end.positions, first, last, box)
-                opened = _bound(grid, values, box, table, listed)
+                bounded, counts = True, _bound(grid, values, port, box, table, listed)
             ways[0, 0], ways[0, 1] = 0.0, 1.0
             ways[0, 2], ways[0, 3] = start.surely[s], end.surely[s]
             swept[s], least = _swept(
-                *(grid, values, port, start.positions, end.positions, s, swept[s], thin, opened),
+                *(grid, values, port, start.positions, end.positions, s, swept[s], thin, counts),
                 *(table, listed, pieces, ways, between),
             )
             surely[s] = min(surely[s], least, swept[s])
@@ -155,11 +161,12 @@ def sweep(surroundings, skin, start, end, swept, surely):  # type: ignore[no-unt
 
 @_inlined
 def _swept(  # type: ignore[no-untyped-def]
-    grid, values, port, start, end, s, swept, thin, opened, table, listed, pieces, ways, between
+    grid, values, port, start, end, s, swept, thin, counts, table, listed, pieces, ways, between
 ):
     """The smallest clearance of shape s on a way that is cut until no piece is open, and what it is
     not below: the way is the first of `ways`."""
     waiting, length, surely = 1, _way(start, end, s), _FAR
+    outside, opened = counts
     finest = np.float32(FINEST_MM)
     if port[6] >= _ZERO and ways[0, 2] > _ZERO and ways[0, 3] > _ZERO:
         finest = np.float32(_FINEST_BESIDE_PORT_MM)
@@ -174,7 +181,7 @@ def _swept(  # type: ignore[no-untyped-def]
         half = _HALF * (begin + stop)
         for c in range(between.size):
             between[0, c] = start[s, c] + half * (end[s, c] - start[s, c])
-        there, node = _at_nodes(grid, values, port, between, 0, table, listed)
+        there, node = _at_nodes(grid, values, port, between, 0, outside, table, listed)
         near, lowest = _listed_near(grid, values, between, 0, opened, table, listed)
         there, node, lowest, sure = _proved(
             *(grid, values, port, between, 0, there, node, near, lowest, table, listed, pieces)
@@ -253,16 +260,20 @@ def _longest_way(start, end, first, last, box):  # type: ignore[no-untyped-def]
 
 
 @_kernel
-def _bound(grid, values, box, table, listed):  # type: ignore[no-untyped-def]
+def _bound(grid, values, port, box, table, listed):  # type: ignore[no-untyped-def]
     """What is known of all shapes in a box, from one distance for each node: fill table and lists,
-    and return how many segments are listed.
+    and return how many nodes, and how many segments, are listed.
 
-    Of shapes that are not numbers nothing is known.
+    Nodes and segments that are in the port, of all shapes, are not listed. Of shapes that are not
+    numbers nothing is known.
     """
-    count = table.shape[1]
+    count, outside = table.shape[1], 0
     for i in range(count):
         table[_LEAST, i] = _distance_of_all(grid, values, box, i) - table[_RADIUS, i]
-        j = i
+        if _are_in_port(port, box, i):
+            continue
+        j = outside
+        outside += 1
         while j > 0 and table[_LEAST, i] < table[_LEAST, listed[_ORDER, j - 1]]:
             listed[_ORDER, j] = listed[_ORDER, j - 1]
             j -= 1
@@ -275,20 +286,46 @@ def _bound(grid, values, box, table, listed):  # type: ignore[no-untyped-def]
             min(here, grid[13]), min(there + table[_RADIUS, i + 1], grid[13]), apart
         )
         needed = max(table[_RADIUS, i], table[_RADIUS, i + 1]) + _enough(grid)
-        if not square > needed * needed:
+        hidden = _are_in_port(port, box, i) and _are_in_port(port, box, i + 1)
+        if not square > needed * needed and not hidden:
             listed[_SEGMENT, found] = i
             found += 1
-    return found
+    return outside, found
+
+
+@_inlined
+def _are_in_port(port, box, i):  # type: ignore[no-untyped-def]
+    """Whether node i of all shapes in a box is in the port."""
+    if port[6] < _ZERO or not _are_numbers(box, i):
+        return False
+    x, y, z, wide = _ball_of(box, i)
+    x, y, z = x - port[0], y - port[1], z - port[2]
+    along = x * port[3] + y * port[4] + z * port[5]
+    aside = _root(max(x * x + y * y + z * z - along * along, _ZERO))
+    wide += _ROUNDED_MM
+    return along + wide <= port[7] and aside + wide <= port[6]
+
+
+@_inlined
+def _are_numbers(box, i):  # type: ignore[no-untyped-def]
+    return abs(box[2, 3 * i] + box[2, 3 * i + 1] + box[2, 3 * i + 2]) < _FAR
+
+
+@_inlined
+def _ball_of(box, i):  # type: ignore[no-untyped-def]
+    """Middle and radius of a ball that node i of all shapes in a box is in."""
+    x, y = _HALF * (box[0, 3 * i] + box[1, 3 * i]), _HALF * (box[0, 3 * i + 1] + box[1, 3 * i + 1])
+    z = _HALF * (box[0, 3 * i + 2] + box[1, 3 * i + 2])
+    wide = _length(box[1, 3 * i] - x, box[1, 3 * i + 1] - y, box[1, 3 * i + 2] - z)
+    return x, y, z, wide
 
 
 @_inlined
 def _distance_of_all(grid, values, box, i):  # type: ignore[no-untyped-def]
     """What node i of no shape in a box is nearer than."""
-    x, y = _HALF * (box[0, 3 * i] + box[1, 3 * i]), _HALF * (box[0, 3 * i + 1] + box[1, 3 * i + 1])
-    z = _HALF * (box[0, 3 * i + 2] + box[1, 3 * i + 2])
-    if not abs(box[2, 3 * i] + box[2, 3 * i + 1] + box[2, 3 * i + 2]) < _FAR:
+    if not _are_numbers(box, i):
         return -_FAR
-    wide = _length(box[1, 3 * i] - x, box[1, 3 * i + 1] - y, box[1, 3 * i + 2] - z)
+    x, y, z, wide = _ball_of(box, i)
     return _distance(grid, values, x, y, z) - wide
 
 
@@ -327,16 +364,17 @@ def _way(start, end, s):  # type: ignore[no-untyped-def]
 
 
 @_inlined
-def _at_nodes(grid, values, port, positions, s, table, listed):  # type: ignore[no-untyped-def]
+def _at_nodes(grid, values, port, positions, s, outside, table, listed):  # type: ignore[no-untyped-def]
     """Of one shape: the smallest clearance of its nodes, and the node where it is.
 
-    Looked at are the nodes that may be nearest, as far as is known of all shapes together. Of the
-    others it is noted what they are not nearer than.
+    Looked at are the nodes that may be nearest, as far as is known of all shapes together; outside:
+    how many are listed, those that are not all in the port. Of the others it is noted what they are
+    not nearer than.
     """
     count, best, node = table.shape[1], _FAR, 0
     for i in range(count):
         table[_AT, i] = table[_LEAST, i] + table[_RADIUS, i]
-    for j in range(count):
+    for j in range(outside):
         i = listed[_ORDER, j]
         if table[_LEAST, i] >= best:
             break
@@ -371,6 +409,15 @@ def _listed_near(grid, values, positions, s, opened, table, listed):  # type: ig
             listed[_NEAR, near] = i
             near += 1
     return near, least
+
+
+@_inlined
+def _proved_of_far(grid, thin, least):  # type: ignore[no-untyped-def]
+    """What the clearance of no part of a shape is below of which, as interpolated, it is not below
+    `least`. thin: no part has a smaller radius; a thicker one loses less between the grid's nodes.
+    """
+    away = thin + least
+    return _root(max(away * away - grid[12], _ZERO)) - thin - grid[10]
 
 
 @_inlined

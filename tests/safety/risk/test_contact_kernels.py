@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from daemon.workbench.body_model.evaluation.shapes import ball, box
 from safety.risk.contact import ContactModel
-from safety.risk.contact_kernels import CAP_MM, clearances, sweep
+from safety.risk.contact_kernels import clearances, sweep
 from safety.risk.shape_kernels import Shapes
 from safety.risk.surroundings.distance_grid import DistanceGrid, distance_grid
 from safety.risk.surroundings.environment import InsertionPort, environment
@@ -145,4 +145,4 @@ def test_a_short_way_between_clear_shapes_is_clear_and_a_long_one_is_looked_at()
         swept, surely = start.clearance.copy(), start.surely.copy()
         sweep(model.surroundings, model.skin, start, stop, swept, surely)
         assert (surely[0] > 0.0) == clear
-        assert surely[0] <= CAP_MM
+        assert surely[0] <= swept[0]

@@ -22,6 +22,7 @@ from safety.risk.surroundings.distance_grid import DistanceGrid
 from safety.risk.surroundings.environment import InsertionPort
 
 SEEDS = st.integers(0, 2**32 - 1)
+PLACES = st.sampled_from(["in the open", "round a port", "through the port"])
 NODES, COUNT = 5, 60
 """Shapes beside each other are bounded together, and the last block is not whole."""
 _END_MM = 35.0
@@ -110,6 +111,22 @@ def bodies(random: Generator, count: int = COUNT) -> FloatArray:
     return np.asarray(lines.astype(np.float32), np.float64)
 
 
+def bodies_through(random: Generator, port: InsertionPort) -> FloatArray:
+    """The same number, all of which begin in the port and come out of it on its inner side."""
+    along = np.array([-0.4, 0.0, 0.4, 0.9, 1.3]) * port.depth_mm + np.array([0.0, 0, 0, 1.0, 6.0])
+    lines = np.array(port.centre_mm) + along[:, None] * np.array(port.inwards)
+    aside = random.normal(scale=0.05 * port.radius_mm, size=(COUNT, NODES, 3))
+    lines = lines + aside * np.array([0.2, 0.5, 1.0, 4.0, 10.0])[:, None]
+    return np.asarray(lines.astype(np.float32), np.float64)
+
+
+def drawn(seed: int, where: str) -> tuple[Generator, Scene, FloatArray]:
+    random = np.random.default_rng(seed)
+    one = scene(random, with_port=where != "in the open")
+    through = one.port if where == "through the port" else None
+    return random, one, bodies(random) if through is None else bodies_through(random, through)
+
+
 def looked_at(one: Scene, lines: FloatArray, exact: int = COUNT) -> Shapes:
     count = len(lines)
     mm = [np.empty(count, np.float32) for _ in range(3)]
@@ -119,14 +136,26 @@ def looked_at(one: Scene, lines: FloatArray, exact: int = COUNT) -> Shapes:
     return shapes
 
 
-@given(seed=SEEDS, with_port=st.booleans())
-def test_no_place_of_a_body_has_less_than_what_is_proved(seed: int, with_port: bool) -> None:
-    random = np.random.default_rng(seed)
-    one, lines = scene(random, with_port), bodies(random)
+@given(seed=SEEDS, where=PLACES)
+def test_no_place_of_a_body_has_less_than_what_is_proved(seed: int, where: str) -> None:
+    _, one, lines = drawn(seed, where)
     found, truth = looked_at(one, lines), one.clearance(lines)
     proved = found.surely > 0.0
-    assert (found.surely <= CAP_MM).all()
     assert (found.surely[proved] <= truth[proved] + ROUNDED_MM).all()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_of_what_is_far_away_more_is_proved_than_is_needed(seed: int) -> None:
+    """So that a longer way, beside a port, is clear without a look at what is on it."""
+    _, one, lines = drawn(seed, "round a port")
+    lines *= 0.2
+    balls = one.balls._replace(centres=one.balls.centres + 500.0)
+    far = one._replace(
+        balls=balls, solid=one.solid._replace(values=np.full_like(one.solid.values, 30.0))
+    )
+    found = looked_at(far, lines)
+    assert (found.surely > 1.5 * CAP_MM).all()
+    assert (found.surely <= far.clearance(lines)).all()
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -142,12 +171,9 @@ def test_nearly_all_that_is_clear_is_proved_to_be(seed: int) -> None:
     assert (found.surely[clear] > 0.0).all()
 
 
-@given(seed=SEEDS, with_port=st.booleans(), far_mm=st.floats(0.1, 12.0))
-def test_nothing_is_touched_on_a_way_that_is_proved(
-    seed: int, with_port: bool, far_mm: float
-) -> None:
-    random = np.random.default_rng(seed)
-    one, begin = scene(random, with_port), bodies(random)
+@given(seed=SEEDS, where=PLACES, far_mm=st.floats(0.1, 12.0))
+def test_nothing_is_touched_on_a_way_that_is_proved(seed: int, where: str, far_mm: float) -> None:
+    random, one, begin = drawn(seed, where)
     way = random.normal(scale=far_mm, size=(COUNT, 1, 3)) + random.normal(
         scale=0.2 * far_mm, size=begin.shape
     )
@@ -176,12 +202,11 @@ def test_a_short_way_beside_something_is_proved_without_loss(seed: int) -> None:
     assert (surely[clear] > 0.0).all()
 
 
-@given(seed=SEEDS, exact=st.integers(1, COUNT), with_port=st.booleans())
+@given(seed=SEEDS, exact=st.integers(1, COUNT), where=PLACES)
 def test_the_lowest_are_as_exact_as_if_all_were_and_whoever_touches_is_found(
-    seed: int, exact: int, with_port: bool
+    seed: int, exact: int, where: str
 ) -> None:
-    random = np.random.default_rng(seed)
-    one, lines = scene(random, with_port), bodies(random)
+    _, one, lines = drawn(seed, where)
     few, all_of_them = looked_at(one, lines, exact), looked_at(one, lines)
     np.testing.assert_array_equal(few.clearance <= 0.0, all_of_them.clearance <= 0.0)
     np.testing.assert_array_equal(few.surely > 0.0, all_of_them.surely > 0.0)
