@@ -488,7 +488,12 @@ def _proved(grid, values, port, positions, s, found, node, near, least, table, l
             square = least_square(min(before, grid[13]), min(after, grid[13]), piece)
             x, y, z = x0 + half * dx, y0 + half * dy, z0 + half * dz
             if square >= enough or piece < FINEST_MM or waiting + 2 > _MOST_CUTS:
-                if not _is_in_port(port, x, y, z):
+                hidden = _is_in_port(port, x, y, z)
+                if hidden and not piece < FINEST_MM:  # what is proved in one may lead out of it
+                    xb, yb, zb = x0 + begin * dx, y0 + begin * dy, z0 + begin * dz
+                    xe, ye, ze = x0 + end * dx, y0 + end * dy, z0 + end * dz
+                    hidden = _is_in_port(port, xb, yb, zb) and _is_in_port(port, xe, ye, ze)
+                if not hidden:
                     surely = min(surely, _root(max(square - grid[12], _ZERO)) - thick)
                     least = min(least, _root(max(square, _ZERO)) - thin)
                 if not surely > _ZERO:
