@@ -490,9 +490,7 @@ def _proved(grid, values, port, positions, s, found, node, near, least, table, l
             if square >= enough or piece < FINEST_MM or waiting + 2 > _MOST_CUTS:
                 hidden = _is_in_port(port, x, y, z)
                 if hidden and not piece < FINEST_MM:  # what is proved in one may lead out of it
-                    xb, yb, zb = x0 + begin * dx, y0 + begin * dy, z0 + begin * dz
-                    xe, ye, ze = x0 + end * dx, y0 + end * dy, z0 + end * dz
-                    hidden = _is_in_port(port, xb, yb, zb) and _is_in_port(port, xe, ye, ze)
+                    hidden = _is_way_in_port(port, x0, y0, z0, dx, dy, dz, begin, end)
                 if not hidden:
                     surely = min(surely, _root(max(square - grid[12], _ZERO)) - thick)
                     least = min(least, _root(max(square, _ZERO)) - thin)
@@ -585,6 +583,13 @@ def _is_in_port(port, x, y, z):  # type: ignore[no-untyped-def]
     along = x * port[3] + y * port[4] + z * port[5]
     aside = x * x + y * y + z * z - along * along
     return along <= port[7] and aside <= port[6] * port[6]
+
+
+@_inlined
+def _is_way_in_port(port, x, y, z, dx, dy, dz, begin, end):  # type: ignore[no-untyped-def]
+    """Whether all of the straight way is from one share of it to another: the port is convex."""
+    first = _is_in_port(port, x + begin * dx, y + begin * dy, z + begin * dz)
+    return first and _is_in_port(port, x + end * dx, y + end * dy, z + end * dz)
 
 
 @_inlined

@@ -56,6 +56,15 @@ def test_what_was_told_for_a_frame_is_told_again_for_times_about_it() -> None:
     assert made.at_frame(50 * MS).tolist() == told.tolist()
 
 
+@given(st.lists(st.integers(1, 40), min_size=1, max_size=40), st.integers(-50, 900))
+def test_the_nearest_frame_is_found_wherever_it_is(gaps_ms: list[int], asked_ms: int) -> None:
+    made = history((0, 0.0))
+    told = {int(t_ms): made.at_frame(int(t_ms) * MS) for t_ms in np.cumsum(gaps_ms)[-32:]}
+    nearest = min(reversed(told), key=lambda t_ms: abs(t_ms - asked_ms))
+    found = made.about(asked_ms * MS)
+    assert (found is told[nearest]) == (abs(nearest - asked_ms) <= 13)
+
+
 def test_where_no_frame_is_near_it_is_worked_out() -> None:
     made = history((0, 0.0), (100 * MS, 1.0))
     assert made.about(20 * MS).tolist() == [0.2, -0.2]

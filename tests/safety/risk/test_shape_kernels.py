@@ -6,7 +6,8 @@ from numpy.typing import NDArray
 
 from daemon.workbench.body_model.evaluation.shapes import box
 from safety.risk.contact import ContactModel
-from safety.risk.shape_kernels import Shapes, farthest_mm, worst_place
+from safety.risk.model.mixture import Mixture
+from safety.risk.shape_kernels import Shapes, fall_to, farthest_mm, place_shapes, worst_place
 from safety.risk.surroundings.distance_grid import distance_grid
 from safety.risk.surroundings.environment import environment
 from tests.safety.risk.arms import Pose, shape_mixture
@@ -80,3 +81,41 @@ def test_a_shift_leads_as_far_as_the_node_that_goes_farthest() -> None:
     ways = np.tensordot(shift, modes, axes=1)
     assert farthest_mm(modes, shift) == pytest.approx(np.linalg.norm(ways, axis=1).max(), rel=1e-6)
     assert farthest_mm(modes, np.zeros(4)) == 0.0
+
+
+def mixture(random: np.random.Generator, components: int, d: int) -> Mixture:
+    factors = np.triu(random.normal(size=(components, d, d)), 1) * 0.3 + 2.0 * np.eye(d)
+    weights = random.dirichlet(np.ones(components))
+    weights[random.integers(components)] = 0.0
+    return Mixture.checked(weights / weights.sum(), random.normal(size=(components, d)), factors)
+
+
+@pytest.mark.parametrize("components", [2, 5, 16])
+def test_draws_that_rise_fall_to_the_components_that_a_search_finds(components: int) -> None:
+    random = np.random.default_rng(components)
+    among, uniform = mixture(random, components, 3), np.sort(random.random(500))
+    uniform[:2] = 0.0, np.cumsum(among.weights)[0]  # on an edge, too
+    uniform.sort()
+    component = np.empty(uniform.size, np.int64)
+    fall_to(among.weights, uniform, component)
+    np.testing.assert_array_equal(component, among.chosen(uniform))
+
+
+@pytest.mark.parametrize("sorts", [True, False])
+@pytest.mark.parametrize(("d", "count"), [(1, 1), (3, 8), (4, 7), (6, 50), (9, 33)])
+def test_a_shape_is_placed_where_its_draw_has_it_whoever_is_beside_it(
+    d: int, count: int, sorts: bool
+) -> None:
+    """Alone or in pairs of one component; neighbours may be of others."""
+    random = np.random.default_rng(10 * d + sorts)
+    among, normal = mixture(random, 4, d), random.standard_normal((count, d))
+    component = random.integers(0, 4, count)
+    component = np.sort(component) if sorts else component
+    base = random.normal(size=3 * NODES).astype(np.float32)
+    modes = random.normal(size=(d, 3 * NODES)).astype(np.float32)
+    positions = np.empty((count, 3 * NODES), np.float32)
+    parts = among.means_mm, among.factors_per_mm
+    place_shapes(*parts, component, normal, base, modes, positions)
+    for s, k in enumerate(component):
+        coefficients = among.means_mm[k] + np.linalg.solve(among.factors_per_mm[k], normal[s])
+        np.testing.assert_allclose(positions[s], base + coefficients @ modes, atol=2e-4)
