@@ -1,13 +1,12 @@
-"""Where the tip should be now: led to the start, then along the trajectory, and held in between."""
+"""Where the tip should be now: led to the path, then along the trajectory, and held in between."""
 
 from collections.abc import Callable
-from enum import Enum
 from math import inf
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 
-from daemon.reference.trajectories import Trajectory
+from daemon.reference.trajectories import Motion, Trajectory
 from drivers.pose import Vector
 
 # From where the tip is to where a trajectory begins: straight, smooth, never too fast.
@@ -201,9 +200,46 @@ Unhurried = Callable[[Blend], float]
 """Seconds that the axes should have for a way."""
 
 
-class _Phase(Enum):
-    BLEND = "blend"
-    FOLLOW = "follow"
+_RUN_UP_S: Final = 2.0
+"""From rest to the path's own speed: half of it, in the path's own time, before the place where it
+is to be followed. Chosen: a circle at 40 mm/s of the soft arm begins as it goes on, which after 1 s
+it does not."""
+_MOST_OF_A_CYCLE: Final = 0.25
+
+
+class RunUp:
+    """A way along the trajectory itself that begins at rest and ends with its own speed."""
+
+    def __init__(self, trajectory: Trajectory, to_s: float) -> None:
+        """to_s: where it is to be followed from, along the trajectory. There is no run-up (it
+        takes no time) where the trajectory begins at rest, or nothing leads to its beginning."""
+        before_s = min(0.5 * _RUN_UP_S, _MOST_OF_A_CYCLE * trajectory.cycle_s)
+        leads_there = before_s <= to_s or trajectory.closed
+        moves = bool(trajectory.at(to_s)[1].any())
+        self.duration_s = 2.0 * before_s if leads_there and moves else 0.0
+        self._trajectory = trajectory
+        self._to_s = to_s
+
+    def at(self, t_s: float) -> Motion:
+        """(3,) mm and (3,) mm/s at `t_s` after it began."""
+        along_s, rate = self._along(t_s)
+        position, velocity = self._trajectory.at(along_s)
+        return position, rate * velocity
+
+    def pointing_at(self, t_s: float) -> Motion | None:
+        """(3,) direction and its change in 1/s; None: it may be any."""
+        along_s, rate = self._along(t_s)
+        pointing = self._trajectory.pointing_at(along_s)
+        return None if pointing is None else (pointing[0], rate * pointing[1])
+
+    def _along(self, t_s: float) -> tuple[float, float]:
+        """Along the trajectory, and how fast that goes on: smoothly from 0 to 1."""
+        if not self.duration_s > 0.0:
+            return self._to_s, 0.0
+        s = min(max(t_s / self.duration_s, 0.0), 1.0)
+        along_s = self._to_s + self.duration_s * (s**3 - 0.5 * s**4 - 0.5)
+        wrapped = along_s + self._trajectory.cycle_s if along_s < 0.0 else along_s
+        return wrapped, s**2 * (3.0 - 2.0 * s)
 
 
 class TrajectoryReference:
@@ -222,23 +258,25 @@ class TrajectoryReference:
         self.elapsed_s = 0.0
         """Along the trajectory."""
         self._speed_mm_s = blend_speed_mm_s
-        self._phase = _Phase.BLEND
         self._blend: Blend | None = None
-        self._blend_s = 0.0
+        """To where the run-up begins. None: the trajectory is followed."""
+        self._run_up = RunUp(trajectory, 0.0)
+        self._way_s = 0.0
+        """Since the blend began."""
         self._from_mm = _AT_REST
         self._from_direction: Vector | None = None
 
     def begin(self, tip_mm: Vector, direction: Vector | None = None) -> None:
-        to_mm, _ = self.trajectory.at(self.elapsed_s)
-        pointing = self.trajectory.pointing_at(self.elapsed_s)
+        self._run_up = RunUp(self.trajectory, self.elapsed_s)
+        to_mm, _ = self._run_up.at(0.0)
+        pointing = self._run_up.pointing_at(0.0)
         to_direction = None if pointing is None else pointing[0]
         self._from_mm = tip_mm
         self._from_direction = None if pointing is None else direction
         self._blend = Blend(tip_mm, to_mm, self._speed_mm_s, direction, to_direction)
         if self._unhurried is not None:
             self._blend.last(self._unhurried(self._blend))
-        self._blend_s = 0.0
-        self._phase = _Phase.BLEND
+        self._way_s = 0.0
 
     def wait(self) -> Aim:
         direction = self._from_direction
@@ -247,15 +285,13 @@ class TrajectoryReference:
 
     def advance(self, t_ns: int, dt_s: float) -> Aim:
         del t_ns
-        if self._phase is _Phase.BLEND:
-            assert self._blend is not None
-            self._blend_s += dt_s
-            if self._blend_s < self._blend.duration_s:
-                position, velocity = self._blend.at(self._blend_s)
-                pointing = self._blend.pointing_at(self._blend_s) or (None, None)
-                return Aim(position, velocity, _LED_TO_THE_START, *pointing)
-            self._phase = _Phase.FOLLOW
-            dt_s = self._blend_s - self._blend.duration_s
+        if self._blend is not None:
+            self._way_s += dt_s
+            way, since_s = self._way(self._blend, self._way_s)
+            if way is not None:
+                pointing = way.pointing_at(since_s) or (None, None)
+                return Aim(*way.at(since_s), _LED_TO_THE_START, *pointing)
+            self._blend, dt_s = None, since_s
         self.elapsed_s += dt_s
         self.finished = self.elapsed_s >= self.trajectory.duration_s
         at_s = min(self.elapsed_s, self.trajectory.duration_s)
@@ -266,15 +302,21 @@ class TrajectoryReference:
         return Aim(position, velocity, cycle, direction, turn, in_cycle_s, cycle_s)
 
     def ahead(self, lead_s: float) -> tuple[Vector, Vector]:
-        along_s = self.elapsed_s + lead_s
-        if self._phase is _Phase.BLEND and self._blend is not None:
-            along_s = self._blend_s + lead_s - self._blend.duration_s
-            if along_s < 0.0:
-                return self._blend.at(self._blend_s + lead_s)
-            along_s += self.elapsed_s
-        end_s = self.trajectory.duration_s
+        if self._blend is not None:
+            way, lead_s = self._way(self._blend, self._way_s + lead_s)
+            if way is not None:
+                return way.at(lead_s)
+        along_s, end_s = self.elapsed_s + lead_s, self.trajectory.duration_s
         position, velocity = self.trajectory.at(min(along_s, end_s))
         return position, velocity if along_s < end_s else _AT_REST
+
+    def _way(self, blend: Blend, way_s: float) -> tuple[Blend | RunUp | None, float]:
+        """What leads to the trajectory then, and for how long already; None: it is followed."""
+        if way_s < blend.duration_s:
+            return blend, way_s
+        way_s -= blend.duration_s
+        run_up_s = self._run_up.duration_s
+        return (self._run_up, way_s) if way_s < run_up_s else (None, way_s - run_up_s)
 
 
 class TeleoperationReference:

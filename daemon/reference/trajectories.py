@@ -40,6 +40,9 @@ _NEAREST_MM = 1e-3
 """A tip nearer to the point that it points at points anywhere."""
 _SHORTEST = 1e-6
 """Of what is half way between two opposite directions."""
+_CLOSED_MM = 1e-3
+_CLOSED_RAD = 1e-3
+"""A cycle's end so near to its beginning is there."""
 
 
 class Trajectory:
@@ -96,6 +99,17 @@ class Trajectory:
         if t_s >= self.duration_s:
             return self.end_mm.copy(), np.zeros(3)
         return self._cycle.at(t_s - self.cycle_of(t_s) * self.cycle_s)
+
+    @property
+    def closed(self) -> bool:
+        """Whether a cycle ends where it begins, and points there as it began."""
+        if float(np.linalg.norm(self.end_mm - self.start_mm)) > _CLOSED_MM:
+            return False
+        pointing = self._cycle.pointing
+        if pointing is None:
+            return True
+        apart = pointing(0.0)[0] - pointing(self.cycle_s)[0]
+        return float(np.linalg.norm(apart)) <= _CLOSED_RAD
 
     def in_cycle(self, t_s: float) -> Motion:
         """(3,) mm and (3,) mm/s at a time within one cycle, its very end included."""

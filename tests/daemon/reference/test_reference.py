@@ -12,11 +12,12 @@ from daemon.reference.reference import (
     TeleoperationReference,
     TrajectoryReference,
 )
-from daemon.reference.trajectories import make_trajectory
+from daemon.reference.trajectories import Cycle, Trajectory, make_trajectory
 from drivers.pose import Vector
 
 MS = 1_000_000
 TIP = np.array([0.0, 0.0, 180.0])
+RUN_UP_S = 2.0
 
 
 def rectangle(cycles: int = 2) -> TrajectoryReference:
@@ -62,7 +63,8 @@ def test_the_way_to_the_start_takes_no_less_than_the_axes_should_have(
         while reference.advance(0, 0.025).cycle < 0:
             steps += 1
         durations.append(0.025 * steps)
-    assert durations[1] == pytest.approx(lasts_s or durations[0], abs=0.03)
+    expected_s = durations[0] if lasts_s is None else lasts_s + RUN_UP_S
+    assert durations[1] == pytest.approx(expected_s, abs=0.03)
 
 
 def test_while_it_waits_it_is_where_motion_began() -> None:
@@ -84,18 +86,74 @@ def test_after_a_hold_it_goes_on_where_it_was() -> None:
     back = follow(reference, 0.2)
     assert all(cycle == -1 for *_, cycle in back)
     assert reference.elapsed_s == elapsed_s
-    follow(reference, 3.0)
+    follow(reference, 5.0)
     assert reference.elapsed_s > elapsed_s
 
 
 def test_it_is_finished_after_its_last_cycle_and_not_before() -> None:
     reference = rectangle(cycles=1)
     reference.begin(reference.trajectory.start_mm)
+    while reference.advance(0, 0.025).cycle < 0:
+        pass
     cycles = follow(reference, 11.9)
     assert not reference.finished
     assert {row[-1] for row in cycles} == {0}
     follow(reference, 0.2)
     assert reference.finished
+
+
+PATHS: dict[str, dict[str, object]] = {
+    "circle": {"kind": "circle", "center_mm": [0.0, 0.0, 180.0], "radius_mm": 20.0, "cycle_s": 4.0},
+    "square": {
+        "kind": "rectangle",
+        "center_mm": [0.0, 0.0, 180.0],
+        "width_mm": 20.0,
+        "height_mm": 20.0,
+        "cycle_s": 4.0,
+    },
+    "short": {"kind": "circle", "center_mm": [0.0, 0.0, 180.0], "radius_mm": 2.0, "cycle_s": 1.0},
+}
+
+
+@pytest.mark.parametrize("name", PATHS)
+@pytest.mark.parametrize("held_after_s", [0.0, 0.3, 3.1])
+def test_a_tip_comes_to_a_closed_path_along_the_path_itself_and_as_fast_as_it_goes_on(
+    name: str, held_after_s: float
+) -> None:
+    trajectory = make_trajectory(load_trajectory_options({**PATHS[name], "cycles": 4}), Path())
+    reference = TrajectoryReference(trajectory, blend_speed_mm_s=10.0)
+    reference.elapsed_s = held_after_s
+    there_mm, velocity = trajectory.at(held_after_s)
+    reference.begin(TIP)
+    way = []
+    while (aim := reference.advance(0, 0.005)).cycle < 0:
+        way.append(aim)
+    speeds = [float(np.linalg.norm(aim.velocity_mm_s)) for aim in way]
+    rest = max(k for k, speed in enumerate(speeds) if speed < 1e-3 * speeds[-1])
+    assert RUN_UP_S / 8.0 < 0.005 * (len(way) - rest) < 1.1 * RUN_UP_S
+    assert np.abs(np.diff(speeds[rest:])).max() < 0.05 * speeds[-1]
+    np.testing.assert_allclose(way[-1].position_mm, there_mm, atol=0.006 * speeds[-1])
+    assert speeds[-1] == pytest.approx(float(np.linalg.norm(velocity)), rel=0.01)
+    places = np.array([trajectory.at(t)[0] for t in np.linspace(0.0, trajectory.cycle_s, 4001)])
+    for aim in way[rest + 1 :]:
+        assert np.linalg.norm(places - aim.position_mm, axis=1).min() < 0.05
+
+
+def test_what_does_not_end_where_it_begins_is_begun_at_its_beginning() -> None:
+    options = load_trajectory_options(
+        {"kind": "circle", "center_mm": [0.0, 0.0, 180.0], "radius_mm": 20.0, "cycle_s": 4.0}
+    )
+    whole = make_trajectory(options, Path())
+    half = Trajectory("half", Cycle(lambda t_s: whole.in_cycle(0.5 * t_s)), 4.0, 1)
+    reference = TrajectoryReference(half, blend_speed_mm_s=10.0)
+    reference.begin(half.start_mm)
+    assert reference.advance(0, 0.025).cycle == 0
+    follow(reference, 2.0)
+    reference.begin(TIP)  # but where it was held, all before that leads there
+    assert reference.ahead(1e3)[0] == pytest.approx(half.end_mm)
+    while (aim := reference.advance(0, 0.005)).cycle < 0:
+        last = aim
+    np.testing.assert_allclose(last.velocity_mm_s, half.at(2.0)[1], atol=1.0)
 
 
 def test_teleoperation_stands_where_it_began_until_the_first_setpoint() -> None:
