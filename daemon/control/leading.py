@@ -26,7 +26,7 @@ from drivers.pose import Vector
 
 _SHORT_S, _LONG_S = 0.2, 0.4
 """Up to the one a lag is led by the reference alone, from the other on by prediction alone."""
-_AVERAGED_S: Final = 0.15
+_AVERAGED_S: Final = 0.25
 """To either side: a corner is rounded for the prediction, which a lag would do as well."""
 _GAIN_BY_LAG: Final = 6.0
 """Gain times lag, at most, where the tip is predicted: more rings where the prediction is wrong."""

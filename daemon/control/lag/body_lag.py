@@ -114,14 +114,15 @@ class BodyLag:
         if not kernels.add_span(first, arrived, tips, sums, gain_sums, kept, _MOVED_MM):
             return
         self._spans = kept[0] * self._spans + 1.0
-        if not self._settled:
-            self._approach(dt_s)
+        self._approach(dt_s)
 
     def settle(self) -> bool:
-        """Go by what explains best what was seen so far, and from now on by nothing else.
+        """Go by what explains best what was seen so far, and by a path only where that has it
+        shorter.
 
-        For motions that tell a lag well: a path would have it longer than it is. False: they told
-        nothing, and the lag is looked for further on.
+        For motions that tell a lag well. Hysteresis and creep, which a path shows more of, look
+        like more lag than there is; play, of which small motions show more, does so as well. False:
+        they told nothing, and the lag is looked for further on.
         """
         count, best = len(self._delays), 0
         found = [self._found(True, row) for row in range(len(self._shares))]
@@ -174,6 +175,8 @@ class BodyLag:
         if found is None:
             return
         lag_s, least, here = found
+        if self._settled and lag_s > self.lag_s:
+            return
         if here - least >= _CLEARER * least + _AT_LEAST:
             self.lag_s += (1.0 - exp(-dt_s / _APPROACH_S)) * (lag_s - self.lag_s)
 

@@ -65,6 +65,18 @@ def test_what_has_settled_is_kept_and_gains_are_found_further_on() -> None:
     assert (lag.gains[:2] < 0.95).all()
 
 
+def test_a_path_that_has_a_lag_shorter_is_right() -> None:
+    """Play looks like lag where motions are small."""
+    lag = found(wandering(), late(wandering(), 0.1, 0.3))
+    assert lag.settle()
+    assert lag.lag_s > 0.36
+    lag.break_off()
+    told, tip = circle(), late(0.9 * circle(), 0.1, 0.1)
+    for k in range(len(told)):
+        lag.add(k * DT_S, DT_S, told[k], tip[k])
+    assert lag.lag_s == pytest.approx(0.2, abs=0.08)
+
+
 def test_who_has_seen_nothing_goes_on_looking() -> None:
     lag = BodyLag(0.1)
     assert not lag.settle()
