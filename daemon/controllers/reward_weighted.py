@@ -8,8 +8,9 @@ Controllers are asked for a motion as long as their samples, of which a step is 
 know of drift and posture belongs to that length of time.
 
 Answers are trusted as far as fields are active and samples, imagined ones among them, speak about
-the motion that is wanted. For the rest the learnt Jacobian stands in, as in `forward_jacobian`; so
-it does for axes that have met a limit. There is no integrator that could wind up.
+the motion that is wanted, and as far as the learnt Jacobian does not contradict them. For the rest
+that stands in, as in `forward_jacobian`; so it does for axes that have met a limit. There is no
+integrator that could wind up.
 
 Local controllers move the tip, and do not know where it points. Where it shall point somewhere, the
 step is the one nearest to theirs that moves it alike and turns it as well.
@@ -17,6 +18,7 @@ step is the one nearest to theirs that moves it alike and turns it as well.
 
 from collections import deque
 from collections.abc import Callable, Mapping
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -167,6 +169,10 @@ _ACTIVE = 0.01
 _SUPPORTED = 1.0
 """Below this activation and support the controllers' answer is trusted in proportion."""
 _SOLVED_AT_ONCE = 4
+_AGREED, _CONTRADICTED = 0.6, 0.9
+"""Shares of a wanted motion that the forward model may miss in the controllers' answer: up to the
+one it is trusted, from the other on not at all. A load changes a body by some ten per cent. Who
+answers with no motion at all would never see another sample and stay where he is."""
 _SPREADS = 3.0
 """Of the tip, over the axes' whole travel: it counts in so many standard deviations."""
 
@@ -224,7 +230,7 @@ class RewardWeightedController(LearningController):
         local = part * command.delta_u
         if not options.fallback:
             return Proposal(follower.within_limits(local, observation), _note(command))
-        trust = _trust(command)
+        trust = _trust(command) * _agreement(jacobian @ local, tip_step)
         near = trust * local + (1.0 - trust) * follower.drawn(observation)
         wanted = trust * (jacobian @ local) + (1.0 - trust) * tip_step
         if len(task_step) > POSITION:
@@ -276,6 +282,16 @@ class RewardWeightedController(LearningController):
 def _trust(command: InverseAnswer) -> float:
     """How far local controllers are followed, 0 to 1."""
     return min(command.activation / _ACTIVE, command.support / _SUPPORTED, 1.0)
+
+
+def _agreement(made: Vector, wanted: Vector) -> float:
+    """How far (3,) mm that the forward model has an answer make are the (3,) that were wanted, 0
+    to 1."""
+    differs, asked = made - wanted, float(wanted @ wanted)
+    if not asked > 0.0:
+        return 1.0
+    share = sqrt(float(differs @ differs) / asked)
+    return min(max((_CONTRADICTED - share) / (_CONTRADICTED - _AGREED), 0.0), 1.0)
 
 
 def _note(command: InverseAnswer) -> str:

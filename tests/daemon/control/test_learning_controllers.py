@@ -12,10 +12,11 @@ import pytest
 from config.tasks.exploration import MotorBabbling
 from config.tasks.trajectory import Lissajous
 from daemon.array_files import ModelError
-from daemon.control.controller import ControllerError
+from daemon.control.controller import ControllerError, Observation
 from daemon.controllers.learning_controller import LearningController
 from daemon.controllers.reward_weighted import RewardWeightedController
 from daemon.learning.forward.pretrained_model import PretrainedModel
+from daemon.learning.inverse.local_controllers import InverseAnswer
 from daemon.learning.samples.motion import MotionSample
 from daemon.reference.trajectories import make_trajectory
 from drivers.pose import Vector
@@ -96,6 +97,24 @@ def test_without_a_model_a_figure_of_eight_is_followed_round_after_round(kind: s
     rounds = [loop.follow(eight) for _ in range(3)]
     assert all(one.mean_mm < 2.0 for one in rounds), [one.mean_mm for one in rounds]
     assert rounds[-1].max_mm < 12.0
+
+
+@pytest.mark.parametrize("answered", [0.0, -1.0, 3.0])
+def test_local_controllers_that_the_forward_model_contradicts_are_not_followed(
+    answered: float, model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Who has learnt from noise that nothing moves would stand, see nothing else, and stand on."""
+    loop = started(made_learner("reward_weighted", model=model), START_MM)
+    controller = loop.controller
+    assert isinstance(controller, RewardWeightedController)
+    command = controller._command
+
+    def wrong(tip_mm: Vector, place_mm: Vector, seen: Observation) -> InverseAnswer:
+        answer = command(tip_mm, place_mm, seen)
+        return answer._replace(delta_u=answered * answer.delta_u, activation=1.0, support=1.0)
+
+    monkeypatch.setattr(controller, "_command", wrong)
+    assert followed(loop)[0].mean_mm < 1.0
 
 
 @pytest.mark.parametrize(("memory_samples", "grown"), [(None, 1.0), (20.0, 1.5)])
