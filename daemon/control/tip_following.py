@@ -174,9 +174,9 @@ class TipFollower:
         jacobian, targets = self._told
         return np.asarray(jacobian[:POSITION] @ (observation.targets - targets))
 
-    def drawn(self, observation: Observation) -> Vector:
-        """(m,) change of the targets that the posture asks for."""
-        share = min(self._options.posture_gain_per_s * step_time(observation), 1.0)
+    def drawn(self, observation: Observation, times: float = 1.0) -> Vector:
+        """(m,) change of the targets that the posture asks for, with so many times its gain."""
+        share = min(times * self._options.posture_gain_per_s * step_time(observation), 1.0)
         return np.asarray(share * (self._posture - observation.targets))
 
     def axis_step(
