@@ -92,7 +92,7 @@ class TipJacobian(Protocol):
 # told about it: the model is then the better guess.
 
 
-_RELATIVE_NOISE = 0.1
+_RELATIVE_NOISE = 0.25
 """Hysteresis and curvature: the part of a motion of the tip that no Jacobian explains."""
 FIRST_STD_MM = 20.0
 """Of a Jacobian's elements, mm per travel, before anything corrects them: hysteresis more than
