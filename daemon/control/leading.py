@@ -30,9 +30,9 @@ _AVERAGED_S: Final = 0.25
 """To either side: a corner is rounded for the prediction, which a lag would do as well."""
 _GAIN_BY_LAG: Final = 6.0
 """Gain times lag, at most, where the tip is predicted: more rings where the prediction is wrong."""
-_CATCHING: Final = 0.2
-"""So much more gain while a tip that was pushed or loaded is caught, where the body is prompt.
-Twice as much more is hardly quicker, and so hasty that the filter loses the tip where it stops."""
+_CATCHING: Final = 1.0
+"""So much more gain while a tip that was pushed or loaded is caught, where the body is prompt. Half
+as much again is hardly quicker, a fifth of it a tenth of a second slower (30 g, four bodies)."""
 _HURRY: Final = 0.35
 """... and so much more of what is missing is told at first than shall come of it, where the lag is
 long: what a first-order lag keeps back then comes sooner."""
