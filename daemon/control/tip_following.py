@@ -22,8 +22,9 @@ from daemon.control.task import POSITION, points, turn_between, within
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
 
-LONGEST_STEP_S = 0.1
-"""A step that took longer counts as this long: the tip does not leap after a gap."""
+LONGEST_STEP_S = 0.2
+"""A step that took longer counts as this long, however slow the tracker: the tip does not leap
+after a gap."""
 
 _FORESEEN_S = 0.025
 """A step of the tracker's, as the law is asked for it before anything moves."""

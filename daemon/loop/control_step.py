@@ -12,7 +12,7 @@ from daemon.control.controller import Controller, ControllerError, Observation, 
 from daemon.control.task import tip_axis
 from daemon.estimation.pose_filter import PoseFilter, TipEstimate
 from daemon.loop.actuation_history import ActuationHistory
-from daemon.loop.frame_statistics import FrameStatistics
+from daemon.loop.frame_statistics import FrameStatistics, StepPeriod
 from daemon.loop.step_messages import (
     RequestedStep,
     RiskAsked,
@@ -53,7 +53,8 @@ from safety.states import Request
 
 FRAME_PERIOD_NS: Final = {"normal": 25_000_000, "fast": 15_151_515}
 _LONGEST_DT_S: Final = 0.1
-"""Four frames of 25 ms: after a longer gap the reference goes on as if there had been so much."""
+"""Four frames of 25 ms, or two of a slow tracker's: after a longer gap the reference goes on as if
+there had been so much."""
 _REQUESTED_ABOVE: Final = 1e-3
 """mm or rad: a micrometre is a third of a count of the shipped arms' drives to 33 of them, and less
 than any tracker shows."""
@@ -108,7 +109,7 @@ class ControlLoop:
         self._timekeeping = timekeeping
         self._clock = clock
         self._publish_message = publish
-        self._duration_ns = FRAME_PERIOD_NS[robot.tracker.frame_rate]
+        self._step_period = StepPeriod(FRAME_PERIOD_NS[robot.tracker.frame_rate])
         self._threshold = robot.risk.threshold
         most_mm = robot.supervision.tip_jump_mm
         self._tip_jump_mm = math.inf if most_mm is None else most_mm
@@ -218,7 +219,9 @@ class ControlLoop:
             self.filter.update(frame.t_ns, frame.tip)
             self._believe(self.filter.estimate(frame.t_ns))
             return None
-        dt_s = min((frame.t_ns - last_ns) * 1e-9, _LONGEST_DT_S)
+        self._step_period.add(frame.t_ns - last_ns)
+        longest_s = max(_LONGEST_DT_S, 2e-9 * self._step_period.period_ns)
+        dt_s = min((frame.t_ns - last_ns) * 1e-9, longest_s)
         counts: list[int | None] = [channel.position_counts for channel in self.channels]
         tensions = [
             channel.scale.force(channel.torque_permille) if tendon else None
@@ -351,13 +354,13 @@ class ControlLoop:
         now_ns = self._clock.now_ns()
         if requested is None:
             self.withdraw_refusals(now_ns)
-            return self._gate.hold(sensed.measured, now_ns, self._duration_ns)
+            return self._gate.hold(sensed.measured, now_ns, self._step_period.period_ns)
         wanted = (sensed.targets + requested.delta_u).tolist()
         targets = [
             position * channel.scale.counts_per_unit
             for position, channel in zip(wanted, self.channels, strict=True)
         ]
-        decision = self._gate.decide(targets, sensed.measured, now_ns, self._duration_ns)
+        decision = self._gate.decide(targets, sensed.measured, now_ns, self._step_period.period_ns)
         self._tell_supervisor(decision, requested, now_ns)
         if decision.risk is not None and decision.refused != RISK_UNAVAILABLE:
             self._avoidance.take_judgement(decision.risk, self._threshold, RISK in decision.limits)

@@ -1,4 +1,4 @@
-"""How often frames come, and how old they are when they do."""
+"""How often frames come, how old they are when they do, and how long a control step lasts."""
 
 from bisect import bisect_left
 from collections import deque
@@ -7,6 +7,34 @@ from typing import Final
 
 _RATE_OVER_NS: Final = 2_000_000_000
 _AGES_KEPT: Final = 100
+_STEPS_KEPT: Final = 9
+_SLOWER: Final = 1.5
+"""Times a frame's period: what is less comes of a frame that was lost now and then."""
+_LONGEST_STEP_NS: Final = 200_000_000
+"""Five a second: slower than that nothing is to be controlled."""
+
+
+class StepPeriod:
+    """How long a control step lasts: until the next frame, as frames have come of late.
+
+    A tracker measures evenly, and a slow line brings only some of its frames: nine in a second at
+    9600 baud. Axes that were told steps for one frame's time would stand still for most of it.
+    """
+
+    def __init__(self, frame_ns: int) -> None:
+        """frame_ns: from one measurement of the tracker to the next."""
+        self.period_ns = frame_ns
+        self._frame_ns = frame_ns
+        self._steps_ns: deque[int] = deque(maxlen=_STEPS_KEPT)
+
+    def add(self, step_ns: int) -> None:
+        """So long after the last one a frame was measured."""
+        if step_ns <= 0:
+            return
+        self._steps_ns.append(step_ns)
+        usual_ns = sorted(self._steps_ns)[len(self._steps_ns) // 2]
+        slow = usual_ns > _SLOWER * self._frame_ns and len(self._steps_ns) == _STEPS_KEPT
+        self.period_ns = min(usual_ns, _LONGEST_STEP_NS) if slow else self._frame_ns
 
 
 class FrameStatistics:

@@ -20,7 +20,7 @@ from daemon.learning.forward.smooth_model import (
 from daemon.learning.lwpr.model import Lwpr
 from daemon.learning.samples.dataset import Dataset, Frames, sound_frames
 from daemon.learning.samples.motion import Mask, MotionTable
-from daemon.learning.samples.motion_samples import SamplingSettings
+from daemon.learning.samples.motion_samples import SamplingSettings, longest_step_s
 from drivers.pose import Vector
 
 
@@ -72,7 +72,7 @@ def _ends(t_s: Vector) -> Vector:
     """(k,) times at which a motion ends, with no gap anywhere near before."""
     if len(t_s) < 2:
         return np.zeros(0)
-    gaps = np.flatnonzero(np.diff(t_s) > _GAP_S)
+    gaps = np.flatnonzero(np.diff(t_s) > longest_step_s(t_s, _GAP_S))
     begins_s = np.concatenate([t_s[:1], t_s[gaps + 1]])
     sound_since = begins_s[np.searchsorted(begins_s, t_s, side="right") - 1]
     ends = t_s[t_s - sound_since >= _BEFORE_S]

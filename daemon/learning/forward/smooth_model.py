@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from daemon.learning.samples.dataset import Frames, sound_frames
 from daemon.learning.samples.motion import DEAD_SHARE, Mask, MotionTable
+from daemon.learning.samples.motion_samples import longest_step_s
 from drivers.pose import Vector
 
 LineNumbers = NDArray[np.int64]
@@ -40,7 +41,7 @@ def axes_shown(t_s: Vector, u: Vector, lag_s: float) -> Vector:
         return due
     dt_s = np.diff(t_s, prepend=t_s[:1])
     shares = -np.expm1(-dt_s / first_order_s)
-    shares[dt_s > _GAP_S] = 1.0
+    shares[dt_s > longest_step_s(t_s, _GAP_S)] = 1.0
     shown = due.copy()
     for k in range(1, len(shown)):
         shown[k] = shown[k - 1] + shares[k] * (due[k] - shown[k - 1])
@@ -128,7 +129,7 @@ def _spans(t_s: Vector, known: Mask) -> tuple[Rows, Rows]:
     """(k,) rows of frames that motions begin and end at, with no gap between them."""
     ends = np.arange(len(t_s))
     begins = np.searchsorted(t_s, t_s - _SPAN_S, side="left")
-    gaps = np.cumsum(np.diff(t_s, prepend=t_s[:1]) > _GAP_S)
+    gaps = np.cumsum(np.diff(t_s, prepend=t_s[:1]) > longest_step_s(t_s, _GAP_S))
     others = np.cumsum(~known)
     whole = (gaps[begins] == gaps) & (others[begins] == others) & known[begins]
     kept = whole & (t_s - t_s[0] >= _SPAN_S)

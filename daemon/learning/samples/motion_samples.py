@@ -19,6 +19,10 @@ _NS_PER_S = 1e9
 _FROZEN_FRAMES = 3
 """In a row, in which the axes move and the tip does not: by chance that happens once. Chosen."""
 _AVERAGED_AT_MOST = 8
+_GAP_STEPS = 3.0
+"""Of a slow tracker: its frames are a gap_s apart by themselves."""
+_USUAL_OF = 8
+"""The shortest of the last so many steps is the usual one."""
 _MOST_AVERAGED_SHARE = 0.5
 _MAY_BE_ZERO = ("lag_s", "shortest_s", "averaged_share", "confirm_s")
 _TINY = 1e-12
@@ -43,7 +47,7 @@ class SamplingSettings:
     longest_s: float = 1.0
     """A motion that took longer is none: it stood still, or only crept. A new one begins."""
     gap_s: float = 0.1
-    """Without a frame for longer, everything begins anew."""
+    """Without a frame for longer, and for three steps of a slow tracker, everything begins anew."""
     fastest_mm_s: float = 150.0
     """A tip that is faster from one frame to the next was measured wrongly, or pushed."""
     most_mm: float = 1000.0
@@ -72,6 +76,12 @@ class SamplingSettings:
             return cls(**settings)
         except TypeError as error:
             raise ValueError(f"no sampling settings: {error}") from None
+
+
+def longest_step_s(t_s: Vector, gap_s: float) -> float:
+    """Without a frame for longer there is a gap. t_s: (n,) of frames, in the order of time."""
+    usual_s = float(np.median(np.diff(t_s))) if len(t_s) > 1 else 0.0
+    return max(gap_s, _GAP_STEPS * usual_s)
 
 
 class _Frame(NamedTuple):
@@ -103,6 +113,7 @@ class MotionSampler:
         self._lag_ns = round(settings.lag_s * _NS_PER_S)
         self._axes_frames: deque[tuple[int, Vector]] = deque()
         self._last: _Frame | None = None
+        self._steps_ns: deque[int] = deque(maxlen=_USUAL_OF)
         self._recent: deque[_Frame] = deque(maxlen=_AVERAGED_AT_MOST)
         self._begin: _Frame | None = None
         self._since_begin = 0
@@ -140,11 +151,12 @@ class MotionSampler:
         if last is None:
             return False
         dt_ns = t_ns - last.t_ns
+        self._steps_ns.append(dt_ns)
         moved_mm = float(np.linalg.norm(tip_mm - last.tip_mm))
         stood = moved_mm < settings.frozen_mm
         self._still = self._still + 1 if stood and (u != last.u).any() else 0
         return (
-            dt_ns > self._gap_ns
+            dt_ns > max(self._gap_ns, _GAP_STEPS * min(self._steps_ns))
             or moved_mm > settings.fastest_mm_s * dt_ns / _NS_PER_S
             or self._still >= _FROZEN_FRAMES
         )

@@ -138,6 +138,15 @@ def test_a_gap_is_not_bridged() -> None:
     assert min(began_ns) >= 30 * FRAME_NS
 
 
+def test_frames_of_a_slow_tracker_are_no_gaps() -> None:
+    u = back_and_forth(80)
+    sampler = MotionSampler(replace(AT_ONCE, longest_s=5.0), TRAVEL)
+    given = [sampler.add(5 * k * FRAME_NS, tip_of(u[k]), u[k]) for k in range(80)]
+    assert sum(sample is not None for sample in given) > 20
+    missing = [sampler.add(5 * (k + 500) * FRAME_NS, tip_of(u[k]), u[k]) for k in range(2)]
+    assert missing == [None, None]
+
+
 def test_nothing_spans_a_break() -> None:
     u = back_and_forth(60)
     sampler = MotionSampler(replace(AT_ONCE, confirm_s=0.1), TRAVEL)
