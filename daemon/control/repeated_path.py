@@ -113,10 +113,17 @@ class CycleCorrection:
             return
         if place != self._place:
             if self._place is not None:
-                self._take(self._place, np.mean(self._errors, axis=0))
+                self._take_up_to(place, self._place, np.mean(self._errors, axis=0))
             self._place = place
             self._errors.clear()
         self._errors.append(within(error_mm, _MOST_TAKEN_MM))
+
+    def _take_up_to(self, end: int, place: int, error_mm: Vector) -> None:
+        """What was seen at a place is true up to the next one that was passed: where the tip is
+        seen less often than there are places, all of them learn."""
+        passed = min((end - place) % self.path.count, self._half)
+        for further in range(passed):
+            self._take((place + further) % self.path.count, error_mm)
 
     def _take(self, place: int, error_mm: Vector) -> None:
         """The error at a place is known; so is all that the one half a width before needs."""

@@ -40,24 +40,36 @@ def disturbance(t_s: float) -> Vector:
     return np.asarray(np.array([2.0, 1.0, 0.0]) * np.sin(4.0 * np.pi * t_s / CYCLE_S))
 
 
-def go_round(cycles: CycleCorrection, rounds: int, off: float = 1.0) -> list[float]:
+def go_round(
+    cycles: CycleCorrection, rounds: int, off: float = 1.0, dt_s: float = DT_S
+) -> list[float]:
     """The largest error of each round: the tip shows what it is led by, and is pushed aside."""
     worst = []
     for _ in range(rounds):
         errors = []
-        for k in range(round(CYCLE_S / DT_S)):
-            t_s = k * DT_S
+        for k in range(round(CYCLE_S / dt_s)):
+            t_s = k * dt_s
             error = off * disturbance(t_s) - cycles.at(t_s)[0]
-            cycles.add(Phase(t_s, CYCLE_S), DT_S, 0.0, error, path(t_s))
+            cycles.add(Phase(t_s, CYCLE_S), dt_s, 0.0, error, path(t_s))
             errors.append(float(np.linalg.norm(error)))
         worst.append(max(errors))
     return worst
 
 
-def test_what_comes_back_in_every_cycle_is_led_the_other_way() -> None:
-    worst = go_round(CycleCorrection(CYCLE_S), rounds=8)
+@pytest.mark.parametrize("dt_s", [DT_S, 0.1, 0.14])
+def test_what_comes_back_in_every_cycle_is_led_the_other_way(dt_s: float) -> None:
+    """However seldom the tip is seen: at the places between that, too, the correction is smooth."""
+    cycles = CycleCorrection(CYCLE_S)
+    worst = go_round(cycles, rounds=8, dt_s=dt_s)
     assert worst[0] > 2.0
     assert worst[-1] < 0.15 * worst[0]
+    between = [cycles.at(t_s) for t_s in np.arange(0.0, CYCLE_S, 0.01)]
+    away = [at[0] - disturbance(0.01 * k) for k, at in enumerate(between)]
+    assert max(np.linalg.norm(one) for one in away) < 0.5
+    fastest = max(
+        np.linalg.norm(disturbance(t_s + 0.05) - disturbance(t_s)) / 0.05 for t_s in (0, 1)
+    )
+    assert max(np.linalg.norm(at[1]) for at in between) < 1.5 * fastest
 
 
 def test_a_correction_goes_over_from_one_cycle_into_the_next_without_a_jump() -> None:
