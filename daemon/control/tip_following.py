@@ -90,6 +90,9 @@ class TipFollower:
             self.leading.see_probe(observation, step_time(observation), moved_mm)
         else:
             self._home = observation.targets
+        if probing.asks:
+            lag = self.leading.lag
+            probing.answer(lag.by_steps_s, lag.lag_s)
         returns, dt_s = probing.returns, step_time(observation)
         step = within(probing.step(dt_s), self._options.max_tip_speed_mm_s * dt_s)
         no_posture = np.zeros_like(observation.targets)

@@ -34,11 +34,20 @@ _ROWS = 256
 _MEMORY_S = 12.0
 """Of motion. Then a third is left of what was seen."""
 _GAIN_MEMORY_S = 6.0
+_USUAL_STEP_S = 0.025
+"""From one span to the next, of which each counts as one: spans of a slower tracker count as more.
+"""
 _MOVED_MM = 0.3
 """A span in which the tip was neither told to move so far nor did tells nothing but noise."""
-_SPANS_AT_LEAST = 120.0
+_SEEN_AT_LEAST_S = 3.0
+"""Of motion on a path, before it tells anything ..."""
+_STEPS_AT_LEAST_S = 1.2
+"""... and of steps."""
 _EXPLAINED = 0.5
-"""Of the tip's motion, by the best delay. A load or a push moves it without being told."""
+"""Of the tip's motion on a path, by the best delay. A load or a push moves it untold."""
+_STEPS_EXPLAINED = 0.2
+"""... and of steps, of which a body with a lag of a second makes little, and late, while hysteresis
+and noise are as large as ever."""
 _CLEARER, _AT_LEAST = 0.05, 2e-3
 """Share of what the best delay leaves unexplained, and of all motion, by which it must be better.
 So a slow circle does not tell a tenth of a second, which there makes no difference either."""
@@ -88,7 +97,7 @@ class BodyLag:
         """xx, xy and yy by share, delay and coordinate, mm²."""
         self._gain_sums = np.zeros((2, len(self._dead_s), 3))
         """xx and xy, which forget faster: a gain differs from place to place, and a lag hardly."""
-        self._spans = 0.0
+        self._seen_s = 0.0
         self._settled = False
 
     def break_off(self) -> None:
@@ -109,12 +118,19 @@ class BodyLag:
             return
         first = int(np.searchsorted(track.times, t_s - _SPAN_S))
         kept = np.array([exp(-dt_s / _MEMORY_S), exp(-dt_s / _GAIN_MEMORY_S)])
+        weight = dt_s / _USUAL_STEP_S
         sums, gain_sums = self._sums, self._gain_sums
         arrived, tips = track.arrived_mm, track.tip_mm
-        if not kernels.add_span(first, arrived, tips, sums, gain_sums, kept, _MOVED_MM):
+        if not kernels.add_span(first, arrived, tips, sums, gain_sums, kept, weight, _MOVED_MM):
             return
-        self._spans = kept[0] * self._spans + 1.0
+        self._seen_s = kept[0] * self._seen_s + dt_s
         self._approach(dt_s)
+
+    @property
+    def by_steps_s(self) -> float | None:
+        """As the steps that were made so far tell it; None: they tell nothing yet."""
+        found = self._found(free=True)
+        return None if found is None else found.delay_s
 
     def settle(self) -> bool:
         """Go by what explains best what was seen so far, and by a path only where that has it
@@ -133,13 +149,13 @@ class BodyLag:
                 best = 0
             one = found[best]
             assert one is not None
-            self.lag_s, self.dead_share = one[0], float(self._shares[best])
+            self.lag_s, self.dead_share = one.delay_s, float(self._shares[best])
         self._settled = bool(told)
         here = slice(best * count, (best + 1) * count)
         self._shares = self._shares[best : best + 1]
         self._dead_s, self._first_order_s = self._dead_s[here], self._first_order_s[here]
         self._sums, self._gain_sums = np.zeros((3, count, 3)), np.zeros((2, count, 3))
-        self._spans = 0.0
+        self._seen_s = 0.0
         self._track = _Track(count)
         return self._settled
 
@@ -147,7 +163,7 @@ class BodyLag:
     def gains(self) -> Vector:
         """(3,) how much more the tip goes along x, y and z than it is told; 1 where that is not
         clear."""
-        if self._spans < _SPANS_AT_LEAST:
+        if self._seen_s < _SEEN_AT_LEAST_S:
             return np.ones(3)
         here = int(np.argmin(np.abs(self._delays - self.lag_s)))
         xx, xy = self._gain_sums[:, here]
@@ -161,11 +177,11 @@ class BodyLag:
         count = len(self._delays)
         xx, xy, yy = self._sums[:, row * count : (row + 1) * count]
         whole = float(yy[0].sum())
-        if self._spans < _SPANS_AT_LEAST or not whole > 0.0:
+        if self._seen_s < (_STEPS_AT_LEAST_S if free else _SEEN_AT_LEAST_S) or not whole > 0.0:
             return None
         left = _unexplained(xx, xy, yy, free).sum(axis=1) / whole
         best = int(np.argmin(left))
-        if best == len(left) - 1 or left[best] > 1.0 - _EXPLAINED:
+        if best == len(left) - 1 or left[best] > 1.0 - (_STEPS_EXPLAINED if free else _EXPLAINED):
             return None
         here = float(np.interp(self.lag_s, self._delays, left))
         return _Found(_lowest(self._delays, left, best), float(left[best]), here)

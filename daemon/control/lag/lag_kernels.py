@@ -52,6 +52,7 @@ def add_span(
     sums: FloatArray,
     gain_sums: FloatArray,
     kept: FloatArray,
+    weight: float,
     least_mm: float,
 ) -> bool:
     """Whether the tip went, or was told to go, `least_mm` from row `first` to the last: then the
@@ -71,9 +72,9 @@ def add_span(
     for k in range(delays):
         for i in range(3):
             x, y = arrived[last, k, i] - arrived[first, k, i], tips[last, i] - tips[first, i]
-            sums[0, k, i] = kept[0] * sums[0, k, i] + x * x
-            sums[1, k, i] = kept[0] * sums[1, k, i] + x * y
-            sums[2, k, i] = kept[0] * sums[2, k, i] + y * y
-            gain_sums[0, k, i] = kept[1] * gain_sums[0, k, i] + x * x
-            gain_sums[1, k, i] = kept[1] * gain_sums[1, k, i] + x * y
+            sums[0, k, i] = kept[0] * sums[0, k, i] + weight * x * x
+            sums[1, k, i] = kept[0] * sums[1, k, i] + weight * x * y
+            sums[2, k, i] = kept[0] * sums[2, k, i] + weight * y * y
+            gain_sums[0, k, i] = kept[1] * gain_sums[0, k, i] + weight * x * x
+            gain_sums[1, k, i] = kept[1] * gain_sums[1, k, i] + weight * x * y
     return True

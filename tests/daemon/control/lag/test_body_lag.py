@@ -239,13 +239,13 @@ def test_only_a_motion_is_added_to_what_the_motions_told() -> None:
     arrived, tips = random.normal(size=(8, 2, 3)), random.normal(size=(8, 3))
     sums, gain_sums = np.ones((3, 2, 3)), np.ones((2, 2, 3))
     kept = np.array([0.5, 0.25])
-    assert not kernels.add_span(2, arrived, tips, sums, gain_sums, kept, 50.0)
+    assert not kernels.add_span(2, arrived, tips, sums, gain_sums, kept, 3.0, 50.0)
     assert (sums == 1.0).all()
     assert (gain_sums == 1.0).all()
-    assert kernels.add_span(2, arrived, tips, sums, gain_sums, kept, 0.1)
+    assert kernels.add_span(2, arrived, tips, sums, gain_sums, kept, 3.0, 0.1)
     x, y = arrived[-1] - arrived[2], tips[-1] - tips[2]
-    assert np.allclose(sums, 0.5 + np.array([x * x, x * y, np.tile(y * y, (2, 1))]))
-    assert np.allclose(gain_sums, 0.25 + np.array([x * x, x * y]))
+    assert np.allclose(sums, 0.5 + 3.0 * np.array([x * x, x * y, np.tile(y * y, (2, 1))]))
+    assert np.allclose(gain_sums, 0.25 + 3.0 * np.array([x * x, x * y]))
 
 
 def test_a_lag_is_known_after_minutes_as_after_seconds() -> None:
