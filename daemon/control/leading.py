@@ -21,6 +21,7 @@ from daemon.control.controller import Observation, Phase
 from daemon.control.lag.answer import ON_A_PATH_S, ON_THE_WAY_BACK_S, Answer
 from daemon.control.lag.body_lag import BodyLag, Underway, parts
 from daemon.control.lag.disturbance import Disturbance
+from daemon.control.lag.persistence import Persistence
 from daemon.control.repeated_path import CycleCorrection
 from drivers.pose import Vector
 
@@ -30,6 +31,10 @@ _AVERAGED_S: Final = 0.25
 """To either side: a corner is rounded for the prediction, which a lag would do as well."""
 _GAIN_BY_LAG: Final = 6.0
 """Gain times lag, at most, where the tip is predicted: more rings where the prediction is wrong."""
+_UNPREDICTED_GAIN_BY_LAG: Final = 1.0
+"""... and where it is not: from π/2 on a loop that waits so long for its answer swings up."""
+_SHORTEST_LAG_S: Final = 0.1
+"""That any body has, with its drives and the tracker."""
 _CATCHING: Final = 1.0
 """So much more gain while a tip that was pushed or loaded is caught, where the body is prompt. Half
 as much again is hardly quicker, a fifth of it a tenth of a second slower (30 g, four bodies)."""
@@ -54,6 +59,7 @@ class Leading:
         self._cycles: CycleCorrection | None = None
         self._disturbance = Disturbance()
         self._answer = Answer()
+        self._persistence = Persistence()
 
     @property
     def predicted(self) -> float:
@@ -71,6 +77,7 @@ class Leading:
         self._underway.begin()
         self._disturbance.begin()
         self._answer.begin()
+        self._persistence.begin()
         if self._cycles is not None:
             self._cycles.break_off()
 
@@ -109,7 +116,8 @@ class Leading:
     def step(self, observation: Observation, dt_s: float) -> Vector:
         """(3,) mm to ask for in this step."""
         error = observation.reference_mm - observation.tip_mm
-        lag_s, gain, share = self.lag.lag_s, self._gain_per_s, self.predicted
+        t_s, lag_s, share = observation.t_ns * 1e-9, self.lag.lag_s, self.predicted
+        gain = self._gain_per_s * self._of_use(t_s, dt_s, error)
         answered, hurry = share * self._answer.worth, 1.0
         if self._disturbance.just_jumped(observation.t_ns * 1e-9):
             # All the way back is told before much of it is seen, which alone would overshoot.
@@ -120,8 +128,9 @@ class Leading:
         answer = np.eye(3) + answered * (self._answer.matrix - np.eye(3))
         coming = answer @ self._underway.coming_mm
         left = answer @ self._underway.left_mm
-        if share > 0.0:
-            gain += share * (min(gain, _GAIN_BY_LAG / max(lag_s, _SHORT_S)) - gain)
+        predicted_gain = min(gain, _GAIN_BY_LAG / max(lag_s, _SHORT_S))
+        gain = min(gain, _UNPREDICTED_GAIN_BY_LAG / max(lag_s, _SHORTEST_LAG_S))
+        gain += share * (predicted_gain - gain)
         self._learn_cycle(observation, dt_s, error)
         velocity, due, further = self._ahead(observation)
         error = error + self._correction(observation.phase, 0.0)[0]
@@ -130,6 +139,15 @@ class Leading:
             error = error + share * (hurry * late + further - (left - coming) - error)
         wanted = min(gain * dt_s, 1.0) * error + velocity * dt_s
         return np.asarray(np.linalg.solve(answer, wanted) / self._gains)
+
+    def _of_use(self, t_s: float, dt_s: float, error_mm: Vector) -> float:
+        """The share of the gain that (3,) this error is met with. Across a long lag the gain is
+        bounded by that, and a tip that was taken off needs all of it."""
+        if self._disturbance.jumped(t_s):
+            self._persistence.begin()
+            return 1.0
+        share = self._persistence.add(t_s, dt_s, error_mm, self.lag.lag_s)
+        return 1.0 - (1.0 - self.predicted) * (1.0 - share)
 
     def _learn_cycle(self, observation: Observation, dt_s: float, error_mm: Vector) -> None:
         phase = observation.phase
