@@ -93,11 +93,11 @@ class TipJacobian(Protocol):
 # told about it: the model is then the better guess.
 
 
-_UNEXPLAINED: Final = 0.25, 0.1
+_UNEXPLAINED: Final = 0.6, 0.1
 """Hysteresis and curvature: the part of a motion of the tip that no Jacobian explains, while the
 model is right, and where the body is another than the model's. What a model that is right seems to
 lack is mostly that; a load that was hung on shall be learnt at once."""
-_RIGHT: Final = 0.2, 0.3
+_RIGHT: Final = 0.3, 0.45
 """Shares of the last motions that the model lacks where it is right, and where it is not. Chosen:
 with 14 g at the tip they are 0.12 to 0.23, with 30 g 0.32 to 0.46."""
 FIRST_STD_MM = 20.0
