@@ -60,6 +60,8 @@ class Leading:
         self._disturbance = Disturbance()
         self._answer = Answer()
         self._persistence = Persistence()
+        self.jumps = 0
+        """How often the tip was taken off at once: something was hung on, or pushed it."""
 
     @property
     def predicted(self) -> float:
@@ -92,6 +94,7 @@ class Leading:
         arrived_mm = self._underway.told_mm - self._underway.left_mm
         off_mm = observation.tip_mm - arrived_mm
         if self._disturbance.add(t_s, off_mm, arrived_mm, self.lag.lag_s):
+            self.jumps += 1
             self._answer.begin()
             self.lag.break_off()
         straight = self._disturbance.just_jumped(t_s)

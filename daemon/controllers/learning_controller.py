@@ -206,6 +206,8 @@ class LearningController(ABC):
         self._waiting: deque[MotionSample] = deque()
         self._axes = LaggedAxes()
         self._was_late = False
+        self._jumps = 0
+        """Of the tip, that the Jacobian was told of."""
         if options.model is not None:
             self._load_first(named_model(options.model))
         elif not options.learning:
@@ -265,6 +267,10 @@ class LearningController(ABC):
             self._pointing.observe(observation)
         if self._too_late():
             return
+        jumps = self._follower.leading.jumps
+        if jumps != self._jumps:
+            self._jumps = jumps
+            self._jacobian.body_changed()
         sample = self._samples.add(observation)
         if sample is None or not self._options.learning:
             return

@@ -74,6 +74,10 @@ class TipJacobian(Protocol):
         """Go by the model as pre-training left it, where it is."""
         ...
 
+    def body_changed(self) -> None:
+        """Something was hung on or taken off: what comes next tells more than what was known."""
+        ...
+
     def to_arrays(self) -> dict[str, Vector]:
         """What was learnt besides the model."""
         ...
@@ -100,6 +104,9 @@ lack is mostly that; a load that was hung on shall be learnt at once."""
 _RIGHT: Final = 0.3, 0.45
 """Shares of the last motions that the model lacks where it is right, and where it is not. Chosen:
 with 14 g at the tip they are 0.12 to 0.23, with 30 g 0.32 to 0.46."""
+_CHANGED_KEPT: Final = 0.998
+"""From motion to motion, of a change that was seen: what is hung on stays, and is another body at
+each place of a path. A metre of one is five hundred of them."""
 FIRST_STD_MM = 20.0
 """Of a Jacobian's elements, mm per travel, before anything corrects them: hysteresis more than
 noise."""
@@ -131,6 +138,8 @@ class JacobianCorrection:
         lacked, what E said squared, what J lacked squared; and how many coordinates that were."""
         self.went_mm2 = 0.0
         """The tip's motions squared, over the same."""
+        self.changed = 0.0
+        """How far the body is known to be another one than before, 0 to 1."""
         self._noise_variance = noise_mm**2
         self._drift_variance = drift_mm**2
         self._reach = reach
@@ -140,6 +149,7 @@ class JacobianCorrection:
         said, lacked = self.difference @ moved, tip_moved - jacobian @ moved
         seen = np.array([said @ lacked, said @ said, lacked @ lacked, float(len(lacked))])
         self.foretold = _WORTH_KEPT * self.foretold + seen
+        self.changed *= _CHANGED_KEPT
         went_mm2 = float(tip_moved @ tip_moved)
         self.went_mm2 = _WORTH_KEPT * self.went_mm2 + went_mm2
         travelled = float(np.linalg.norm(moved))
@@ -161,7 +171,7 @@ class JacobianCorrection:
         """The part of a motion that no Jacobian is taken to explain."""
         right, wrong = _RIGHT
         share = sqrt(float(self.foretold[2]) / max(self.went_mm2, 1e-9))
-        changed = min(max((share - right) / (wrong - right), 0.0), 1.0)
+        changed = max(min((share - right) / (wrong - right), 1.0), self.changed)
         return _UNEXPLAINED[0] + changed * (_UNEXPLAINED[1] - _UNEXPLAINED[0])
 
     @property
@@ -250,6 +260,10 @@ class LearntJacobian:
     def forget_correction(self) -> None:
         """Go by the forward model as pre-training left it, where it is."""
         self._correction = self._no_correction()
+
+    def body_changed(self) -> None:
+        """The next motions are learnt from at once."""
+        self._correction.changed = 1.0
 
     def learn(self, sample: MotionSample) -> None:
         """Take a motion."""

@@ -103,6 +103,9 @@ class ProcessJacobian:
         noise_mm = float(np.hypot(self._options.sample_noise_mm, relative_mm))
         self._online.add(x, d, seen - self._before(x) @ d, noise_mm)
 
+    def body_changed(self) -> None:
+        """It learns of another body as of any."""
+
     def forget_correction(self) -> None:
         """Go by the exploration alone."""
         self._online.clear()

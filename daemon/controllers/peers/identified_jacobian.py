@@ -141,6 +141,9 @@ class IdentifiedJacobian:
     def learn(self, sample: MotionSample) -> None:
         """It is fixed."""
 
+    def body_changed(self) -> None:
+        """It learns of another body as of any."""
+
     def forget_correction(self) -> None:
         """It is fixed."""
 

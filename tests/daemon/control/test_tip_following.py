@@ -56,7 +56,7 @@ def test_a_large_error_is_worked_off_at_a_limited_speed() -> None:
 def test_a_late_step_does_not_make_the_tip_leap(dt_s: float) -> None:
     law = follower(max_tip_speed_mm_s=20.0)
     step = law.tip_step(seen(reference_mm=np.array([300.0, 0.0, 580.0]), dt_s=dt_s))
-    assert np.linalg.norm(step) <= 20.0 * 0.1 * (1 + 1e-9)
+    assert np.linalg.norm(step) <= 20.0 * 0.2 * (1 + 1e-9)
 
 
 def test_no_axis_is_asked_to_be_faster_than_it_can_and_the_tip_comes_as_near_as_it_can() -> None:

@@ -36,3 +36,19 @@ def test_a_difference_that_keeps_turning_round_is_not(turns_every: int) -> None:
     worths = corrected(turns_every)
     assert np.mean(worths[10:]) < 0.15
     assert all(0.0 <= worth <= 1.0 for worth in worths)
+
+
+def left_after(motions: int, changed: bool) -> float:
+    """Of a difference that is a sixth of the model, the share that is not known yet."""
+    random, off = np.random.default_rng(9), MODEL / 6.0
+    correction = JacobianCorrection(AXES, 0.3, 50.0, 0.5)
+    correction.changed = float(changed)
+    for _ in range(motions):
+        moved: Vector = 0.1 * random.normal(size=AXES)
+        correction.correct(MODEL, moved, (MODEL + off) @ moved)
+    return float(np.linalg.norm(correction.difference - off) / np.linalg.norm(off))
+
+
+def test_a_body_that_was_loaded_is_learnt_in_a_third_of_the_motions() -> None:
+    """A small difference is mostly hysteresis, but not where something was hung on just before."""
+    assert left_after(12, changed=True) < left_after(36, changed=False)
