@@ -70,7 +70,7 @@ class TipFollowing(ProportionalLaw):
     with a lag and dead time of several tenths of a second needs. Only with `feed_forward`."""
 
     probe: bool = True
-    """With `lead`: whether seven seconds of small motions, before anything is followed for the
+    """With `lead`: whether some seconds of small motions, before anything is followed for the
     first time, show how late the body is. Not: it is found on the way. `broyden` finds it in the
     motions that it makes anyway."""
 

@@ -48,7 +48,7 @@ class IterativeLearning(ProportionalLaw, FromMotions, PositionOnly):
     with a dead time does not overshoot."""
 
     probe: bool = True
-    """Whether seven seconds of small motions, before anything is followed for the first time, show
+    """Whether some seconds of small motions, before anything is followed for the first time, show
     how late the body is. Not: it is as the exploration shows it."""
 
     caution: NotNegative = 0.3
@@ -85,7 +85,7 @@ class ModelPredictive(AxisUse, FromMotions, PositionOnly):
     """... and a speed of one range per interval, where it moves the tip."""
 
     probe: bool = True
-    """Whether seven seconds of small motions, before anything is followed for the first time, show
+    """Whether some seconds of small motions, before anything is followed for the first time, show
     how late the body is. Not: it is as the exploration shows it."""
 
 
