@@ -7,8 +7,8 @@ change how far the tip goes and hysteresis whether it comes back, and neither wh
 
 Nothing is fed back. In the end the axes go back to where they were, and the tip with them.
 
-The first direction tells what the others are needed for. Of a prompt body one more is gone, twice
-as fast; and none where a long lag is as the model has it, which was learnt on such a body.
+Where the first direction has a long lag as the model has it, which was learnt on such a body, the
+others need not be gone. A short one has to be known better: one direction alone is 0.02 s off.
 """
 
 from typing import Final
@@ -29,14 +29,10 @@ _REST_S: Final = 1.1
 _ONE_S: Final = sum(seconds for _, seconds in _PLACES)
 _GONE_S: Final = 3 * _ONE_S
 PROBING_S: Final = _GONE_S + _REST_S
-_PROMPT_S: Final = 0.25
-"""A body that is no later than this is prompt ..."""
-_TIMES_AS_FAST: Final = 2.0
-"""... and has answered when half of the time is over. Three times as fast its axes make it look
-0.015 s later."""
-PROMPT_S: Final = _ONE_S + (_ONE_S + _REST_S) / _TIMES_AS_FAST
 ALIKE_S: Final = _ONE_S + _REST_S
-"""How long it takes then; and where a long lag is as the model has it."""
+"""Where one direction is enough."""
+_LONG_S: Final = 0.25
+"""From here on a lag is long."""
 _ALIKE: Final = 0.15
 """Share of a long lag by which that of the model may differ: of the same body, empty or loaded, it
 is 1 to 12 % off."""
@@ -49,7 +45,6 @@ class Probing:
         self._elapsed_s = 0.0
         self._made_mm = np.zeros(3)
         self._asked = False
-        self._pace = 1.0
 
     @property
     def done(self) -> bool:
@@ -69,12 +64,9 @@ class Probing:
 
     def answer(self, lag_s: float | None, known_s: float) -> None:
         """lag_s: as the first direction told it, if it did. known_s: as the model has it."""
-        if lag_s is None:
+        if lag_s is None or lag_s < _LONG_S:
             return
-        if lag_s <= _PROMPT_S:
-            self._elapsed_s += _ONE_S
-            self._pace = _TIMES_AS_FAST
-        elif abs(lag_s - known_s) <= _ALIKE * lag_s:
+        if abs(lag_s - known_s) <= _ALIKE * lag_s:
             self._elapsed_s = _GONE_S
 
     @property
@@ -89,7 +81,7 @@ class Probing:
         if not self.done:
             self._elapsed_s = 0.0
             self._made_mm = np.zeros(3)
-            self._asked, self._pace = False, 1.0
+            self._asked = False
 
     def made(self, moved_mm: Vector) -> None:
         """(3,) was told since the last step."""
@@ -98,7 +90,7 @@ class Probing:
     def step(self, dt_s: float) -> Vector:
         """(3,) mm to ask for in this step."""
         missing = place_mm(self._elapsed_s) - self._made_mm
-        self._elapsed_s += self._pace * dt_s
+        self._elapsed_s += dt_s
         return np.asarray(min(_APPROACH_PER_S * dt_s, 1.0) * missing)
 
 
