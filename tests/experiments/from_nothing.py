@@ -2,7 +2,7 @@
 
 `python -m tests.experiments.from_nothing`. On each named body of the soft arm, with nothing at its
 tip and with 14.2 g: the exploration is of the same body, empty, and its seed differs; then three to
-seven seconds of small motions tell how late the body is, and a circle of 30 mm radius is followed at
+seven seconds of small motions tell how late it is, and a circle of 30 mm radius is followed at
 10 mm/s, twice, learning. Prints one JSON: of each body and load the mean errors of the first and
 the second cycle, one for each seed, in mm.
 """
