@@ -291,6 +291,7 @@ class LearntJacobian:
             "correction_covariance": self._correction.covariance,
             "correction_foretold": self._correction.foretold,
             "correction_went": np.array(self._correction.went_mm2),
+            "correction_changed": np.array(self._correction.changed),
             "carried": self._carried.jacobian,
             "carried_covariance": self._carried.covariance,
         }
@@ -306,6 +307,7 @@ class LearntJacobian:
         self._correction.covariance = np.array(arrays["correction_covariance"])
         self._correction.foretold = np.array(arrays.get("correction_foretold", np.zeros(4)))
         self._correction.went_mm2 = float(arrays.get("correction_went", np.zeros(())))
+        self._correction.changed = float(arrays.get("correction_changed", np.zeros(())))
         self._carry(arrays["carried"])
         assert self._carried is not None
         self._carried.covariance = in_rows(arrays["carried_covariance"])

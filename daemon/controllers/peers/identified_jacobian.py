@@ -142,7 +142,7 @@ class IdentifiedJacobian:
         """It is fixed."""
 
     def body_changed(self) -> None:
-        """It learns of another body as of any."""
+        """It is fixed."""
 
     def forget_correction(self) -> None:
         """It is fixed."""

@@ -22,7 +22,7 @@ _AVERAGED_AT_MOST = 8
 _GAP_STEPS = 3.0
 """Of a slow tracker: its frames are a gap_s apart by themselves."""
 _USUAL_OF = 8
-"""The shortest of the last so many steps is the usual one."""
+"""The shortest of the last so many steps is the usual one. Of fewer nothing is usual yet."""
 _MOST_AVERAGED_SHARE = 0.5
 _MAY_BE_ZERO = ("lag_s", "shortest_s", "averaged_share", "confirm_s")
 _TINY = 1e-12
@@ -155,8 +155,9 @@ class MotionSampler:
         moved_mm = float(np.linalg.norm(tip_mm - last.tip_mm))
         stood = moved_mm < settings.frozen_mm
         self._still = self._still + 1 if stood and (u != last.u).any() else 0
+        usual_ns = min(self._steps_ns) if len(self._steps_ns) == _USUAL_OF else 0
         return (
-            dt_ns > max(self._gap_ns, _GAP_STEPS * min(self._steps_ns))
+            dt_ns > max(self._gap_ns, _GAP_STEPS * usual_ns)
             or moved_mm > settings.fastest_mm_s * dt_ns / _NS_PER_S
             or self._still >= _FROZEN_FRAMES
         )

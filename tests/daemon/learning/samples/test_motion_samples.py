@@ -147,6 +147,15 @@ def test_frames_of_a_slow_tracker_are_no_gaps() -> None:
     assert missing == [None, None]
 
 
+def test_a_gap_after_the_first_frame_is_one() -> None:
+    u = back_and_forth(40)
+    sampler = MotionSampler(replace(AT_ONCE, longest_s=100.0), TRAVEL)
+    sampler.add(0, tip_of(u[20]), u[20])
+    for k in range(40):
+        if sampler.add((400 + k) * FRAME_NS, tip_of(u[k]), u[k]) is not None:
+            assert sampler.began_ns >= 400 * FRAME_NS
+
+
 def test_nothing_spans_a_break() -> None:
     u = back_and_forth(60)
     sampler = MotionSampler(replace(AT_ONCE, confirm_s=0.1), TRAVEL)
