@@ -22,6 +22,10 @@ _HALVINGS: Final = 8
 """To half a hundredth of a haste."""
 _WHOLE: Final = 0.98
 """Of a way that counts as gone."""
+_LACKING: Final = 1e-3
+"""Of a wanted motion, squared: where more of it is left undone, axes may be held in vain."""
+_RELEASE: Final = 0.25
+"""Of the damping, where axes are let go again: with all of it they would come too slowly."""
 _ROUNDS: Final = 4
 """Per axis, at most, until it is known which are at their bounds; one or two do."""
 
@@ -113,44 +117,6 @@ def damped_solution(jacobian: FloatArray, wanted: FloatArray, damping: float) ->
 
 
 @_kernel
-def bounded_step(
-    jacobian: FloatArray,
-    wanted: FloatArray,
-    drawn: FloatArray,
-    lowest: FloatArray,
-    highest: FloatArray,
-    damping: float,
-) -> FloatArray:
-    """(m,) as `tip_following.bounded_step` says."""
-    rows, count = jacobian.shape
-    free, held = jacobian.copy(), np.zeros(count, dtype=np.bool_)
-    step = drawn.copy()
-    for _ in range(count):
-        missing = wanted.copy()
-        for i in range(rows):
-            for k in range(count):
-                missing[i] -= jacobian[i, k] * step[k]
-        # An axis that is held has no column: nothing is asked of it.
-        answer = damped_solution(free, missing, damping)
-        worst, most = -1, 0.0
-        for k in range(count):
-            if not held[k]:
-                trial = drawn[k] + answer[k]
-                beyond = max(lowest[k] - trial, trial - highest[k])
-                if beyond > most:
-                    worst, most = k, beyond
-        if worst < 0:
-            for k in range(count):
-                step[k] += answer[k]
-            return step
-        step[worst] = min(max(drawn[worst] + answer[worst], lowest[worst]), highest[worst])
-        held[worst] = True
-        for i in range(rows):
-            free[i, worst] = 0.0
-    return step
-
-
-@_kernel
 def _share_within(step: FloatArray, change: FloatArray, low: FloatArray, high: FloatArray) -> float:
     """The largest share, up to 1, of a change that leaves every axis between its bounds."""
     share = 1.0
@@ -188,15 +154,8 @@ def _free_change(hessian: FloatArray, slope: FloatArray, held: FloatArray) -> Fl
 
 
 @_kernel
-def step_within(
-    jacobian: FloatArray, wanted: FloatArray, low: FloatArray, high: FloatArray, damping: float
-) -> FloatArray:
-    """(m,) between bounds, which hold zero between them: the step whose tip comes nearest to where
-    that of `wanted`, (m,), would, least |J (x - w)|² + damping² |x - w|².
-
-    By active sets (Nocedal and Wright, Numerical Optimization, 16.5), from `wanted` as a whole
-    shortened until it is within: what it ends with is never further off than that.
-    """
+def _hessian(jacobian: FloatArray, damping: float) -> FloatArray:
+    """(m, m) JᵀJ + damping² I"""
     rows, count = jacobian.shape
     hessian = np.zeros((count, count))
     for i in range(count):
@@ -204,13 +163,22 @@ def step_within(
         for j in range(count):
             for r in range(rows):
                 hessian[i, j] += jacobian[r, i] * jacobian[r, j]
-    held, slope = np.zeros(count), np.empty(count)
-    step = _share_within(np.zeros(count), wanted, low, high) * wanted
+    return hessian
+
+
+@_kernel
+def _least_within(
+    hessian: FloatArray, pull: FloatArray, begin: FloatArray, low: FloatArray, high: FloatArray
+) -> FloatArray:
+    """(m,) x between bounds, least ½ xᵀ H x - pullᵀ x, from `begin`, which is between them.
+
+    By active sets (Nocedal and Wright, Numerical Optimization, 16.5): what it ends with is never
+    worse than what it began with.
+    """
+    count = pull.shape[0]
+    held, slope, step = np.zeros(count), np.empty(count), begin.copy()
     for _ in range(_ROUNDS * count):
-        for i in range(count):
-            slope[i] = 0.0
-            for j in range(count):
-                slope[i] += hessian[i, j] * (step[j] - wanted[j])
+        _slope(hessian, pull, step, slope)
         change = _free_change(hessian, slope, held)
         share = _share_within(step, change, low, high)
         for k in range(count):
@@ -222,17 +190,127 @@ def step_within(
                 elif change[k] < 0.0 and step[k] <= low[k]:
                     held[k] = -1.0
             continue
+        _slope(hessian, pull, step, slope)
         worst, most = -1, 0.0
         for i in range(count):
-            pull = 0.0
-            for j in range(count):
-                pull += hessian[i, j] * (step[j] - wanted[j])
-            if held[i] * pull > most:  # it would rather come back
-                worst, most = i, held[i] * pull
+            if held[i] * slope[i] > most:  # it would rather come back
+                worst, most = i, held[i] * slope[i]
         if worst < 0:
             return step
         held[worst] = 0.0
     return step
+
+
+@_kernel
+def _slope(hessian: FloatArray, pull: FloatArray, step: FloatArray, slope: FloatArray) -> None:
+    """H x - pull, into `slope`."""
+    count = pull.shape[0]
+    for i in range(count):
+        slope[i] = -pull[i]
+        for j in range(count):
+            slope[i] += hessian[i, j] * step[j]
+
+
+@_kernel
+def step_within(
+    jacobian: FloatArray, wanted: FloatArray, low: FloatArray, high: FloatArray, damping: float
+) -> FloatArray:
+    """(m,) between bounds, which hold zero between them: the step whose tip comes nearest to where
+    that of `wanted`, (m,), would, least |J (x - w)|² + damping² |x - w|².
+
+    From `wanted` as a whole shortened until it is within: it is never further off than that.
+    """
+    count = jacobian.shape[1]
+    hessian, pull = _hessian(jacobian, damping), np.zeros(count)
+    for i in range(count):
+        for j in range(count):
+            pull[i] += hessian[i, j] * wanted[j]
+    step = _share_within(np.zeros(count), wanted, low, high) * wanted
+    return _least_within(hessian, pull, step, low, high)
+
+
+@_kernel
+def _held_step(
+    jacobian: FloatArray,
+    wanted: FloatArray,
+    drawn: FloatArray,
+    bounds: tuple[FloatArray, FloatArray],
+    damping: float,
+) -> tuple[FloatArray, bool]:
+    """(m,) x with J x ≈ `wanted`, otherwise near `drawn`. An axis that would pass a bound is set to
+    it, the worst one first, and the rest is solved again without it. And whether one was."""
+    count = jacobian.shape[1]
+    lowest, highest = bounds
+    free, held = jacobian.copy(), np.zeros(count, dtype=np.bool_)
+    step, some_held = drawn.copy(), False
+    for _ in range(count):
+        missing = wanted - _made(jacobian, step)
+        # An axis that is held has no column: nothing is asked of it.
+        answer = damped_solution(free, missing, damping)
+        worst, most = -1, 0.0
+        for k in range(count):
+            if not held[k]:
+                trial = drawn[k] + answer[k]
+                beyond = max(lowest[k] - trial, trial - highest[k])
+                if beyond > most:
+                    worst, most = k, beyond
+        if worst < 0:
+            return step + answer, some_held
+        step[worst] = min(max(drawn[worst] + answer[worst], lowest[worst]), highest[worst])
+        held[worst] = some_held = True
+        free[:, worst] = 0.0
+    return step, some_held
+
+
+@_kernel
+def _made(jacobian: FloatArray, step: FloatArray) -> FloatArray:
+    """(r,) J x. For matrices this small a loop is quicker than BLAS."""
+    rows, count = jacobian.shape
+    made = np.zeros(rows)
+    for i in range(rows):
+        for k in range(count):
+            made[i] += jacobian[i, k] * step[k]
+    return made
+
+
+@_kernel
+def _squared(vector: FloatArray) -> float:
+    total = 0.0
+    for value in vector:
+        total += value * value
+    return total
+
+
+@_kernel
+def bounded_step(
+    jacobian: FloatArray,
+    wanted: FloatArray,
+    drawn: FloatArray,
+    lowest: FloatArray,
+    highest: FloatArray,
+    damping: float,
+    lets_go: bool,
+) -> FloatArray:
+    """(m,) as `tip_following.bounded_step` says."""
+    rows, count = jacobian.shape
+    step, some_held = _held_step(jacobian, wanted, drawn, (lowest, highest), damping)
+    if not (some_held and lets_go):
+        return step
+    # What would be made without bounds: a direction that all axes hardly move stays given up.
+    missing = wanted - _made(jacobian, drawn)
+    whole = _made(jacobian, drawn + damped_solution(jacobian, missing, damping))
+    lacking = _squared(whole - _made(jacobian, step))
+    if lacking <= _LACKING * _squared(whole):
+        return step
+    # Each axis was set to its bound for what the others were to do then. With most of them there,
+    # the rest can do little, however far those that were first would now go back.
+    little = _RELEASE * damping
+    pull = little * little * drawn
+    for k in range(count):
+        for i in range(rows):
+            pull[k] += jacobian[i, k] * whole[i]
+    released = _least_within(_hessian(jacobian, little), pull, step, lowest, highest)
+    return released if _squared(whole - _made(jacobian, released)) < lacking else step
 
 
 @_kernel
@@ -280,6 +358,7 @@ def axis_step(
     max_velocity: FloatArray,
     dt_s: float,
     damping: float,
+    lets_go: bool,
 ) -> FloatArray:
     """(m,) the bounded step of axes that are measured in `unit`, (m,); where an axis would have to
     be faster than it may be, what comes nearest to it."""
@@ -292,7 +371,7 @@ def axis_step(
             scaled[i, k] = jacobian[i, k] * unit[k]
         toward[k] = drawn[k] / unit[k]
         low[k], high[k] = lowest[k] / unit[k], highest[k] / unit[k]
-    step = bounded_step(scaled, wanted, toward, low, high, damping)
+    step = bounded_step(scaled, wanted, toward, low, high, damping, lets_go)
     hurried = False
     for k in range(count):
         fastest = max_velocity[k] * dt_s / unit[k]

@@ -26,6 +26,11 @@ LONGEST_STEP_S = 0.2
 """A step that took longer counts as this long, however slow the tracker: the tip does not leap
 after a gap."""
 
+_ON_A_PATH, _ON_A_PATH_PER_S = 4.0, 0.4
+"""Times the posture's gain, and per second at most, to draw the axes with on a path that is
+repeated: so their way is soon the same in every cycle, as what is learnt of one for the next needs
+it, and their ends are left. On the way to a path this would show in what is found of the body: the
+tip goes a little with axes that should not move it, and nobody told it to."""
 _FORESEEN_S = 0.025
 """A step of the tracker's, as the law is asked for it before anything moves."""
 
@@ -41,6 +46,12 @@ class TipFollower:
         self._posture = self._fixed_posture()
         self.unit = self.axes.scale / np.sqrt(self._weights())
         """(m,) how far each axis goes for the price of 1."""
+        gain_per_s = options.posture_gain_per_s
+        on_path_per_s = min(_ON_A_PATH * gain_per_s, _ON_A_PATH_PER_S)
+        self._turns = bool(self.axes.period.any())
+        """Whether axes turn round: then far ways come of little, the body can snap on them, and the
+        middle of their travel is no better than another place."""
+        self._further_per_s = 0.0 if self._turns else max(on_path_per_s - gain_per_s, 0.0)
         self._leads = options.lead and options.feed_forward
         self._probing = Probing() if self._leads and options.probe else None
         probes = self._probing is not None
@@ -183,6 +194,13 @@ class TipFollower:
         share = min(times * self._options.posture_gain_per_s * step_time(observation), 1.0)
         return np.asarray(share * (self._posture - observation.targets))
 
+    def drawn_further(self, observation: Observation) -> Vector:
+        """(m,) that the posture asks for besides, on a path that is repeated."""
+        if observation.phase is None:
+            return np.zeros_like(observation.targets)
+        share = min(self._further_per_s * step_time(observation), 1.0)
+        return np.asarray(share * (self._posture - observation.targets))
+
     def axis_step(
         self,
         jacobian: Matrix,
@@ -199,17 +217,19 @@ class TipFollower:
         if not (_all_finite(jacobian) and _all_finite(observation.targets)):
             raise ControllerError("the controller's model is not a number here: learn it anew")
         self._told = jacobian, observation.targets
-        drawn = self.drawn(observation) if near is None else near
+        if near is None:
+            near = self.drawn(observation) + self.drawn_further(observation)
         lowest, highest = self.axes.step_range(observation.targets)
         return np.asarray(
             kernels.axis_step(
                 in_rows(jacobian),
                 in_rows(tip_step),
-                kernels.StepBounds(in_rows(drawn), lowest, highest),
+                kernels.StepBounds(in_rows(near), lowest, highest),
                 self.unit,
                 self.axes.max_velocity,
                 step_time(observation),
                 self._options.damping_mm,
+                not self._turns,
             )
         )
 
@@ -221,7 +241,7 @@ class TipFollower:
         drawn = options.posture_gain_per_s * _FORESEEN_S * (self._posture - u) / self.unit
         lowest, highest = lowest / self.unit, highest / self.unit
         wanted, damping = _FORESEEN_S * tip_velocity, options.damping_mm
-        step = bounded_step(scaled, wanted, drawn, lowest, highest, damping)
+        step = bounded_step(scaled, wanted, drawn, lowest, highest, damping, not self._turns)
         fastest = _FORESEEN_S * self.axes.max_velocity / self.unit
         if (np.abs(step) > fastest).any():
             bounds = kernels.StepBounds(drawn, lowest, highest)
@@ -272,11 +292,13 @@ def bounded_step(
     lowest: Vector,
     highest: Vector,
     damping: float,
+    lets_go: bool = True,
 ) -> Vector:
     """(m,) x between `lowest` and `highest` with J x ≈ `wanted`, otherwise near `drawn`.
 
     jacobian: (r, m). An axis that would pass a limit is set to it, the worst one first, and the
-    rest is solved again without it.
+    rest is solved again without it. lets_go: where that makes less than could be made, those that
+    were set come back as far as it helps.
     """
     return np.asarray(
         kernels.bounded_step(
@@ -286,6 +308,7 @@ def bounded_step(
             in_rows(lowest),
             in_rows(highest),
             damping,
+            lets_go,
         )
     )
 
@@ -304,7 +327,7 @@ def warm_up() -> None:
     jacobian, axes, ones = np.eye(3), np.zeros(3), np.ones(3)
     damped_solution(jacobian, axes, 1.0)
     bounds = kernels.StepBounds(axes, axes, axes)
-    kernels.axis_step(jacobian, axes, bounds, ones, ones, 1.0, 1.0)
+    kernels.axis_step(jacobian, axes, bounds, ones, ones, 1.0, 1.0, True)
     kernels.least_hurried_step(jacobian, axes, bounds, ones, 1.0)
     kernels.condition(jacobian, len(jacobian))
     kernels.corrected(jacobian, jacobian, axes, axes, 1.0, 1.0, 1.0, 1.0)

@@ -7,14 +7,15 @@ to be what the samples of the window say, which rewards for being near the attra
 Controllers are asked for a motion as long as their samples, of which a step is a part: what they
 know of drift and posture belongs to that length of time.
 
-Answers are trusted as far as fields are active and samples, imagined ones among them, speak about
-the motion that is wanted, and as far as the learnt Jacobian does not contradict them. For the rest
-that stands in, as in `forward_jacobian`; so it does for axes that have met a limit. There is no
+The step is the one nearest to their answer with which the tip goes as it was asked to by the learnt
+Jacobian: they say how the axes share the motion, and regression's noise in how far they have the
+tip go is taken out. Answers are trusted as far as fields are active and samples, imagined ones
+among them, speak about the motion that is wanted, and as far as the learnt Jacobian does not
+contradict them; for the rest the step is near the posture, as in `forward_jacobian`. There is no
 integrator that could wind up. Where hardly a field is active the learnt Jacobian is a guess as
 well, and the axes are drawn harder to the posture, round which the model was learnt.
 
-Local controllers move the tip, and do not know where it points. Where it shall point somewhere, the
-step is the one nearest to theirs that moves it alike and turns it as well.
+The variant of the paper (`fallback: false`) takes their answer as it is.
 """
 
 from collections import deque
@@ -239,10 +240,8 @@ class RewardWeightedController(LearningController):
             return Proposal(follower.within_limits(local, observation), _note(command))
         trust = _trust(command) * _agreement(jacobian @ local, tip_step)
         near = trust * local + (1.0 - trust) * follower.drawn(observation, self._drawn_by(command))
-        wanted = trust * (jacobian @ local) + (1.0 - trust) * tip_step
-        if len(task_step) > POSITION:
-            wanted = np.concatenate([wanted, task_step[POSITION:]])
-        step = follower.axis_step(task_jacobian, wanted, observation, near)
+        near = near + follower.drawn_further(observation)
+        step = follower.axis_step(task_jacobian, task_step, observation, near)
         return Proposal(step, "" if trust > 0.0 else "follows by the forward model alone")
 
     def _drawn_by(self, command: InverseAnswer) -> float:

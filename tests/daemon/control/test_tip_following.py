@@ -94,6 +94,16 @@ def test_redundant_axes_go_to_the_posture_and_the_tip_stays() -> None:
     np.testing.assert_allclose(null_space @ left, 0.0, atol=1e-3)
 
 
+def test_the_posture_draws_harder_on_a_path_that_is_repeated() -> None:
+    law, still = follower(posture=[10.0] * 6), np.zeros(3)
+    freely = law.axis_step(JACOBIAN, still, seen())
+    on_path = law.axis_step(JACOBIAN, still, seen()._replace(phase=Phase(3.0, 10.0)))
+    np.testing.assert_allclose(on_path, 4.0 * freely, atol=1e-9)
+    alone = follower(posture=[10.0] * 6, posture_gain_per_s=0.0)
+    on_path = alone.axis_step(JACOBIAN, still, seen()._replace(phase=Phase(3.0, 10.0)))
+    np.testing.assert_allclose(on_path, 0.0)
+
+
 def test_the_posture_may_be_the_one_at_the_start() -> None:
     law = follower(posture="start", posture_gain_per_s=1.0)
     here = np.array([5.0, 10.0, 15.0, 20.0, 25.0, 30.0])
@@ -254,7 +264,29 @@ def test_the_compiled_step_is_the_plain_one(seed: int) -> None:
         atol=1e-9,
     )
     reach = 10.0 ** generator.uniform(-2, 2, size=axes)
+    plain = plainly_bounded(jacobian, wanted, drawn, -reach, reach, damping)
+    whole = jacobian @ (drawn + plainly_damped(jacobian, wanted - jacobian @ drawn, damping))
+    left = float(np.sum((jacobian @ plain - whole) ** 2))
     for jacobians in (jacobian, np.asfortranarray(jacobian)):
         found = bounded_step(jacobians, wanted, drawn, -reach, reach, damping)
-        plain = plainly_bounded(jacobian, wanted, drawn, -reach, reach, damping)
-        np.testing.assert_allclose(found, plain, rtol=1e-6, atol=1e-9)
+        assert (np.abs(found) <= reach).all()
+        if left < 0.0009 * float(np.sum(whole**2)):
+            np.testing.assert_allclose(found, plain, rtol=1e-6, atol=1e-9)
+        else:
+            assert np.sum((jacobian @ found - whole) ** 2) <= left * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_axes_at_their_ends_come_back_where_the_others_alone_cannot_move_the_tip(seed: int) -> None:
+    """As three axes and more of an arm of six that has bent far stand at their ends."""
+    generator = np.random.default_rng(seed)
+    jacobian = 30.0 * generator.normal(size=(3, 6))
+    wanted, damping = 0.5 * generator.normal(size=3), 1.0
+    at_low, at_high = generator.permutation(np.repeat([[1, 0], [0, 1], [0, 0]], 2, axis=0)).T
+    low, high = -1.0 * (at_low == 0), 1.0 * (at_high == 0)
+    step = bounded_step(jacobian, wanted, NONE, low, high, damping)
+    assert (low <= step).all()
+    assert (step <= high).all()
+    nearest = lsq_linear(jacobian, wanted, (low, high), method="bvls").x
+    missed, least = (float(np.linalg.norm(jacobian @ x - wanted)) for x in (step, nearest))
+    assert missed <= least + 0.05 * float(np.linalg.norm(wanted))
