@@ -25,7 +25,8 @@ class AxisUse(KindOptions):
     when the motion began, or the given positions (mm or rad, one per axis)."""
 
     posture_gain_per_s: NotNegative = 0.1
-    """Share of the way to the posture per second. 0: redundant axes are left alone."""
+    """Share of the way to the posture per second; on a path that is repeated four times as much, to
+    0.4, where no axis turns round. 0: redundant axes are left alone."""
 
     axis_weights: Annotated[tuple[Positive, ...], Field(min_length=1, strict=False)] | None = None
     """How dear the motion of each axis is, counted in shares of its range: the diagonal of N of
@@ -297,7 +298,8 @@ class RewardWeighted(Learner):
     """The posture draws with no more than so many typical steps per motion. None: without limit."""
 
     fallback: bool = True
-    """Whether the forward model takes over where fields or samples are missing."""
+    """Whether the learnt Jacobian makes the tip's step, with axes near to what the local controllers
+    answer, and alone where fields or samples are missing. Not: their answer is the step."""
 
 
 # Each with what makes it: (options, robot, seed) → a Controller of daemon/control/controller.py.
