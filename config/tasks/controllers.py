@@ -298,7 +298,7 @@ class RewardWeighted(Learner):
     """The posture draws with no more than so many typical steps per motion. None: without limit."""
 
     fallback: bool = True
-    """Whether the learnt Jacobian makes the tip's step, with axes near to what the local controllers
+    """Whether the learnt Jacobian makes the tip's step, with axes near to what local controllers
     answer, and alone where fields or samples are missing. Not: their answer is the step."""
 
 
