@@ -25,8 +25,8 @@ class AxisUse(KindOptions):
     when the motion began, or the given positions (mm or rad, one per axis)."""
 
     posture_gain_per_s: NotNegative = 0.1
-    """Share of the way to the posture per second; on a path that is repeated four times as much, to
-    0.4, where no axis turns round. 0: redundant axes are left alone."""
+    """Share of the way to the posture per second; where a repeated path is led and corrected by its
+    cycles four times as much, to 0.4, unless axes turn round. 0: redundant axes are left alone."""
 
     axis_weights: Annotated[tuple[Positive, ...], Field(min_length=1, strict=False)] | None = None
     """How dear the motion of each axis is, counted in shares of its range: the diagonal of N of
