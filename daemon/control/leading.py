@@ -20,7 +20,7 @@ import numpy as np
 from daemon.control.controller import Observation, Phase
 from daemon.control.lag.answer import ON_A_PATH_S, ON_THE_WAY_BACK_S, Answer
 from daemon.control.lag.body_lag import BodyLag, Underway, parts
-from daemon.control.lag.disturbance import Disturbance
+from daemon.control.lag.disturbance import Disturbance, Jump
 from daemon.control.lag.persistence import Persistence
 from daemon.control.repeated_path import CycleCorrection
 from drivers.pose import Vector
@@ -60,6 +60,8 @@ class Leading:
         self._disturbance = Disturbance()
         self._answer = Answer()
         self._persistence = Persistence()
+        self._before: tuple[Jump, Vector, Vector] | None = None
+        """The last jump, and what was known of the gains when it came."""
         self.jumps = 0
         """How often the tip was taken off at once: something was hung on, or pushed it."""
 
@@ -80,6 +82,7 @@ class Leading:
         self._disturbance.begin()
         self._answer.begin()
         self._persistence.begin()
+        self._before = None
         if self._cycles is not None:
             self._cycles.break_off()
 
@@ -93,10 +96,14 @@ class Leading:
             return
         arrived_mm = self._underway.told_mm - self._underway.left_mm
         off_mm = observation.tip_mm - arrived_mm
-        if self._disturbance.add(t_s, off_mm, arrived_mm, self.lag.lag_s):
+        on_its_way = self._disturbance.jumped(t_s)
+        jump = self._disturbance.add(t_s, off_mm, arrived_mm, self.lag.lag_s)
+        if jump is not None:
             self.jumps += 1
             self._answer.begin()
             self.lag.break_off()
+            if not on_its_way:
+                self._body_changed(jump)
         straight = self._disturbance.just_jumped(t_s)
         memory_s = ON_THE_WAY_BACK_S if straight else ON_A_PATH_S
         lag_s = self.lag.lag_s
@@ -104,6 +111,17 @@ class Leading:
         share = 1.0 - exp(-dt_s / _GAIN_APPROACH_S)
         self._gains = self._gains + share * (self.lag.gains - self._gains)
         self.lag.add(t_s, dt_s, self._told_mm, observation.tip_mm)
+
+    def _body_changed(self, jump: Jump) -> None:
+        """A load that is taken off again leaves the body as it was before: what was known then is
+        known now."""
+        before, self._before = self._before, (jump, self._gains, self.lag.gain_memory())
+        if before is None:
+            return
+        last, gains, memory = before
+        if jump.undoes(last, float((self._gains / gains).mean())):
+            self._gains = gains
+            self.lag.recall_gains(memory)
 
     def see_probe(self, observation: Observation, dt_s: float, moved_mm: Vector) -> None:
         """(3,) was told since the last step, to see how late the body is."""

@@ -139,7 +139,7 @@ class JacobianCorrection:
         self.went_mm2 = 0.0
         """The tip's motions squared, over the same."""
         self.changed = 0.0
-        """How far the body is known to be another one than before, 0 to 1."""
+        """How far the body was seen to become another one, 0 to 1."""
         self._noise_variance = noise_mm**2
         self._drift_variance = drift_mm**2
         self._reach = reach
@@ -168,11 +168,19 @@ class JacobianCorrection:
 
     @property
     def _unexplained(self) -> float:
-        """The part of a motion that no Jacobian is taken to explain."""
-        right, wrong = _RIGHT
-        share = sqrt(float(self.foretold[2]) / max(self.went_mm2, 1e-9))
-        changed = max(min((share - right) / (wrong - right), 1.0), self.changed)
-        return _UNEXPLAINED[0] + changed * (_UNEXPLAINED[1] - _UNEXPLAINED[0])
+        """The part of a motion that no Jacobian is taken to explain.
+
+        Little where something was seen to be hung on. Where motions alone say that the body is
+        another one, as much as E has left of late: a hysteresis says so as well, and would be
+        learnt from every motion anew, and wrong at the next turn.
+        """
+        (most, least), (right, wrong) = _UNEXPLAINED, _RIGHT
+        agreed, said, lacked, _ = self.foretold.tolist()
+        went_mm2 = max(self.went_mm2, 1e-9)
+        left = sqrt(max(lacked - 2.0 * agreed + said, 0.0) / went_mm2)
+        other = min(max((sqrt(lacked / went_mm2) - right) / (wrong - right), 0.0), 1.0)
+        seen = most + self.changed * (least - most)
+        return min(seen, most + other * (min(max(left, least), most) - most))
 
     @property
     def worth(self) -> float:

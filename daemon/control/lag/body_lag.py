@@ -171,6 +171,14 @@ class BodyLag:
         alike = _ONE_MM2 + _ALIKE * xx.sum()
         return np.asarray(np.clip((xy + alike * whole) / (xx + alike), *_GAINS))
 
+    def gain_memory(self) -> Vector:
+        """What the gains are told from, for `recall_gains`."""
+        return self._gain_sums.copy()
+
+    def recall_gains(self, memory: Vector) -> None:
+        """The body is again as it was when `gain_memory` gave that."""
+        self._gain_sums = memory.copy()
+
     def _found(self, free: bool, row: int = 0) -> _Found | None:
         """What leaves least unexplained with that share of dead time. None: what was seen tells
         nothing. free: whether any gain is as good."""

@@ -14,8 +14,9 @@ it was off by then comes back, and neither way is as long as the difference betw
 
 from bisect import bisect_left
 from collections import deque
+from math import sqrt
 from operator import itemgetter
-from typing import Final
+from typing import Final, NamedTuple
 
 from drivers.pose import Vector
 
@@ -32,6 +33,36 @@ _AFTER_JUMP_LAGS: Final = 2.0
 takes most of it back; and until it follows the path again."""
 
 
+_UNDONE: Final = 0.7
+"""Cosine of the angle between a jump and the one that would undo the last."""
+_ALIKE: Final = 0.05
+"""Nearer to one than this a ratio of gains tells nothing."""
+
+
+class Jump(NamedTuple):
+    """How the tip was taken off at once."""
+
+    from_mm: Vector
+    """(3,) where it was before."""
+    by_mm: Vector
+    """(3,)"""
+
+    def undoes(self, last: "Jump", ratio: float) -> bool:
+        """Whether what this one took off is what the last one hung on, or the other way round.
+
+        A load changes how far the body goes for what it is told, and so how far the tip is from its
+        place of rest p0: k times as far. At p it takes the tip off by (k - 1)(p - p0); and whoever
+        takes it away at p' does so by (1 / k - 1)(p' - p0). A force that is as large everywhere
+        takes the tip off the one way and the other. ratio: k, as the gains have become since.
+        """
+        expected = -last.by_mm
+        if abs(ratio - 1.0) > _ALIKE:
+            from_rest = last.by_mm / (ratio - 1.0) + self.from_mm - last.from_mm
+            expected = (1.0 / ratio - 1.0) * from_rest
+        length = sqrt(float(expected @ expected) * float(self.by_mm @ self.by_mm))
+        return float(expected @ self.by_mm) >= _UNDONE * length
+
+
 class Disturbance:
     """Takes where the tip was beyond what was told, step by step."""
 
@@ -45,30 +76,30 @@ class Disturbance:
         self._lately.clear()
         self._just_until_s = self._on_its_way_s = -1.0
 
-    def add(self, t_s: float, off_mm: Vector, arrived_mm: Vector, lag_s: float) -> bool:
-        """(3,) that the tip is beyond what has arrived of what was told, and (3,) that. Whether it
-        was taken off at once."""
+    def add(self, t_s: float, off_mm: Vector, arrived_mm: Vector, lag_s: float) -> Jump | None:
+        """(3,) that the tip is beyond what has arrived of what was told, and (3,) that. None: it
+        was not taken off at once."""
         lately = self._lately
         lately.append((t_s, off_mm, arrived_mm))
         while len(lately) > 1 and lately[1][0] <= t_s - 2.0 * _JUMP_S:
             lately.popleft()
         first_s, first_mm, _ = lately[0]
         if t_s - first_s < 2.0 * _JUMP_S:
-            return False  # nobody knows what it did before
+            return None  # nobody knows what it did before
         _, before_mm, arrived_before_mm = lately[
             bisect_left(lately, t_s - _JUMP_S, key=itemgetter(0))
         ]
         told, went_off = arrived_mm - arrived_before_mm, off_mm - before_mm
         jumped = went_off - (before_mm - first_mm)
         least = max(_JUMP_MM**2, _JUMP_SHARE**2 * float(told @ told))
-        taken_off = min(float(jumped @ jumped), float(went_off @ went_off)) > least
-        if taken_off:
-            lags_s = _AFTER_JUMP_LAGS * lag_s
-            self._just_until_s = t_s + _JUST_S + lags_s
-            self._on_its_way_s = t_s + _AFTER_JUMP_S + lags_s
-            lately.clear()  # what was before has been told, and tells of no other jump
-            lately.append((t_s, off_mm, arrived_mm))
-        return taken_off
+        if min(float(jumped @ jumped), float(went_off @ went_off)) <= least:
+            return None
+        lags_s = _AFTER_JUMP_LAGS * lag_s
+        self._just_until_s = t_s + _JUST_S + lags_s
+        self._on_its_way_s = t_s + _AFTER_JUMP_S + lags_s
+        lately.clear()  # what was before has been told, and tells of no other jump
+        lately.append((t_s, off_mm, arrived_mm))
+        return Jump(before_mm + arrived_before_mm, went_off)
 
     def just_jumped(self, t_s: float) -> bool:
         """Whether the tip was taken off at once, and most of its way back is to be told."""

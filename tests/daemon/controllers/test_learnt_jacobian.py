@@ -52,3 +52,26 @@ def left_after(motions: int, changed: bool) -> float:
 def test_a_body_that_was_loaded_is_learnt_in_a_third_of_the_motions() -> None:
     """A small difference is mostly hysteresis, but not where something was hung on just before."""
     assert left_after(12, changed=True) < left_after(36, changed=False)
+
+
+def wandered(turning_share: float, turns_every: int, motions: int = 600) -> float:
+    """How far what is believed is from the model on average, in shares of the model, of a body that
+    is the model's but for a hysteresis, which turns round after so many motions along one line."""
+    random, away = np.random.default_rng(11), []
+    turning = 40.0 * turning_share * np.random.default_rng(12).normal(size=(3, AXES))
+    correction = JacobianCorrection(AXES, 0.3, 50.0, 0.5)
+    line = random.normal(size=AXES)
+    for k in range(motions):
+        if k % turns_every == 0:
+            line = random.normal(size=AXES)
+        sign = 1.0 if k // turns_every % 2 == 0 else -1.0
+        moved: Vector = 0.05 * (line + 0.3 * random.normal(size=AXES))
+        correction.correct(MODEL, moved, (MODEL + sign * turning) @ moved)
+        away.append(correction.worth * np.linalg.norm(correction.difference))
+    return float(np.mean(away) / np.linalg.norm(MODEL))
+
+
+def test_a_large_hysteresis_is_not_taken_for_another_body() -> None:
+    """It makes much of the motions unexplained, as a load does; but a load is soon explained."""
+    assert wandered(0.6, turns_every=2) < 0.1
+    assert wandered(0.6, turns_every=5) < 0.19

@@ -1,8 +1,9 @@
 """A tip that was taken off at once is known as such, once, and until it is back."""
 
 import numpy as np
+import pytest
 
-from daemon.control.lag.disturbance import Disturbance
+from daemon.control.lag.disturbance import Disturbance, Jump
 from drivers.pose import Vector
 
 DT_S = 0.025
@@ -22,8 +23,11 @@ def test_a_jump_is_noticed_once_and_the_way_back_from_it_ends() -> None:
     off = np.zeros((120, 3))
     off[60:, 0] = 14.0
     disturbance, still = Disturbance(), np.zeros(3)
-    noticed = [disturbance.add(k * DT_S, place, still, LAG_S) for k, place in enumerate(off)]
-    assert np.flatnonzero(noticed).tolist() == [60]
+    jumps = [disturbance.add(k * DT_S, place, still, LAG_S) for k, place in enumerate(off)]
+    [(noticed, jump)] = [(k, jump) for k, jump in enumerate(jumps) if jump is not None]
+    assert noticed == 60
+    assert jump.from_mm.tolist() == [0.0, 0.0, 0.0]
+    assert jump.by_mm.tolist() == [14.0, 0.0, 0.0]
     later = shown(off)
     assert later.just_jumped(60 * DT_S + 1.3)
     assert not later.just_jumped(60 * DT_S + 1.8)
@@ -72,3 +76,38 @@ def test_motion_that_begins_anew_knows_of_no_jump() -> None:
     disturbance.begin()
     assert not disturbance.jumped(70 * DT_S)
     assert not disturbance.just_jumped(70 * DT_S)
+
+
+REST_MM = np.array([0.0, 0.0, 210.0])
+
+
+def on_a_circle(turns: float) -> Vector:
+    angle = 2.0 * np.pi * turns
+    return np.array([30.0 * np.cos(angle), 30.0 * np.sin(angle), 185.0])
+
+
+def scaled(place_mm: Vector, share: float) -> Jump:
+    """All of the body's ways from its rest become so much longer."""
+    return Jump(place_mm, share * (place_mm - REST_MM))
+
+
+@pytest.mark.parametrize("ratio", [0.6, 1.6], ids=["stiffer with it", "softer with it"])
+@pytest.mark.parametrize("turns", [0.0, 0.1, 0.3, 0.5, 0.9])
+def test_a_load_that_is_taken_off_elsewhere_undoes_what_hanging_it_on_did(
+    ratio: float, turns: float
+) -> None:
+    on = scaled(on_a_circle(0.0), ratio - 1.0)
+    off = scaled(on_a_circle(turns), 1.0 / ratio - 1.0)
+    more = scaled(on_a_circle(turns), ratio - 1.0)
+    for known in (0.9 * ratio + 0.1, ratio, 1.1 * ratio - 0.1):
+        assert off.undoes(on, known)
+        assert not more.undoes(on, known)
+
+
+def test_a_force_that_changes_no_gain_is_undone_by_its_opposite() -> None:
+    pushed = Jump(on_a_circle(0.0), np.array([0.0, 0.0, -9.0]))
+    released = Jump(on_a_circle(0.4), np.array([0.0, 0.5, 8.0]))
+    aside = Jump(on_a_circle(0.4), np.array([0.0, 8.0, 0.5]))
+    assert released.undoes(pushed, 1.01)
+    assert not aside.undoes(pushed, 1.01)
+    assert not pushed.undoes(pushed, 1.01)
