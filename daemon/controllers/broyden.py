@@ -15,12 +15,11 @@ from config.robot import Robot
 from config.tasks.controllers import Broyden
 from daemon.array_files import ModelError
 from daemon.control.controller import ControllerError, Observation, Proposal
-from daemon.control.jacobian_estimate import JacobianEstimate
+from daemon.control.jacobian_estimate import FIRST_STD_MM, JacobianEstimate
 from daemon.control.lag.body_lag import BodyLag, LaggedAxes
 from daemon.control.task import POSE, POSITION, points, task_of
 from daemon.control.tip_following import TipFollower, step_time
 from daemon.controllers.fixed_model_file import load_model, model_metadata, save_model
-from daemon.controllers.learnt_jacobian import FIRST_STD_MM
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
 

@@ -10,7 +10,6 @@ motions along it and no others, and tell nonsense about all other directions.
 """
 
 from collections.abc import Mapping
-from math import sqrt
 from typing import Final, Protocol
 
 import numpy as np
@@ -18,9 +17,8 @@ import numpy as np
 from config.tasks.controllers import Learner
 from daemon.control.axis_speeds import Foresight
 from daemon.control.controller import ControllerError, Observation
-from daemon.control.jacobian_estimate import JacobianEstimate
+from daemon.control.jacobian_estimate import FIRST_STD_MM, JacobianCorrection, JacobianEstimate
 from daemon.control.jacobian_kernels import in_rows
-from daemon.control.lag.answer import surely_right
 from daemon.control.task import POSE, POSITION, task_of
 from daemon.control.tip_following import TipFollower
 from daemon.learning.forward.cubic_shape import CubicShape
@@ -85,123 +83,6 @@ class TipJacobian(Protocol):
     def restore(self, arrays: Mapping[str, Vector]) -> None:
         """Go on from `to_arrays`. Raises KeyError, and ValueError for other axes."""
         ...
-
-
-# What a Jacobian lacks here and now, found by the motions of the last moment.
-#
-# A learnt model knows how the Jacobian J changes from place to place; a load, creep or another
-# body change all of it a little. The difference E is corrected by every motion x → d: as little
-# as possible, and where it is uncertain rather than where it was just measured, E + (d − (J + E)
-# x) xᵀP / (xᵀP x + r). P, how uncertain the rows of E are by direction, shrinks along what was
-# measured and grows with the distance moved. While the axes go on, E fades where nothing new is
-# told about it: the model is then the better guess.
-
-
-_UNEXPLAINED: Final = 0.6, 0.1
-"""Hysteresis and curvature: the part of a motion of the tip that no Jacobian explains, while the
-model is right, and where the body is another than the model's. What a model that is right seems to
-lack is mostly that; a load that was hung on shall be learnt at once."""
-_RIGHT: Final = 0.3, 0.45
-"""Shares of the last motions that the model lacks where it is right, and where it is not. Chosen:
-with 14 g at the tip they are 0.12 to 0.23, with 30 g 0.32 to 0.46."""
-_CHANGED_KEPT: Final = 0.998
-"""From motion to motion, of a change that was seen: what is hung on stays, and is another body at
-each place of a path. A metre of one is five hundred of them."""
-FIRST_STD_MM = 20.0
-"""Of a Jacobian's elements, mm per travel, before anything corrects them: hysteresis more than
-noise."""
-_LARGEST_STD_MM = 200.0
-_SLOWEST, _FASTEST, _TURNED = -0.5, 2.0, 0.7
-"""How much less, and how much more, than J has it a step may move the tip, and how far aside. There
-are directions in which the tip hardly moves, and noise would soon turn them round; and who believes
-that the axes do less than they do asks for too much."""
-
-
-_WORTH_KEPT: Final = 0.9
-"""From motion to motion, of what tells how good the difference is: the last ten count."""
-_DOUBT: Final = 1.0
-"""Standard errors by which a share must be above nothing."""
-
-
-class JacobianCorrection:
-    """Axes count in shares of their travel: elements are mm per whole travel."""
-
-    def __init__(self, axes: int, noise_mm: float, drift_mm: float, reach: float) -> None:
-        """noise_mm: of one coordinate of a motion. drift_mm: how far an element may wander while
-        the axes go through their whole travel. reach: after so many travels a third is left."""
-        self.difference = np.zeros((3, axes))
-        """(3, m) E."""
-        self.covariance = FIRST_STD_MM**2 * np.eye(axes)
-        """(m, m) P, mm², of each row."""
-        self.foretold = np.zeros(4)
-        """Over the last motions, before they were learnt from, mm²: what E said times what J
-        lacked, what E said squared, what J lacked squared; and how many coordinates that were."""
-        self.went_mm2 = 0.0
-        """The tip's motions squared, over the same."""
-        self.changed = 0.0
-        """How far the body was seen to become another one, 0 to 1."""
-        self._noise_variance = noise_mm**2
-        self._drift_variance = drift_mm**2
-        self._reach = reach
-
-    def correct(self, jacobian: Vector, moved: Vector, tip_moved: Vector) -> None:
-        """Take a motion: (m,) of the axes, (3,) of the tip. jacobian: (3, m) J there."""
-        said, lacked = self.difference @ moved, tip_moved - jacobian @ moved
-        seen = np.array([said @ lacked, said @ said, lacked @ lacked, float(len(lacked))])
-        self.foretold = _WORTH_KEPT * self.foretold + seen
-        self.changed *= _CHANGED_KEPT
-        went_mm2 = float(tip_moved @ tip_moved)
-        self.went_mm2 = _WORTH_KEPT * self.went_mm2 + went_mm2
-        travelled = float(np.linalg.norm(moved))
-        kept = float(np.exp(-travelled / self._reach))
-        difference = kept * self.difference
-        covariance = kept**2 * self.covariance
-        covariance += self._drift_variance * travelled * np.eye(len(moved))
-        covariance *= min(1.0, _LARGEST_STD_MM**2 / float(covariance.diagonal().max()))
-        along = covariance @ moved
-        noise = self._noise_variance + self._unexplained**2 * went_mm2
-        gain = along / (float(moved @ along) + noise)
-        difference += np.outer(tip_moved - (jacobian + difference) @ moved, gain)
-        covariance -= np.outer(gain, along)
-        self.difference = _limited(difference, jacobian)
-        self.covariance = 0.5 * (covariance + covariance.T)
-
-    @property
-    def _unexplained(self) -> float:
-        """The part of a motion that no Jacobian is taken to explain.
-
-        Little where something was seen to be hung on. Where motions alone say that the body is
-        another one, as much as E has left of late: a hysteresis says so as well, and would be
-        learnt from every motion anew, and wrong at the next turn.
-        """
-        (most, least), (right, wrong) = _UNEXPLAINED, _RIGHT
-        agreed, said, lacked, _ = self.foretold.tolist()
-        went_mm2 = max(self.went_mm2, 1e-9)
-        left = sqrt(max(lacked - 2.0 * agreed + said, 0.0) / went_mm2)
-        other = min(max((sqrt(lacked / went_mm2) - right) / (wrong - right), 0.0), 1.0)
-        seen = most + self.changed * (least - most)
-        return min(seen, most + other * (min(max(left, least), most) - most))
-
-    @property
-    def worth(self) -> float:
-        """The share of E, 0 to 1, that would surely have been right to believe of late.
-
-        The s for which J + s E explains the last motions best, less its standard error. An E that
-        follows a hysteresis is wrong as soon as that turns; who believes it asks for nonsense.
-        """
-        return min(max(surely_right(self.foretold, _DOUBT), 0.0), 1.0)
-
-
-def _limited(difference: Vector, jacobian: Vector) -> Vector:
-    """E = G J + rest, where J times the rest is zero, with G = S + A in its limits."""
-    changed = difference @ np.linalg.pinv(jacobian)
-    turned = 0.5 * (changed - changed.T)
-    values, vectors = np.linalg.eigh(changed - turned)
-    beyond = vectors * (values - np.clip(values, _SLOWEST, _FASTEST)) @ vectors.T
-    angle = float(np.linalg.norm(turned)) / np.sqrt(2.0)
-    if angle > _TURNED:
-        beyond += (1.0 - _TURNED / angle) * turned
-    return np.asarray(difference - beyond @ jacobian)
 
 
 _COVERED_ABOVE = 0.01

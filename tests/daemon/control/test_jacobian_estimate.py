@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from daemon.controllers.learnt_jacobian import JacobianCorrection
+from daemon.control.jacobian_estimate import JacobianCorrection
 from drivers.pose import Vector
 
 AXES = 6
