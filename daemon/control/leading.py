@@ -102,7 +102,7 @@ class Leading:
             self.jumps += 1
             self._answer.begin()
             self.lag.break_off()
-            if not on_its_way:
+            if not on_its_way:  # else it is the same one, going on
                 self._body_changed(jump)
         straight = self._disturbance.just_jumped(t_s)
         memory_s = ON_THE_WAY_BACK_S if straight else ON_A_PATH_S

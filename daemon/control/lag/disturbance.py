@@ -31,8 +31,6 @@ _JUST_S: Final = 0.7
 _AFTER_JUMP_LAGS: Final = 2.0
 """For so long, and so many lags, it is on its way: until what was told at first has arrived, which
 takes most of it back; and until it follows the path again."""
-
-
 _UNDONE: Final = 0.7
 """Cosine of the angle between a jump and the one that would undo the last."""
 _ALIKE: Final = 0.05
@@ -45,7 +43,7 @@ class Jump(NamedTuple):
     from_mm: Vector
     """(3,) where it was before."""
     by_mm: Vector
-    """(3,)"""
+    """(3,) how far it was taken off within `_JUMP_S`: most of it, where the body is slow."""
 
     def undoes(self, last: "Jump", ratio: float) -> bool:
         """Whether what this one took off is what the last one hung on, or the other way round.
@@ -53,7 +51,7 @@ class Jump(NamedTuple):
         A load changes how far the body goes for what it is told, and so how far the tip is from its
         place of rest p0: k times as far. At p it takes the tip off by (k - 1)(p - p0); and whoever
         takes it away at p' does so by (1 / k - 1)(p' - p0). A force that is as large everywhere
-        takes the tip off the one way and the other. ratio: k, as the gains have become since.
+        takes the tip off the one way and the other. ratio: k, by which gains have grown since.
         """
         expected = -last.by_mm
         if abs(ratio - 1.0) > _ALIKE:

@@ -1,6 +1,7 @@
 """A late body is led, a repeated path is learnt, and what was no part of the path is not."""
 
 from collections import deque
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -148,6 +149,29 @@ def by_cycle(loop: ClosedLoop, speed_mm_s: float, cycles: int) -> list[float]:
     return [float(part.mean()) for part in np.array_split(errors, cycles)]
 
 
+def observed(
+    t_s: float,
+    tip_mm: Vector,
+    told_mm: Vector,
+    at: Callable[[float], tuple[Vector, Vector]],
+    phase: Phase | None = None,
+) -> Observation:
+    """Of a tip whose axes are its coordinates. at: the reference and its velocity, by time."""
+    reference_mm, velocity_mm_s = at(t_s)
+    return Observation(
+        t_ns=round(t_s * 1e9),
+        dt_s=DT_S,
+        tip_mm=tip_mm,
+        tip_velocity_mm_s=velocity_mm_s,
+        u=told_mm,
+        targets=told_mm,
+        reference_mm=reference_mm,
+        reference_velocity_mm_s=velocity_mm_s,
+        ahead=lambda lead_s: at(t_s + lead_s),
+        phase=phase,
+    )
+
+
 def led_through_play(half_mm: float, speed_mm_s: float, cycles: int, seed: int) -> list[float]:
     """The mean error of each cycle of a circle, of a tip 0.2 s late behind play in each direction,
     whose filter takes as long again; mm."""
@@ -169,19 +193,8 @@ def led_through_play(half_mm: float, speed_mm_s: float, cycles: int, seed: int) 
         late.append(driven)
         tip = late.popleft()
         seen = seen + 0.4 * (tip + noise_mm * random.normal(size=3) - seen)
-        reference, velocity = at(t_s)
-        observation = Observation(
-            t_ns=round(t_s * 1e9),
-            dt_s=DT_S,
-            tip_mm=seen,
-            tip_velocity_mm_s=velocity,
-            u=told,
-            targets=told,
-            reference_mm=reference,
-            reference_velocity_mm_s=velocity,
-            ahead=partial(lambda begin_s, lead_s: at(begin_s + lead_s), t_s),
-            phase=Phase(t_s % cycle_s, cycle_s),
-        )
+        reference = at(t_s)[0]
+        observation = observed(t_s, seen, told, at, Phase(t_s % cycle_s, cycle_s))
         leading.take_stock(observation, DT_S, moved)
         moved = leading.step(observation, DT_S)
         told = told + moved
@@ -263,23 +276,13 @@ def unloaded(lag_s: float, seed: int) -> float:
         late.append(told)
         shown = shown + DT_S / first_order_s * (late.popleft() - shown)
         tip_mm = rest_mm + (1.5 if on_s <= t_s < off_s else 1.0) * shown
-        wanted_mm, velocity = reference.at(t_s)
-        observation = Observation(
-            t_ns=round(t_s * 1e9),
-            dt_s=DT_S,
-            tip_mm=tip_mm + 0.15 * random.normal(size=3),
-            tip_velocity_mm_s=velocity,
-            u=told,
-            targets=told,
-            reference_mm=wanted_mm,
-            reference_velocity_mm_s=velocity,
-            ahead=partial(lambda begin_s, lead_s: reference.at(begin_s + lead_s), t_s),
-        )
+        seen_mm = tip_mm + 0.15 * random.normal(size=3)
+        observation = observed(t_s, seen_mm, told, reference.at)
         leading.take_stock(observation, DT_S, moved)
         moved = leading.step(observation, DT_S)
         moved = moved * min(1.0, speed_mm_s * DT_S / max(float(np.linalg.norm(moved)), 1e-9))
         told = told + moved
-        errors.append(float(np.linalg.norm(wanted_mm - tip_mm)))
+        errors.append(float(np.linalg.norm(reference.at(t_s)[0] - tip_mm)))
     beyond = np.flatnonzero(np.array(errors[round(off_s / DT_S) :]) > 1.0)
     return DT_S * float(beyond[-1] + 1)
 
