@@ -57,6 +57,7 @@ class Leading:
         """All that was told, as the Jacobian has it."""
         self._gains = np.ones(3)
         self._cycles: CycleCorrection | None = None
+        self._on_path_s = 0.0
         self._disturbance = Disturbance()
         self._answer = Answer()
         self._persistence = Persistence()
@@ -69,6 +70,12 @@ class Leading:
     def predicted(self) -> float:
         """How far the lag is led by prediction, 0 to 1."""
         return min(max((self.lag.lag_s - _SHORT_S) / (_LONG_S - _SHORT_S), 0.0), 1.0)
+
+    @property
+    def repeats(self) -> bool:
+        """Whether a path is gone along again that is corrected by its cycles: what is learnt of the
+        whole body meanwhile would change what the last cycle has told of this one."""
+        return self._cycles is not None and self._on_path_s >= self._cycles.path.cycle_s
 
     @property
     def left_mm(self) -> Vector:
@@ -173,11 +180,14 @@ class Leading:
     def _learn_cycle(self, observation: Observation, dt_s: float, error_mm: Vector) -> None:
         phase = observation.phase
         if not self._by_cycles or phase is None:
+            self._on_path_s = 0.0
             if self._cycles is not None:
                 self._cycles.break_off()
             return
         if self._cycles is None or not self._cycles.path.fits(phase, observation.reference_mm):
             self._cycles = CycleCorrection(phase.cycle_s)
+            self._on_path_s = 0.0
+        self._on_path_s += dt_s
         if not observation.believed or self._disturbance.jumped(observation.t_ns * 1e-9):
             self._cycles.break_off()
             return

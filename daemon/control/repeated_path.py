@@ -26,7 +26,7 @@ class RepeatedPath:
     def __init__(self, cycle_s: float) -> None:
         self.count = max(2, min(_MOST_PLACES, ceil(cycle_s / _SPACING_S)))
         self.spacing_s = cycle_s / self.count
-        self._cycle_s = cycle_s
+        self.cycle_s = cycle_s
         self._passed_mm = np.full((self.count, 3), np.nan)
 
     def place(self, phase_s: float) -> int:
@@ -41,7 +41,7 @@ class RepeatedPath:
 
     def fits(self, phase: Phase, reference_mm: Vector) -> bool:
         """Whether this is the path: as long, and along the same places."""
-        if phase.cycle_s != self._cycle_s:
+        if phase.cycle_s != self.cycle_s:
             return False
         place = self.place(phase.seconds)
         known = self._passed_mm[place]

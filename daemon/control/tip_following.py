@@ -14,11 +14,13 @@ from config.robot import Robot
 from config.tasks.controllers import TipFollowing
 from daemon.control import jacobian_kernels as kernels
 from daemon.control.controller import ControllerError, Observation, Proposal
+from daemon.control.hysteresis import Hysteresis
 from daemon.control.jacobian_kernels import in_rows
 from daemon.control.lag import body_lag
 from daemon.control.lag.probing import Probing
 from daemon.control.leading import Leading
 from daemon.control.task import POSITION, points, turn_between, within
+from daemon.learning.forward.stop_operators import HeldBack
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
 
@@ -60,6 +62,9 @@ class TipFollower:
         """The last Jacobian, and the targets that it was used at."""
         self._home = self._posture
         """Where small motions began."""
+        self._hysteresis: Hysteresis | None = None
+        self._jumps = 0
+        """Of the tip, that hysteresis has not to do with."""
 
     @property
     def posture(self) -> Vector:
@@ -81,6 +86,17 @@ class TipFollower:
         if self._options.posture == "start":
             self._posture = np.clip(observation.targets, self.axes.lowest, self.axes.highest)
 
+    def expect_hysteresis(self, held_back: HeldBack | None) -> None:
+        """A model's body holds so much back where axes turn; None: that is not known. It counts
+        where the body is led."""
+        self._hysteresis = None
+        if held_back is not None and self._leads:
+            self._hysteresis = Hysteresis(held_back)
+
+    def shown(self, delta_u: Vector) -> Vector:
+        """(m,) what shows of the axes' last motion at the tip."""
+        return delta_u if self._hysteresis is None else delta_u * self._hysteresis.shown
+
     @property
     def probed(self) -> bool:
         """Whether it is known how late the body is, or nobody asks."""
@@ -99,6 +115,9 @@ class TipFollower:
         if moved_mm is not None:
             probing.made(moved_mm)
             self.leading.see_probe(observation, step_time(observation), moved_mm)
+            if self._hysteresis is not None and observation.believed:
+                t_s = observation.t_ns * 1e-9
+                self._hysteresis.see_probe(t_s, step_time(observation), observation.tip_mm)
         else:
             self._home = observation.targets
         if probing.asks:
@@ -113,6 +132,8 @@ class TipFollower:
         proposal = Proposal(delta_u, probing.note, 0)
         if probing.done:
             self.leading.end_probe()
+            if self._hysteresis is not None:
+                self._hysteresis.end_probe(self.leading.lag)
         return proposal
 
     @property
@@ -188,13 +209,30 @@ class TipFollower:
         moved_mm = self._moved_mm(observation)
         if moved_mm is not None:
             self.leading.take_stock(observation, dt_s, moved_mm)
+            self._learn_hysteresis(observation, dt_s)
+
+    def _learn_hysteresis(self, observation: Observation, dt_s: float) -> None:
+        hysteresis, leading = self._hysteresis, self.leading
+        if hysteresis is None:
+            return
+        if leading.jumps != self._jumps or leading.repeats or not observation.believed:
+            self._jumps = leading.jumps
+            hysteresis.break_off()
+            return
+        hysteresis.learn(observation.t_ns * 1e-9, dt_s, observation.tip_mm, leading.lag)
 
     def _moved_mm(self, observation: Observation) -> Vector | None:
         """(3,) that was told since the last step; None: nobody knows."""
-        if self._told is None or not _all_finite(observation.targets):
+        if not _all_finite(observation.targets):
             return None
-        jacobian, targets = self._told
-        return np.asarray(jacobian[:POSITION] @ (observation.targets - targets))
+        hysteresis = self._hysteresis
+        if hysteresis is not None:
+            hysteresis.follow(observation.targets, step_time(observation))
+        if self._told is None:
+            return None
+        jacobian, targets = self._told[0][:POSITION], self._told[1]
+        moved_mm = np.asarray(jacobian @ (observation.targets - targets))
+        return moved_mm if hysteresis is None else hysteresis.moved_mm(moved_mm, jacobian)
 
     def drawn(self, observation: Observation, times: float = 1.0) -> Vector:
         """(m,) change of the targets that the posture asks for, with so many times its gain."""
@@ -215,8 +253,8 @@ class TipFollower:
         observation: Observation,
         near: Vector | None = None,
     ) -> Vector:
-        """(m,) change of the targets. jacobian: (3, m) mm per mm or rad, or (6, m) with the
-        direction's rows in mm, as `task_step` has them.
+        """(m,) change of the targets. jacobian: (3, m) mm per mm or rad of axes that go on as they
+        go, or (6, m) with the direction's rows in mm, as `task_step` has them.
 
         near: (m,) a step that should be changed as little as need be; None: the posture's.
         Raises ControllerError for a Jacobian or targets that are not finite.
@@ -224,6 +262,8 @@ class TipFollower:
         if not (_all_finite(jacobian) and _all_finite(observation.targets)):
             raise ControllerError("the controller's model is not a number here: learn it anew")
         self._told = jacobian, observation.targets
+        if self._hysteresis is not None:
+            jacobian = jacobian * self._hysteresis.shown
         if near is None:
             near = self.drawn(observation) + self.drawn_further(observation)
         lowest, highest = self.axes.step_range(observation.targets)

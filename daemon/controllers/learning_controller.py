@@ -376,6 +376,10 @@ class LearningController(ABC):
 
     # Parts of the above.
 
+    def _learn_jacobian(self, sample: MotionSample) -> None:
+        """From what shows of the axes' motion at the tip."""
+        self._jacobian.learn(sample._replace(delta_u=self._follower.shown(sample.delta_u)))
+
     def _task(self, observation: Observation, jacobian: Vector) -> tuple[Vector, Vector]:
         """(3,) mm that the tip shall move, and (3, m) `jacobian`; (6,) and (6, m) where it shall
         turn as well."""
@@ -406,6 +410,7 @@ class LearningController(ABC):
     def _adopt(self, model: PretrainedModel | None, jacobian: TipJacobian, learnt: Arrays) -> None:
         self._take_over(model, jacobian, learnt)
         self._model, self._jacobian = model, jacobian
+        self._follower.expect_hysteresis(jacobian.held_back)
         sampling = _UNKNOWN_BODY if model is None else model.sampling
         self._samples = self._sampler(sampling)
         if self._options.lag_s is None:

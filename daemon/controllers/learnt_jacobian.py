@@ -24,6 +24,7 @@ from daemon.control.tip_following import TipFollower
 from daemon.learning.forward.cubic_shape import CubicShape
 from daemon.learning.forward.forward_model import slopes_by_step
 from daemon.learning.forward.pretrained_model import PretrainedModel
+from daemon.learning.forward.stop_operators import HeldBack
 from daemon.learning.lwpr.model import Lwpr, with_memory
 from daemon.learning.samples.motion import MotionSample
 from drivers.pose import Vector
@@ -46,6 +47,11 @@ class TipJacobian(Protocol):
     @property
     def modelled(self) -> bool:
         """Whether an exploration tells what a motion should do."""
+        ...
+
+    @property
+    def held_back(self) -> HeldBack | None:
+        """What the body of an exploration keeps back where axes turn; None: that is not known."""
         ...
 
     def begin(self, model: PretrainedModel) -> None:
@@ -121,6 +127,11 @@ class LearntJacobian:
     def modelled(self) -> bool:
         """Whether a forward model tells what a motion should do."""
         return self.forward is not None
+
+    @property
+    def held_back(self) -> HeldBack | None:
+        """Of the body that the cubic is of; fields are of motions as they are."""
+        return None if self._shape is None else self._shape.held_back
 
     def begin(self, model: PretrainedModel) -> None:
         """Go by its forward model from now on."""
@@ -246,7 +257,11 @@ class LearntJacobian:
 
 
 _NEAR_MM: Final = 20.0
-"""Of a place, in which a model's motions tell where the axes were: as far as a Jacobian holds."""
+"""Of a place, in which a model's motions tell where the axes were."""
+_PIECES: Final = 10
+_DRAWN: Final = 0.3
+"""The way from there to the place is gone in so many pieces, in each of them so far to the posture:
+20 mm upwards are as much as the whole of a soft arm's travel, and a Jacobian changes twofold."""
 
 
 def learnt_foresight(
@@ -264,7 +279,12 @@ def learnt_foresight(
         drawn = (motions.u[near] - follower.posture) / follower.axes.scale
         here = near[np.argmin((drawn**2).sum(axis=1) + (away_mm[near] / _NEAR_MM) ** 2)]
         seen_mm, u = motions.tip_mm[here], motions.u[here]
-        return follower.axes_nearer(jacobian.at(seen_mm, u), tip_mm - seen_mm, u)
+        piece_mm = (tip_mm - seen_mm) / _PIECES
+        for k in range(_PIECES):
+            slopes = jacobian.at(seen_mm + k * piece_mm, u)
+            drawn = _DRAWN * (follower.posture - u)
+            u = follower.axes_nearer(slopes, piece_mm - slopes @ drawn, u + drawn)
+        return np.asarray(u)
 
     def known(tip_mm: Vector, u: Vector) -> Vector | None:
         return jacobian.at(tip_mm, u) if jacobian.covered(tip_mm, u) >= 1.0 else None

@@ -57,6 +57,10 @@ class ProcessJacobian:
         """Whether an exploration tells what a motion should do."""
         return self._explored is not None
 
+    @property
+    def held_back(self) -> None:
+        """It is not known."""
+
     def begin(self, model: PretrainedModel) -> None:
         """Learn the exploration, and go by it from now on."""
         motions = model.motions

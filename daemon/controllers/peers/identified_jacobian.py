@@ -106,6 +106,10 @@ class IdentifiedJacobian:
         """Whether an exploration tells what a motion should do."""
         return self._motions is not None
 
+    @property
+    def held_back(self) -> None:
+        """It is not known."""
+
     def begin(self, model: PretrainedModel) -> None:
         """Go by what this exploration says from now on."""
         table = model.motions

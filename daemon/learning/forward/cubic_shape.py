@@ -7,6 +7,9 @@ has 83 coefficients for six axes and a coordinate, and all motions tell all of t
 and not any Jacobian that changes from place to place: what a motion there and back would gain is
 nothing, which saves two thirds of the coefficients of a quadratic Jacobian.
 
+Friction makes a motion after a turn shorter than one that goes on (`stop_operators`). So the cubic
+is one of the axes without what they hold back, by the share that foretells motions best.
+
 Of bodies that are no such shape, or of too few motions, it misses lines that it was not learnt
 from: then the fields are the better guess.
 """
@@ -17,6 +20,7 @@ from typing import Final, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from daemon.learning.forward.stop_operators import HeldBack, sticking_of
 from daemon.learning.samples.motion import MotionTable
 from drivers.pose import Vector
 
@@ -31,11 +35,13 @@ _PARTS: Final = 5
 _LINES_AT_LEAST: Final = 2 * _PARTS
 _MOTIONS_PER_COEFFICIENT: Final = 5
 """At least: fewer tell less than they cost."""
+_HELD_BACK: Final = (0.0, 0.1, 0.2, 0.3, 0.4)
+"""Shares that are tried; between the best ones a parabola tells."""
 
 
 class CubicShape(NamedTuple):
     """p = p₀ + a x + b x x + c x x x in each coordinate, x being axes from the middle of where they
-    have been, in halves of it."""
+    have been, in halves of it, and without what hysteresis holds back."""
 
     middle: Vector
     """(m,)"""
@@ -47,6 +53,10 @@ class CubicShape(NamedTuple):
     """(3, m, m), symmetric."""
     cube: Vector
     """(3, m, m, m), symmetric."""
+    held_back: HeldBack
+    """What axes that turn keep back."""
+    unforetold: float
+    """What is left, as in `unforetold`, by cubics that were learnt from other lines."""
 
     @classmethod
     def of(cls, motions: MotionTable) -> Self | None:
@@ -55,8 +65,12 @@ class CubicShape(NamedTuple):
         if len(motions) < _MOTIONS_PER_COEFFICIENT * len(terms) or len(lines) < _LINES_AT_LEAST:
             return None
         middle, half = _travel(motions)
-        features, tips = _weighted(motions, terms)
-        return cls(middle, half, *_tensors(_solved(features, tips), terms, motions.axes))
+        stuck = 2.0 * half * sticking_of(0.5 * motions.u / half, 0.5 * motions.delta_u / half)
+        left = [unforetold_by_cubics(motions, share * stuck) for share in _HELD_BACK]
+        share = _lowest(left)
+        features, tips = _weighted(motions, terms, share * stuck)
+        tensors = _tensors(_solved(features, tips), terms, motions.axes)
+        return cls(middle, half, *tensors, HeldBack(share, 2.0 * half), min(left))
 
     def jacobian(self, u: Vector) -> Vector:
         """(3, m) mm per mm or rad at (m,) axes."""
@@ -65,9 +79,12 @@ class CubicShape(NamedTuple):
         return np.asarray(slopes / self.half)
 
 
-def unforetold_by_cubics(motions: MotionTable) -> float:
-    """What is left, as in `unforetold`, by cubics that were learnt from other lines."""
-    features, tips = _weighted(motions, _terms(motions.axes))
+def unforetold_by_cubics(motions: MotionTable, held: Vector | float = 0.0) -> float:
+    """What is left, as in `unforetold`, by cubics that were learnt from other lines.
+
+    held: (n, m) mm or rad of each motion that does not show.
+    """
+    features, tips = _weighted(motions, _terms(motions.axes), held)
     lines = np.unique(motions.line, return_inverse=True)[1]
     left = np.zeros_like(tips)
     for part in range(_PARTS):
@@ -75,6 +92,16 @@ def unforetold_by_cubics(motions: MotionTable) -> float:
         learnt = _solved(features[~kept_back], tips[~kept_back])
         left[kept_back] = tips[kept_back] - features[kept_back] @ learnt
     return _root_mean_square(left) / _root_mean_square(tips)
+
+
+def _lowest(left: list[float]) -> float:
+    """The share of `_HELD_BACK` with which least is left."""
+    best = int(np.argmin(left))
+    if best in (0, len(left) - 1):
+        return _HELD_BACK[best]
+    before, here, after = left[best - 1 : best + 2]
+    spacing, bend = _HELD_BACK[1] - _HELD_BACK[0], before - 2.0 * here + after
+    return _HELD_BACK[best] + spacing * 0.5 * (before - after) / bend
 
 
 def unforetold(motions: MotionTable, said_mm: Vector) -> float:
@@ -113,11 +140,11 @@ def _terms(axes: int) -> _Terms:
     ]
 
 
-def _weighted(motions: MotionTable, terms: _Terms) -> tuple[Vector, Vector]:
+def _weighted(motions: MotionTable, terms: _Terms, held: Vector | float) -> tuple[Vector, Vector]:
     """(n, k) change of each term in a motion, and (n, 3) of the tip, weighed by its noise."""
     middle, half = _travel(motions)
     before = _products((motions.u - middle) / half, terms)
-    after = _products((motions.u + motions.delta_u - middle) / half, terms)
+    after = _products((motions.u + motions.delta_u - held - middle) / half, terms)
     weights = _weights(motions)
     return weights * (after - before), weights * motions.delta_tip_mm
 

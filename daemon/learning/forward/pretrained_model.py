@@ -15,7 +15,7 @@ import numpy as np
 
 from config.robot import Robot
 from daemon.array_files import ArrayFile, ModelError, misfit_of, prefixed, read_as, stripped
-from daemon.learning.forward.cubic_shape import CubicShape, unforetold, unforetold_by_cubics
+from daemon.learning.forward.cubic_shape import CubicShape, unforetold
 from daemon.learning.forward.forward_fit import ForwardFit, forward_fit
 from daemon.learning.forward.forward_model import receptive_fields, slopes_by_step
 from daemon.learning.forward.pretraining import Pretraining
@@ -79,7 +79,7 @@ class PretrainedModel:
             return None
         said_mm = np.array([self.lwpr.predict(x) for x in self.motions.inputs])
         by_fields = unforetold(self.motions, said_mm)
-        return found if unforetold_by_cubics(self.motions) < by_fields else None
+        return found if found.unforetold < by_fields else None
 
     def jacobian(self, tip_mm: Vector, u: Vector) -> Vector:
         """(3, m) mm per mm or rad, with the tip at (3,) and axes at (m,)."""

@@ -10,6 +10,7 @@ from config.tasks.controllers import TipFollowing
 from daemon.control import jacobian_kernels as kernels
 from daemon.control.controller import ControllerError, Observation, Phase
 from daemon.control.tip_following import TipFollower, bounded_step, damped_solution
+from daemon.learning.forward.stop_operators import HeldBack
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
 from tests.daemon.control.closed_loop import DT_S, ROBOT
@@ -92,6 +93,32 @@ def test_redundant_axes_go_to_the_posture_and_the_tip_stays() -> None:
     # What is left of the way is what only the tip's directions could make.
     null_space = np.linalg.svd(JACOBIAN)[2][3:]
     np.testing.assert_allclose(null_space @ left, 0.0, atol=1e-3)
+
+
+def turned(law: TipFollower) -> Vector:
+    """(6,) asked for, after all axes went up and turned round."""
+    targets, step = np.full(6, 10.0), np.zeros(6)
+    for k in range(80):
+        targets = targets + (0.3 if k < 60 else -0.05)
+        law.tip_step(seen(targets=targets, t_ns=round(k * DT_S * 1e9), believed=False))
+        step = law.axis_step(JACOBIAN, np.array([0.05, 0.02, -0.03]), seen(targets=targets))
+    return step
+
+
+def test_axes_that_turned_go_further_where_the_body_holds_some_of_it_back() -> None:
+    options = {"lead": True, "posture_gain_per_s": 0.0, "damping_mm": 1e-6}
+    plain, knowing = follower(**options), follower(**options)
+    knowing.expect_hysteresis(HeldBack(0.3, np.full(6, 50.0)))
+    # All of a motion on sticks after a turn but for the least stop, which slipped meanwhile.
+    np.testing.assert_allclose((1.0 - 0.3) * turned(knowing), turned(plain), rtol=0.12)
+
+
+def test_hysteresis_counts_only_where_the_body_is_led() -> None:
+    law = follower(posture_gain_per_s=0.0)
+    before = turned(law)
+    law.expect_hysteresis(HeldBack(0.3, np.full(6, 50.0)))
+    np.testing.assert_array_equal(turned(law), before)
+    np.testing.assert_array_equal(law.shown(np.ones(6)), np.ones(6))
 
 
 @pytest.mark.parametrize(

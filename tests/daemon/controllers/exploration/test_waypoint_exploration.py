@@ -106,9 +106,22 @@ def test_it_goes_to_as_many_places_as_asked_for_and_says_which() -> None:
 
 
 def test_places_come_from_the_middle_share_of_the_travel() -> None:
-    places = walked(controller(travel_share=0.4, waypoints=30, dither_share=0.0))
+    places = walked(controller(travel_share=0.4, waypoints=60, dither_share=0.0), frames=8000)
     assert np.ptp(places, axis=0) == pytest.approx(np.full(6, 18.0), abs=2.5)
     assert (np.abs(places - 25.0) <= 10.0 + 0.5).all()
+
+
+def test_every_eighth_line_leads_home_where_the_first_began() -> None:
+    control, u, tip = controller(waypoints=18), np.full(6, 3.0), np.array([0.0, 0.0, 185.0])
+    control.reset(still(u, tip))
+    ends: dict[str, Vector] = {}
+    while not control.ready:
+        proposal = control.propose(still(u, tip))
+        u = u + proposal.delta_u
+        ends[proposal.note] = u
+    away = {note: float(np.abs(end - 3.0).max()) for note, end in ends.items() if note}
+    home = [note for note, mm in away.items() if mm < 3.0]
+    assert home == ["line 9 of 18", "line 17 of 18"]
 
 
 def test_without_dither_steps_of_a_line_all_go_one_way_and_with_it_they_do_not() -> None:
@@ -191,7 +204,7 @@ def test_a_line_that_something_stands_in_the_way_of_is_given_up_and_others_are_g
 
 def test_a_robot_without_a_workspace_uses_all_of_its_travel() -> None:
     free = ROBOT.model_copy(update={"workspace": None})
-    places = walked(controller(robot=free, waypoints=30, dither_share=0.0), frames=12_000)
+    places = walked(controller(robot=free, waypoints=60, dither_share=0.0), frames=24_000)
     assert (np.ptp(places, axis=0) > 0.8 * TRAVEL_MM).all()
 
 

@@ -1,6 +1,7 @@
 """A cubic of all axes tells the Jacobian where the body is one, and gives way where it is none."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from daemon.learning.forward.cubic_shape import CubicShape, unforetold, unforetold_by_cubics
 from daemon.learning.forward.pretrained_model import PretrainedModel
 from daemon.learning.forward.pretraining import PretrainingSettings, pretrain
+from daemon.learning.forward.stop_operators import StopOperators
 from daemon.learning.samples.motion import MotionTable
 from drivers.pose import Vector
 from tests.daemon.learning.frames_of_arm import ARM, arm_dataset
@@ -49,6 +51,26 @@ def test_the_jacobian_of_a_cubic_body_is_found_from_small_noisy_motions() -> Non
     assert shape is not None
     for u in np.random.default_rng(4).uniform(5.0, 45.0, (20, AXES)):
         np.testing.assert_allclose(shape.jacobian(u), jacobian(u), atol=0.06)
+
+
+def along_lines(share: float, noise_mm: float = 0.05) -> MotionTable:
+    """Motions of the cubic body along 40 lines, whose axes hold back a share of them."""
+    random, stops = np.random.default_rng(6), StopOperators()
+    ends = random.uniform(0.0, TRAVEL_MM, (41, AXES))
+    u = np.concatenate([np.linspace(*way, 31)[:-1] for way in pairwise(ends)])
+    held = np.cumsum([stops.follow(place / TRAVEL_MM) for place in u], axis=0) * TRAVEL_MM
+    tips = cubic(u - share * held)
+    seen = np.diff(tips, axis=0) + noise_mm * random.normal(size=(len(u) - 1, 3))
+    return MotionTable(tips[:-1], u[:-1], np.diff(u, axis=0), seen, np.arange(len(u) - 1) // 30)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.12, 0.3])
+def test_what_axes_that_turn_keep_back_is_found_and_is_not_in_the_jacobian(share: float) -> None:
+    shape = CubicShape.of(along_lines(share))
+    assert shape is not None
+    assert shape.held_back.share == pytest.approx(share, abs=0.03)
+    for u in np.random.default_rng(4).uniform(10.0, 40.0, (20, AXES)):
+        np.testing.assert_allclose(shape.jacobian(u), jacobian(u), atol=0.15)
 
 
 @pytest.mark.parametrize(("count", "lines"), [(80, 30), (600, 9)])
