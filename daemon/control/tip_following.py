@@ -14,9 +14,9 @@ from config.robot import Robot
 from config.tasks.controllers import TipFollowing
 from daemon.control import jacobian_kernels as kernels
 from daemon.control.controller import ControllerError, Observation, Proposal
-from daemon.control.hysteresis import Hysteresis
 from daemon.control.jacobian_kernels import in_rows
 from daemon.control.lag import body_lag
+from daemon.control.lag.hysteresis import Hysteresis
 from daemon.control.lag.probing import Probing
 from daemon.control.leading import Leading
 from daemon.control.task import POSITION, points, turn_between, within

@@ -1,1 +1,1 @@
-"""A body that answers late: how late it is, and what takes its tip off meanwhile."""
+"""A body that answers late: how late, what it holds back where axes turn, what takes its tip off."""

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from daemon.control.hysteresis import Hysteresis
 from daemon.control.lag.body_lag import BodyLag
+from daemon.control.lag.hysteresis import Hysteresis
 from daemon.learning.forward.stop_operators import HeldBack, StopOperators
 from drivers.pose import Vector
 
