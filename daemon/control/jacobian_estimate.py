@@ -90,6 +90,10 @@ are directions in which the tip hardly moves, and noise would soon turn them rou
 that the axes do less than they do asks for too much."""
 
 
+_UNSEEN: Final = 0.4
+"""Share of the difference that counts where nothing was seen to change the body: motions say as
+much of what friction keeps back as of the axes. With all of it paths with 14 g at the tip are 1 to
+12 % further off than without any, a mismatched body's 4 % less; with half 0 to 4, and 2."""
 _WORTH_KEPT: Final = 0.9
 """From motion to motion, of what tells how good the difference is: the last ten count."""
 _DOUBT: Final = 1.0
@@ -160,9 +164,11 @@ class JacobianCorrection:
         """The share of E, 0 to 1, that would surely have been right to believe of late.
 
         The s for which J + s E explains the last motions best, less its standard error. An E that
-        follows a hysteresis is wrong as soon as that turns; who believes it asks for nonsense.
+        follows a hysteresis is wrong as soon as that turns; who believes it asks for nonsense. So
+        only a part of it counts, unless the body was seen to become another one.
         """
-        return min(max(surely_right(self.foretold, _DOUBT), 0.0), 1.0)
+        right = min(max(surely_right(self.foretold, _DOUBT), 0.0), 1.0)
+        return right * (_UNSEEN + self.changed * (1.0 - _UNSEEN))
 
 
 def _limited(difference: Vector, jacobian: Vector) -> Vector:

@@ -64,7 +64,7 @@ class TipFollower:
         """Where small motions began."""
         self._hysteresis: Hysteresis | None = None
         self._jumps = 0
-        """Of the tip, that hysteresis has not to do with."""
+        """Of the tip, before motion began."""
 
     @property
     def posture(self) -> Vector:
@@ -80,6 +80,7 @@ class TipFollower:
     def reset(self, observation: Observation) -> None:
         """Motion begins: the posture may be the one of this moment."""
         self.leading.begin()
+        self._jumps = self.leading.jumps
         self._told = None
         if self._probing is not None:
             self._probing.begin()
@@ -93,9 +94,9 @@ class TipFollower:
         if held_back is not None and self._leads:
             self._hysteresis = Hysteresis(held_back)
 
-    def shown(self, delta_u: Vector) -> Vector:
-        """(m,) what shows of the axes' last motion at the tip."""
-        return delta_u if self._hysteresis is None else delta_u * self._hysteresis.shown
+    def free(self, u: Vector) -> Vector:
+        """(m,) axes at (m,) without what the body holds back of their way, if that is known."""
+        return u if self._hysteresis is None else self._hysteresis.free(u)
 
     @property
     def probed(self) -> bool:
@@ -212,11 +213,12 @@ class TipFollower:
             self._learn_hysteresis(observation, dt_s)
 
     def _learn_hysteresis(self, observation: Observation, dt_s: float) -> None:
+        """Until something is hung on: its creep looks like friction, and of a slow body's twelve
+        load steps two would not be made up for."""
         hysteresis, leading = self._hysteresis, self.leading
         if hysteresis is None:
             return
         if leading.jumps != self._jumps or leading.repeats or not observation.believed:
-            self._jumps = leading.jumps
             hysteresis.break_off()
             return
         hysteresis.learn(observation.t_ns * 1e-9, dt_s, observation.tip_mm, leading.lag)

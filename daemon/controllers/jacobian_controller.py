@@ -24,7 +24,7 @@ class JacobianController(LearningController):
         return Proposal(self._follower.axis_step(jacobian, step, observation))
 
     def _work_in(self, sample: MotionSample) -> None:
-        self._learn_jacobian(sample)
+        self._jacobian.learn(sample)
 
     def _take_over(
         self, model: PretrainedModel | None, jacobian: TipJacobian, learnt: Arrays

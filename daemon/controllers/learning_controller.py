@@ -261,7 +261,8 @@ class LearningController(ABC):
         if self._options.lead and observation.believed:
             lag = self._follower.leading.lag
             t_s = observation.t_ns * 1e-9
-            shown = self._axes.after(t_s, observation.u, lag.lag_s, lag.dead_share)
+            free = self._follower.free(observation.u)
+            shown = self._axes.after(t_s, free, lag.lag_s, lag.dead_share)
             observation = observation._replace(u=shown)
         if self._points and observation.believed:
             self._pointing.observe(observation)
@@ -375,10 +376,6 @@ class LearningController(ABC):
         """The follower has another one."""
 
     # Parts of the above.
-
-    def _learn_jacobian(self, sample: MotionSample) -> None:
-        """From what shows of the axes' motion at the tip."""
-        self._jacobian.learn(sample._replace(delta_u=self._follower.shown(sample.delta_u)))
 
     def _task(self, observation: Observation, jacobian: Vector) -> tuple[Vector, Vector]:
         """(3,) mm that the tip shall move, and (3, m) `jacobian`; (6,) and (6, m) where it shall

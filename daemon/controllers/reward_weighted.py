@@ -259,7 +259,7 @@ class RewardWeightedController(LearningController):
 
     def _work_in(self, sample: MotionSample) -> None:
         assert self._local is not None
-        self._learn_jacobian(sample)
+        self._jacobian.learn(sample)
         self._local.add(sample)
 
     def _go_on(self) -> None:

@@ -1,1 +1,1 @@
-"""A body that answers late: how late, what it holds back where axes turn, what takes its tip off."""
+"""A body that answers late: how late, what it holds back in turns, and what takes its tip off."""

@@ -35,8 +35,10 @@ class Hysteresis:
         self._travel = held_back.travel
         self._stops = StopOperators()
         self._targets: Vector | None = None
+        self._sticks = np.zeros(len(self._travel))
+        """(m,) S, mm or rad."""
         self._stuck = np.zeros(len(self._travel))
-        """(m,) mm or rad, in the last step."""
+        """... and by how much more it is since the last step."""
         self._forth = np.full(len(self._travel), 0.5)
         self._told_mm = np.zeros(3), np.zeros(3)
         """(3,) in the last step, and (3,) of it that stuck."""
@@ -48,6 +50,11 @@ class Hysteresis:
         """(m,) share of the next motion of each axis that will show at the tip."""
         return np.asarray(1.0 - self.share * self._stops.sticking(self._forth))
 
+    def free(self, u: Vector) -> Vector:
+        """(m,) where the axes of a body that holds nothing back would be with its tip as with these
+        at (m,)."""
+        return np.asarray(u - self.share * self._sticks)
+
     def follow(self, targets: Vector, dt_s: float) -> None:
         """The axes were told to go to (m,)."""
         moved = np.zeros(len(targets)) if self._targets is None else targets - self._targets
@@ -55,7 +62,8 @@ class Hysteresis:
         told = np.abs(moved) > _MOVES * self._travel
         share = 1.0 - exp(-dt_s / _TURNS_S)
         self._forth = self._forth + share * told * ((moved > 0.0) - self._forth)
-        self._stuck = self._stops.follow(targets / self._travel) * self._travel
+        sticks = self._stops.follow(targets / self._travel) * self._travel
+        self._stuck, self._sticks = sticks - self._sticks, sticks
 
     def moved_mm(self, told_mm: Vector, jacobian: Vector) -> Vector:
         """(3,) that the tip makes of the last step, which by (3, m) the Jacobian were (3,)."""

@@ -44,13 +44,12 @@ class StopOperators:
         self._stops = np.zeros(0)
 
     def follow(self, u: Vector) -> Vector:
-        """(m,) by how much S has changed with axes at (m,)."""
+        """(m,) S with axes at (m,)."""
         if self._u is None:
             self._u, self._stops = u, np.zeros((len(_REACHES), len(u)))
-        before = self._stops
-        self._stops = np.minimum(np.maximum(before + (u - self._u), -_REACHES), _REACHES)
+        self._stops = np.minimum(np.maximum(self._stops + (u - self._u), -_REACHES), _REACHES)
         self._u = u
-        return np.asarray((self._stops - before).sum(axis=0) / len(_REACHES))
+        return np.asarray(self._stops.sum(axis=0) / len(_REACHES))
 
     def sticking(self, forth: Vector) -> Vector:
         """(m,) how much S will change with the next motion of each axis, as a share of that.
@@ -67,6 +66,6 @@ def sticking_of(u: Vector, delta_u: Vector) -> Vector:
     and how far it goes, in shares of the travel."""
     stops, stuck = StopOperators(), np.zeros_like(u)
     for k, (begin, moved) in enumerate(zip(u, delta_u, strict=True)):
-        stops.follow(begin)
-        stuck[k] = stops.follow(begin + moved)
+        before = stops.follow(begin)
+        stuck[k] = stops.follow(begin + moved) - before
     return stuck

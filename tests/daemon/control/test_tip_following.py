@@ -118,7 +118,7 @@ def test_hysteresis_counts_only_where_the_body_is_led() -> None:
     before = turned(law)
     law.expect_hysteresis(HeldBack(0.3, np.full(6, 50.0)))
     np.testing.assert_array_equal(turned(law), before)
-    np.testing.assert_array_equal(law.shown(np.ones(6)), np.ones(6))
+    np.testing.assert_array_equal(law.free(np.ones(6)), np.ones(6))
 
 
 @pytest.mark.parametrize(

@@ -37,16 +37,15 @@ class Arm:
 
     def __init__(self, share: float, gain: float = 1.0) -> None:
         self._stops, self._share, self._gain = StopOperators(), share, gain
-        self._tip = np.zeros(3)
-        self._u: Vector | None = None
+        self._first: Vector | None = None
         self._random = np.random.default_rng(1)
 
     def seen(self, u: Vector) -> Vector:
-        before = u if self._u is None else self._u
-        shown = u - before - self._share * self._stops.follow(u / TRAVEL) * TRAVEL
-        self._u = u
-        self._tip = self._tip + self._gain * JACOBIAN @ shown
-        return np.asarray(self._tip + NOISE_MM * self._random.normal(size=3))
+        if self._first is None:
+            self._first = u
+        free = u - self._share * self._stops.follow(u / TRAVEL) * TRAVEL
+        tip = self._gain * JACOBIAN @ (free - self._first)
+        return np.asarray(tip + NOISE_MM * self._random.normal(size=3))
 
 
 def followed(
@@ -122,3 +121,5 @@ def test_what_sticks_is_not_told_to_have_come() -> None:
         told = told + hysteresis.moved_mm(JACOBIAN @ (targets - before), JACOBIAN)
         before, tip_mm = targets, arm.seen(targets)
     np.testing.assert_allclose(tip_mm, told, atol=4.0 * NOISE_MM)
+    by_axes = JACOBIAN @ (hysteresis.free(before) - turning(0.0))
+    np.testing.assert_allclose(by_axes, told, atol=1e-9)

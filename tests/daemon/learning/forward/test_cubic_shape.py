@@ -58,7 +58,7 @@ def along_lines(share: float, noise_mm: float = 0.05) -> MotionTable:
     random, stops = np.random.default_rng(6), StopOperators()
     ends = random.uniform(0.0, TRAVEL_MM, (41, AXES))
     u = np.concatenate([np.linspace(*way, 31)[:-1] for way in pairwise(ends)])
-    held = np.cumsum([stops.follow(place / TRAVEL_MM) for place in u], axis=0) * TRAVEL_MM
+    held = np.array([stops.follow(place / TRAVEL_MM) for place in u]) * TRAVEL_MM
     tips = cubic(u - share * held)
     seen = np.diff(tips, axis=0) + noise_mm * random.normal(size=(len(u) - 1, 3))
     return MotionTable(tips[:-1], u[:-1], np.diff(u, axis=0), seen, np.arange(len(u) - 1) // 30)
