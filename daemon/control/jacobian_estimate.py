@@ -164,11 +164,15 @@ class JacobianCorrection:
         """The share of E, 0 to 1, that would surely have been right to believe of late.
 
         The s for which J + s E explains the last motions best, less its standard error. An E that
-        follows a hysteresis is wrong as soon as that turns; who believes it asks for nonsense. So
-        only a part of it counts, unless the body was seen to become another one.
+        follows a hysteresis is wrong as soon as that turns; who believes it asks for nonsense.
         """
-        right = min(max(surely_right(self.foretold, _DOUBT), 0.0), 1.0)
-        return right * (_UNSEEN + self.changed * (1.0 - _UNSEEN))
+        return min(max(surely_right(self.foretold, _DOUBT), 0.0), 1.0)
+
+    @property
+    def counting(self) -> float:
+        """The share of E, 0 to 1, to go by: a part of what it is worth, unless the body was seen to
+        become another one."""
+        return self.worth * (_UNSEEN + self.changed * (1.0 - _UNSEEN))
 
 
 def _limited(difference: Vector, jacobian: Vector) -> Vector:

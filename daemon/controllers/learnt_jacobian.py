@@ -218,8 +218,8 @@ class LearntJacobian:
         assert self._carried is not None
         if share <= 0.0:
             return self._carried.jacobian
-        worth = self._correction.worth if self._options.lead else 1.0
-        believed = self.believed * worth
+        counting = self._correction.counting if self._options.lead else 1.0
+        believed = self.believed * counting
         corrected = self._modelled(tip_mm, u) + believed * self._correction.difference
         return np.asarray(share * corrected + (1.0 - share) * self._carried.jacobian)
 

@@ -38,6 +38,15 @@ def test_a_difference_that_keeps_turning_round_is_not(turns_every: int) -> None:
     assert all(0.0 <= worth <= 1.0 for worth in worths)
 
 
+def test_all_of_what_is_worth_believing_counts_only_where_the_body_was_seen_to_change() -> None:
+    correction = JacobianCorrection(AXES, 0.3, 50.0, 0.5)
+    correction.foretold = np.array([10.0, 10.0, 10.0, 30.0])
+    assert correction.worth > 0.9
+    assert correction.counting == pytest.approx(0.4 * correction.worth)
+    correction.changed = 1.0
+    assert correction.counting == correction.worth
+
+
 def left_after(motions: int, changed: bool) -> float:
     """Of a difference that is a sixth of the model, the share that is not known yet."""
     random, off = np.random.default_rng(9), MODEL / 6.0

@@ -27,9 +27,9 @@ LOAD_G = 10.0
 
 @pytest.fixture(scope="module")
 def model(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """What a short exploration with nothing at the tip has taught."""
+    """What a short exploration with nothing at the tip has taught: 2 minutes of it."""
     path = tmp_path_factory.mktemp("model") / "arm.npz"
-    pretrained(25, epochs=2).save(path)
+    pretrained(40, epochs=2).save(path)
     return str(path)
 
 
