@@ -82,6 +82,8 @@ class TipFollower:
         self.leading.begin()
         self._jumps = self.leading.jumps
         self._told = None
+        if self._hysteresis is not None:
+            self._hysteresis.break_off()
         if self._probing is not None:
             self._probing.begin()
         if self._options.posture == "start":

@@ -73,6 +73,7 @@ class Hysteresis:
     def break_off(self) -> None:
         """What comes next does not go on from here. What was found stays."""
         self._estimate.break_off()
+        self._probed = []
 
     def learn(self, t_s: float, dt_s: float, tip_mm: Vector, lag: BodyLag) -> None:
         """The tip is at (3,) after the last step."""
@@ -87,9 +88,8 @@ class Hysteresis:
         """The lag is known now."""
         for t_s, dt_s, told_mm, tip_mm in self._probed:
             self._estimate.add(t_s, dt_s, told_mm, tip_mm, lag)
-        self._probed = []
         self.share = self._estimate.share
-        self._estimate.break_off()
+        self.break_off()
 
 
 _SPAN_S: Final = 0.4
