@@ -53,6 +53,9 @@ class Pretraining(ConfigModel):
     """Of the lines to waypoints, as a share of each axis' travel. 0: they are straight, and all
     samples of a line go the same way. None: as an exploration does it."""
 
+    home_every: Annotated[int, Field(ge=0)] | None = None
+    """Every so many lines one leads home; 0: none. None: as an exploration does it."""
+
     fields: Annotated[int, Field(ge=1)] | None = None
     """How many receptive fields. None: one for every hundred samples."""
 
@@ -81,8 +84,9 @@ class Pretraining(ConfigModel):
 
     @model_validator(mode="after")
     def _lines_lead_to_waypoints(self) -> "Pretraining":
-        if self.dither_share is not None and self.waypoints is None:
-            raise ValueError("`dither_share` is of lines to `waypoints`: say how many")
+        for name in ("dither_share", "home_every"):
+            if getattr(self, name) is not None and self.waypoints is None:
+                raise ValueError(f"`{name}` is of lines to `waypoints`: say how many")
         return self
 
 

@@ -46,6 +46,13 @@ class WaypointExploration(Exploration, KindOptions):
 
     waypoints: Annotated[int, Field(ge=1, le=100_000)] = 80
 
+    home_every: Annotated[int, Field(ge=0)] = 8
+    """Every so many lines one leads home, to where the first began: often a corner of the travel,
+    which random places are hardly ever near, and where whoever goes by the model begins. 0: none
+    does, as in Ho 2018. With one line of 80 that touches home a cubic's Jacobian makes there of a
+    wanted motion one of 120 % of it beside it; with ten ways there and back one of 40 %, and
+    elsewhere it is as it was."""
+
 
 class DesignedExploration(Exploration, KindOptions):
     """Goes from wherever it is to where most is learnt on the way, in ever more of the travel."""

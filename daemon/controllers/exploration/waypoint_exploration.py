@@ -6,8 +6,6 @@ often a corner of the travel, which no line would come near again, and whoever g
 begins there.
 """
 
-from typing import Final
-
 import numpy as np
 
 from config.robot import Robot
@@ -17,11 +15,6 @@ from daemon.controllers.exploration.exploration_controller import (
     ExplorationController,
 )
 from drivers.pose import Vector
-
-_LINES_HOME: Final = 8
-"""Every so many lines one leads home. With one line of 80 that touches it a cubic's Jacobian there
-makes of a wanted motion one of 120 % of it beside it; with ten ways there and back one of 40 %, and
-elsewhere it is as it was."""
 
 
 class WaypointExplorationController(ExplorationController):
@@ -49,7 +42,7 @@ class WaypointExplorationController(ExplorationController):
         axes = self._axes
         if self._home is None:
             self._home = self._start
-        elif self._line % _LINES_HOME == 0 and axes.coupled.way_inside(self._start, self._home):
+        elif self._leads_home(self._home):
             return self._home
         middle = 0.5 * (axes.lowest + axes.highest)
         half = 0.5 * self._options.travel_share * axes.travel
@@ -67,3 +60,8 @@ class WaypointExplorationController(ExplorationController):
             if longest >= 1.0:
                 break
         return best
+
+    def _leads_home(self, home: Vector) -> bool:
+        every = self._options.home_every
+        due = every > 0 and self._line % every == 0
+        return due and self._axes.coupled.way_inside(self._start, home)

@@ -68,8 +68,10 @@ def pretrained(
 def _exploration(how: Pretraining) -> Exploring:
     if how.waypoints is None:
         return DesignedExploration(kind="designed_exploration")
-    lines = {} if how.dither_share is None else {"dither_share": how.dither_share}
-    return WaypointExploration(kind="waypoint_exploration", waypoints=how.waypoints, **lines)
+    given = {"dither_share": how.dither_share, "home_every": how.home_every}
+    lines = {name: value for name, value in given.items() if value is not None}
+    options = {"kind": "waypoint_exploration", "waypoints": how.waypoints, **lines}
+    return WaypointExploration.model_validate(options)
 
 
 def _settings(how: Pretraining, seed: int) -> PretrainingSettings:

@@ -111,8 +111,10 @@ def test_places_come_from_the_middle_share_of_the_travel() -> None:
     assert (np.abs(places - 25.0) <= 10.0 + 0.5).all()
 
 
-def test_every_eighth_line_leads_home_where_the_first_began() -> None:
-    control, u, tip = controller(waypoints=18), np.full(6, 3.0), np.array([0.0, 0.0, 185.0])
+@pytest.mark.parametrize(("every", "home"), [(8, ["9", "17"]), (5, ["6", "11", "16"]), (0, [])])
+def test_now_and_then_a_line_leads_home_where_the_first_began(every: int, home: list[str]) -> None:
+    control = controller(waypoints=18, home_every=every)
+    u, tip = np.full(6, 3.0), np.array([0.0, 0.0, 185.0])
     control.reset(still(u, tip))
     ends: dict[str, Vector] = {}
     while not control.ready:
@@ -120,8 +122,7 @@ def test_every_eighth_line_leads_home_where_the_first_began() -> None:
         u = u + proposal.delta_u
         ends[proposal.note] = u
     away = {note: float(np.abs(end - 3.0).max()) for note, end in ends.items() if note}
-    home = [note for note, mm in away.items() if mm < 3.0]
-    assert home == ["line 9 of 18", "line 17 of 18"]
+    assert [note.split()[1] for note, mm in away.items() if mm < 3.0] == home
 
 
 def test_without_dither_steps_of_a_line_all_go_one_way_and_with_it_they_do_not() -> None:
