@@ -18,8 +18,9 @@ from daemon.reference.trajectories import make_trajectory
 from daemon.robot.axes import AxisRanges
 from daemon.workbench.experiments.experiment_file import load_experiment
 from drivers.pose import Vector
+from sim_backends.plants.plant import TipLoad
 from tests import SHIPPED_ROBOTS
-from tests.daemon.control.closed_loop import ROBOT, pretrained, rectangle, started
+from tests.daemon.control.closed_loop import ROBOT, pretrained, rectangle, soft_arm, started
 
 AXES = replace(
     AxisRanges.of(ROBOT),
@@ -170,6 +171,19 @@ def mean_mm(options: Rectangle, learnt: ForwardJacobianController) -> float:
 
 START_MM = np.array([-12.5, -50.0, 185.0])
 CIRCLE_START_MM = np.array([30.0, 0.0, 185.0])
+
+
+@pytest.mark.parametrize("place_mm", [(5.0, -20.0, 185.0), (-12.5, -50.0, 185.0), (30, 0, 180)])
+def test_a_path_is_foreseen_from_axes_that_bring_the_tip_there_and_are_near_the_posture(
+    place_mm: tuple[float, float, float], learnt: ForwardJacobianController
+) -> None:
+    foresight, wanted_mm = learnt.foresight, np.array(place_mm)
+    assert foresight is not None
+    u = foresight.begin(wanted_mm)
+    assert u is not None
+    assert (np.abs(u - 25.0) < 18.0).all(), "in the middle of the travel"
+    tip_mm = np.array(soft_arm().step(u, TipLoad(), 60.0).tip.position_mm)
+    assert np.linalg.norm(tip_mm - wanted_mm) < 10.0
 
 
 def test_what_is_said_of_the_arm_is_what_becomes_of_it(learnt: ForwardJacobianController) -> None:

@@ -172,6 +172,23 @@ def observed(
     )
 
 
+def test_a_path_repeats_from_its_second_round_on_and_no_more_when_it_is_left() -> None:
+    def at(t_s: float) -> tuple[Vector, Vector]:
+        return path(t_s), np.zeros(3)
+
+    leading, repeats = Leading(gain_per_s=4.0, by_cycles=True), []
+    for k in range(round(3.0 * CYCLE_S / DT_S)):
+        t_s = k * DT_S
+        phase = Phase(t_s % CYCLE_S, CYCLE_S) if t_s < 2.5 * CYCLE_S else None
+        leading.step(observed(t_s, path(t_s), path(t_s), at, phase), DT_S)
+        repeats.append(leading.repeats)
+    ends = [round(rounds * CYCLE_S / DT_S) for rounds in (1.0, 2.5)]
+    first, later, left = np.split(np.array(repeats), ends)
+    assert not first[:-1].any()
+    assert later.all()
+    assert not left.any()
+
+
 def led_through_play(half_mm: float, speed_mm_s: float, cycles: int, seed: int) -> list[float]:
     """The mean error of each cycle of a circle, of a tip 0.2 s late behind play in each direction,
     whose filter takes as long again; mm."""

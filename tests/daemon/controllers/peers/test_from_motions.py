@@ -27,7 +27,7 @@ LOAD_G = 10.0
 
 @pytest.fixture(scope="module")
 def model(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """What a short exploration with nothing at the tip has taught: 2 minutes of it."""
+    """What half of the usual exploration, with nothing at the tip, has taught."""
     path = tmp_path_factory.mktemp("model") / "arm.npz"
     pretrained(40, epochs=2).save(path)
     return str(path)

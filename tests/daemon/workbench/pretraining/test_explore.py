@@ -177,6 +177,7 @@ def test_another_robot_body_or_setting_has_another_model(
         pretrained(FILE, directory=tmp_path),
         pretrained(FILE, Pretraining(waypoints=320), directory=tmp_path),
         pretrained(FILE, Pretraining(waypoints=320, dither_share=0.0), directory=tmp_path),
+        pretrained(FILE, Pretraining(waypoints=320, home_every=0), directory=tmp_path),
         pretrained(FILE, Pretraining(sample_tip_mm=0.6), directory=tmp_path),
         pretrained(FILE, Pretraining(lag_s=0.0), directory=tmp_path),
         pretrained(FILE, seed=2, directory=tmp_path),
