@@ -14,6 +14,9 @@ BUDGET_S: Final = 20.0
 """CPU time of tests; on two cores half of it, besides starting, lint and types."""
 NEW_FILE_S: Final = 1.0
 """What a file is taken for that nobody has measured."""
+ALWAYS: Final = ("tests/docs/reference/test_reference.py",)
+"""Run after each change whatever they cost: pages that are made from the code, which a change of an
+option leaves behind unseen."""
 _NOT_PRODUCT: Final = "tests"
 
 
@@ -63,14 +66,17 @@ def chosen(
     files: Iterable[str],
     covers: Mapping[str, set[str]],
     budget_s: float = BUDGET_S,
+    always: Iterable[str] = (),
 ) -> list[str]:
-    """Of every package the cheapest test file that imports it; then the cheapest of the others.
+    """What is always run; of every package the cheapest test file that imports it; then the
+    cheapest of the others.
 
     covers: packages, by file. What was never measured counts as `NEW_FILE_S`.
     """
     ordered = sorted(files, key=lambda file: (seconds.get(file, NEW_FILE_S), file))
     missing = set().union(*covers.values()) if covers else set()
-    taken: list[str] = []
+    taken = list(always)
+    missing -= set().union(*(covers.get(file, set()) for file in taken))
     for file in ordered:
         if covers.get(file, set()) & missing:
             taken.append(file)
@@ -91,4 +97,4 @@ def quick_files(root: Path = ROOT) -> list[str]:
     measured = read_measured(MEASURED.read_text())
     # A file that has only slow tests has no seconds, and covers nothing here.
     usable = [file for file in files if measured.get(file, NEW_FILE_S) > 0.0]
-    return chosen(measured, usable, {file: covers[file] for file in usable})
+    return chosen(measured, usable, {file: covers[file] for file in usable}, always=ALWAYS)
