@@ -69,7 +69,7 @@ class CubicShape(NamedTuple):
         left = [unforetold_by_cubics(motions, share * stuck) for share in _HELD_BACK]
         share = _lowest(left)
         features, tips = _weighted(motions, terms, share * stuck)
-        tensors = _tensors(_solved(features, tips), terms, motions.axes)
+        tensors = _tensors(_solved(*_gram(features, tips)), terms, motions.axes)
         return cls(middle, half, *tensors, HeldBack(share, 2.0 * half), min(left))
 
     def jacobian(self, u: Vector) -> Vector:
@@ -85,12 +85,13 @@ def unforetold_by_cubics(motions: MotionTable, held: Vector | float = 0.0) -> fl
     held: (n, m) mm or rad of each motion that does not show.
     """
     features, tips = _weighted(motions, _terms(motions.axes), held)
-    lines = np.unique(motions.line, return_inverse=True)[1]
+    part_of = np.unique(motions.line, return_inverse=True)[1] % _PARTS
+    parts = [np.flatnonzero(part_of == part) for part in range(_PARTS)]
+    grams = [_gram(features[part], tips[part]) for part in parts]
     left = np.zeros_like(tips)
-    for part in range(_PARTS):
-        kept_back = lines % _PARTS == part
-        learnt = _solved(features[~kept_back], tips[~kept_back])
-        left[kept_back] = tips[kept_back] - features[kept_back] @ learnt
+    for kept_back, part in enumerate(parts):
+        others = _summed(grams[:kept_back] + grams[kept_back + 1 :])
+        left[part] = tips[part] - features[part] @ _solved(*others)
     return _root_mean_square(left) / _root_mean_square(tips)
 
 
@@ -150,13 +151,29 @@ def _weighted(motions: MotionTable, terms: _Terms, held: Vector | float) -> tupl
 
 
 def _products(x: Vector, terms: _Terms) -> Vector:
-    return np.stack([np.prod(x[:, list(chosen)], axis=1) for chosen in terms], axis=1)
+    """(n, k)"""
+    products: dict[tuple[int, ...], Vector] = {
+        (axis,): of_axis for axis, of_axis in enumerate(np.ascontiguousarray(x.T))
+    }
+    for chosen in terms:
+        if len(chosen) > 1:
+            products[chosen] = products[chosen[:-1]] * products[chosen[-1:]]
+    return np.stack([products[chosen] for chosen in terms], axis=1)
 
 
-def _solved(features: Vector, tips: Vector) -> Vector:
+def _gram(features: Vector, tips: Vector) -> tuple[Vector, Vector]:
+    """(k, k) and (k, 3) products of least squares."""
+    return features.T @ features, features.T @ tips
+
+
+def _summed(grams: list[tuple[Vector, Vector]]) -> tuple[Vector, Vector]:
+    squares, products = zip(*grams, strict=True)
+    return np.sum(squares, axis=0), np.sum(products, axis=0)
+
+
+def _solved(squares: Vector, products: Vector) -> Vector:
     """(k, 3)"""
-    gram = features.T @ features + _RIDGE * np.eye(features.shape[1])
-    return np.asarray(np.linalg.solve(gram, features.T @ tips))
+    return np.asarray(np.linalg.solve(squares + _RIDGE * np.eye(len(squares)), products))
 
 
 def _tensors(coefficients: Vector, terms: _Terms, axes: int) -> tuple[Vector, Vector, Vector]:

@@ -47,7 +47,7 @@ class StopOperators:
         """(m,) S with axes at (m,)."""
         if self._u is None:
             self._u, self._stops = u, np.zeros((len(_REACHES), len(u)))
-        self._stops = np.minimum(np.maximum(self._stops + (u - self._u), -_REACHES), _REACHES)
+        _slip(self._stops, u - self._u, self._stops)
         self._u = u
         return np.asarray(self._stops.sum(axis=0) / len(_REACHES))
 
@@ -64,8 +64,17 @@ class StopOperators:
 def sticking_of(u: Vector, delta_u: Vector) -> Vector:
     """(n, m) changes of S in n motions, one after the other. u, delta_u: (n, m) where each begins
     and how far it goes, in shares of the travel."""
-    stops, stuck = StopOperators(), np.zeros_like(u)
-    for k, (begin, moved) in enumerate(zip(u, delta_u, strict=True)):
-        before = stops.follow(begin)
-        stuck[k] = stops.follow(begin + moved) - before
-    return stuck
+    places = np.stack([u, u + delta_u], axis=1).reshape(-1, u.shape[1])
+    ways = np.diff(places, axis=0, prepend=places[:1])
+    stops = np.zeros((len(ways), len(_REACHES), u.shape[1]))
+    for before, now, way in zip(stops, stops[1:], ways[1:], strict=False):
+        _slip(before, way, now)
+    held = stops.sum(axis=1) / len(_REACHES)
+    return np.asarray(held[1::2] - held[::2])
+
+
+def _slip(stops: Vector, way: Vector, after: Vector) -> None:
+    """(s, m) stops `after` the axes' (m,) way."""
+    np.add(stops, way, out=after)
+    np.maximum(after, -_REACHES, out=after)
+    np.minimum(after, _REACHES, out=after)
