@@ -55,7 +55,8 @@ class Leading:
         self._underway = Underway()
         self._told_mm = np.zeros(3)
         """All that was told, as the Jacobian has it."""
-        self._gains = np.ones(3)
+        self.gains = np.ones(3)
+        """(3,) how much of what is told comes along each axis of space."""
         self._cycles: CycleCorrection | None = None
         self._on_path_s = 0.0
         self._disturbance = Disturbance()
@@ -63,6 +64,8 @@ class Leading:
         self._persistence = Persistence()
         self._before: tuple[Jump, Vector, Vector] | None = None
         """The last jump, and what was known of the gains when it came."""
+        self._unloaded_gains: Vector | None = None
+        """What was known of them when the first jump since motion began came."""
         self.jumps = 0
         """How often the tip was taken off at once: something was hung on, or pushed it."""
 
@@ -78,6 +81,13 @@ class Leading:
         return self._cycles is not None and self._on_path_s >= self._cycles.path.cycle_s
 
     @property
+    def made_up_for(self) -> Vector:
+        """(3,) gains, besides which motions tell something of the body. After a load they are those
+        of before: motions tell what it changes sooner than the gains do, and better, for it is
+        another change at each place."""
+        return self.gains if self._unloaded_gains is None else self._unloaded_gains
+
+    @property
     def left_mm(self) -> Vector:
         """(3,) that the tip will go without being told more."""
         return self._underway.left_mm
@@ -89,7 +99,7 @@ class Leading:
         self._disturbance.begin()
         self._answer.begin()
         self._persistence.begin()
-        self._before = None
+        self._before = self._unloaded_gains = None
         if self._cycles is not None:
             self._cycles.break_off()
 
@@ -97,7 +107,7 @@ class Leading:
         """(3,) was told since the last step; the tip is seen to have made this of all before."""
         t_s = observation.t_ns * 1e-9
         self._told_mm = self._told_mm + moved_mm
-        moved_mm = self._gains * moved_mm
+        moved_mm = self.gains * moved_mm
         self._underway.tell(t_s, dt_s, moved_mm, self.lag.lag_s, self.lag.dead_share)
         if not observation.believed:
             return
@@ -116,18 +126,20 @@ class Leading:
         lag_s = self.lag.lag_s
         self._answer.add(t_s, dt_s, observation.tip_mm, arrived_mm, lag_s, memory_s)
         share = 1.0 - exp(-dt_s / _GAIN_APPROACH_S)
-        self._gains = self._gains + share * (self.lag.gains - self._gains)
+        self.gains = self.gains + share * (self.lag.gains - self.gains)
         self.lag.add(t_s, dt_s, self._told_mm, observation.tip_mm)
 
     def _body_changed(self, jump: Jump) -> None:
         """A load that is taken off again leaves the body as it was before: what was known then is
         known now."""
-        before, self._before = self._before, (jump, self._gains, self.lag.gain_memory())
+        if self._unloaded_gains is None:
+            self._unloaded_gains = self.gains
+        before, self._before = self._before, (jump, self.gains, self.lag.gain_memory())
         if before is None:
             return
         last, gains, memory = before
-        if jump.undoes(last, float((self._gains / gains).mean())):
-            self._gains = gains
+        if jump.undoes(last, float((self.gains / gains).mean())):
+            self.gains = gains
             self.lag.recall_gains(memory)
 
     def see_probe(self, observation: Observation, dt_s: float, moved_mm: Vector) -> None:
@@ -166,7 +178,7 @@ class Leading:
             late = due - observation.tip_mm - coming
             error = error + share * (hurry * late + further - (left - coming) - error)
         wanted = min(gain * dt_s, 1.0) * error + velocity * dt_s
-        return np.asarray(np.linalg.solve(answer, wanted) / self._gains)
+        return np.asarray(np.linalg.solve(answer, wanted) / self.gains)
 
     def _of_use(self, t_s: float, dt_s: float, error_mm: Vector) -> float:
         """The share of the gain that (3,) this error is met with. Across a long lag the gain is

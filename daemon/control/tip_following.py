@@ -158,6 +158,11 @@ class TipFollower:
         of a hysteresis that has turned since."""
         return max(1.0 - 2.0 * self.leading.predicted, 0.0) if self._leads else 1.0
 
+    @property
+    def made_up_for(self) -> Vector:
+        """(3,) how much of what is told comes along each axis of space, as far as that is led."""
+        return self.leading.made_up_for if self._leads else np.ones(3)
+
     def due_mm(self, observation: Observation) -> Vector:
         """(3,) where the tip will be when all that was told has arrived, which is where the axes'
         places belong to. Without leading: where it is."""

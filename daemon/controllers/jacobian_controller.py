@@ -23,8 +23,8 @@ class JacobianController(LearningController):
         step, jacobian = self._task(observation, jacobian)
         return Proposal(self._follower.axis_step(jacobian, step, observation))
 
-    def _work_in(self, sample: MotionSample) -> None:
-        self._jacobian.learn(sample)
+    def _work_in(self, sample: MotionSample, gains: Vector) -> None:
+        self._jacobian.learn(sample, gains)
 
     def _take_over(
         self, model: PretrainedModel | None, jacobian: TipJacobian, learnt: Arrays

@@ -280,7 +280,7 @@ class LearningController(ABC):
             return
         self._waiting.append(sample)
         if len(self._waiting) > _WAITING_AT_MOST:
-            self._work_in(self._waiting.popleft())
+            self._work_in_next()
 
     def propose(self, observation: Observation) -> Proposal:
         if self.ready:
@@ -296,7 +296,7 @@ class LearningController(ABC):
     def learn(self) -> None:
         """One sample, or a little of what else can wait: counted, whatever a clock would say."""
         if self._waiting:
-            self._work_in(self._waiting.popleft())
+            self._work_in_next()
         elif self._jacobian.known:
             self._go_on()
 
@@ -304,7 +304,7 @@ class LearningController(ABC):
         if not self._jacobian.known:
             raise ModelError("there is nothing to save: nothing is learnt yet")
         while self._waiting:
-            self._work_in(self._waiting.popleft())
+            self._work_in_next()
         known = {**self._jacobian.to_arrays(), **self._pointing.to_arrays()}
         arrays = {**known, **self._learnt_arrays()}
         model, forward = self._model, self._jacobian.forward
@@ -318,6 +318,12 @@ class LearningController(ABC):
             self._go_on_from(loaded)
         except (ValueError, KeyError) as error:
             raise ModelError(f"{path} does not fit: {error}") from None
+
+    def _work_in_next(self) -> None:
+        """A motion that waits becomes what was told of it: of that more or less comes along each
+        axis of space, which is made up for where the body is led."""
+        sample, gains = self._waiting.popleft(), self._follower.made_up_for
+        self._work_in(sample._replace(delta_tip_mm=sample.delta_tip_mm / gains), gains)
 
     def _too_late(self) -> bool:
         """Whether the body answers too late to learn a Jacobian from it that was not known before.
@@ -356,8 +362,8 @@ class LearningController(ABC):
         """The next step. The Jacobian is known."""
 
     @abstractmethod
-    def _work_in(self, sample: MotionSample) -> None:
-        """Learn from it."""
+    def _work_in(self, sample: MotionSample, gains: Vector) -> None:
+        """Learn from it, as it was told: (3,) gains of it came, which are made up for."""
 
     @abstractmethod
     def _forget_samples(self) -> None:
@@ -432,7 +438,7 @@ class LearningController(ABC):
         jacobian.measured(_fitted_jacobian(babbled, self._range))
         self._adopt(None, jacobian, {})
         for sample in babbled:
-            self._work_in(sample)
+            self._work_in(sample, self._follower.made_up_for)
         self._babbled = []
 
     def _sampler(self, base: SamplingSettings) -> LearningSamples:

@@ -70,8 +70,8 @@ class TipJacobian(Protocol):
         """The Jacobian here."""
         ...
 
-    def learn(self, sample: MotionSample) -> None:
-        """Take a motion."""
+    def learn(self, sample: MotionSample, gains: Vector) -> None:
+        """Take a motion, as it was told: (3,) gains of it came, which are made up for."""
         ...
 
     def forget_correction(self) -> None:
@@ -165,14 +165,15 @@ class LearntJacobian:
         """The next motions are learnt from at once."""
         self._correction.changed = 1.0
 
-    def learn(self, sample: MotionSample) -> None:
-        """Take a motion."""
+    def learn(self, sample: MotionSample, gains: Vector) -> None:
+        """Take a motion, as it was told: (3,) gains of it came, which are made up for."""
         middle_mm = sample.tip_mm + 0.5 * sample.delta_tip_mm
         middle_u = sample.u + 0.5 * sample.delta_u
         moved = sample.delta_u / self._travel
         share = self.covered(middle_mm, middle_u)
         if share > 0.0:
             modelled = self._modelled(middle_mm, middle_u)
+            self._correction.rescale(modelled, gains)
             self._correction.correct(modelled, moved, sample.delta_tip_mm)
         if share < 1.0:
             assert self._carried is not None
@@ -192,6 +193,7 @@ class LearntJacobian:
             "correction_foretold": self._correction.foretold,
             "correction_went": np.array(self._correction.went_mm2),
             "correction_changed": np.array(self._correction.changed),
+            "correction_gains": self._correction.gains,
             "carried": self._carried.jacobian,
             "carried_covariance": self._carried.covariance,
         }
@@ -208,6 +210,7 @@ class LearntJacobian:
         self._correction.foretold = np.array(arrays.get("correction_foretold", np.zeros(4)))
         self._correction.went_mm2 = float(arrays.get("correction_went", np.zeros(())))
         self._correction.changed = float(arrays.get("correction_changed", np.zeros(())))
+        self._correction.gains = np.array(arrays.get("correction_gains", np.ones(3)))
         self._carry(arrays["carried"])
         assert self._carried is not None
         self._carried.covariance = in_rows(arrays["carried_covariance"])

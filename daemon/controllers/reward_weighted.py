@@ -257,9 +257,9 @@ class RewardWeightedController(LearningController):
         assert self._local is not None
         return self._local.command(tip_motion, tip_mm, observation.u)
 
-    def _work_in(self, sample: MotionSample) -> None:
+    def _work_in(self, sample: MotionSample, gains: Vector) -> None:
         assert self._local is not None
-        self._jacobian.learn(sample)
+        self._jacobian.learn(sample, gains)
         self._local.add(sample)
 
     def _go_on(self) -> None:

@@ -98,8 +98,9 @@ class ProcessJacobian:
             (self._before(x) + self.believed * self._online.jacobian(x)) / self._scale
         )
 
-    def learn(self, sample: MotionSample) -> None:
-        """Take a motion."""
+    def learn(self, sample: MotionSample, gains: Vector) -> None:
+        """Take a motion, as it was told: (3,) gains of it came, which are made up for."""
+        del gains
         d = sample.delta_u / self._scale
         x = sample.u / self._scale + 0.5 * d
         seen = sample.delta_tip_mm

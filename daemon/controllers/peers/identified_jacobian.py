@@ -142,7 +142,7 @@ class IdentifiedJacobian:
         weights = self._motions.weights(u / self._scale, self._reach)
         return self._motions.fit(weights, self._everywhere) / self._scale
 
-    def learn(self, sample: MotionSample) -> None:
+    def learn(self, sample: MotionSample, gains: Vector) -> None:
         """It is fixed."""
 
     def body_changed(self) -> None:

@@ -47,6 +47,15 @@ def test_all_of_what_is_worth_believing_counts_only_where_the_body_was_seen_to_c
     assert correction.counting == correction.worth
 
 
+def test_a_difference_becomes_smaller_by_what_is_made_up_for_elsewhere() -> None:
+    correction, gains = JacobianCorrection(AXES, 0.3, 50.0, 0.5), np.array([1.3, 1.0, 0.9])
+    correction.difference = (gains - 1.0)[:, None] * MODEL + OFF
+    correction.rescale(MODEL, gains)
+    np.testing.assert_allclose(gains[:, None] * correction.difference, OFF)
+    correction.rescale(MODEL, np.ones(3))
+    np.testing.assert_allclose(correction.difference, (gains - 1.0)[:, None] * MODEL + OFF)
+
+
 def left_after(motions: int, changed: bool) -> float:
     """Of a difference that is a sixth of the model, the share that is not known yet."""
     random, off = np.random.default_rng(9), MODEL / 6.0

@@ -130,10 +130,29 @@ def test_fields_that_forget_learn_another_body(
     before = jacobian.at(tip_mm, u)
     for _ in range(200):
         moved = 2.5 * random.normal(size=6)
-        controller._work_in(MotionSample(tip_mm, u, moved, 1.5 * before @ moved))
+        controller._work_in(MotionSample(tip_mm, u, moved, 1.5 * before @ moved), np.ones(3))
     jacobian.forget_correction()
     after = jacobian.at(tip_mm, u)
     assert (after * before).sum() / (before**2).sum() == pytest.approx(grown, abs=0.1)
+
+
+@both
+def test_what_is_made_up_for_where_the_body_is_led_is_not_learnt_once_more(
+    kind: str, model: str
+) -> None:
+    """A body of which a third more comes upwards than was told."""
+    fields = PretrainedModel.load(Path(model), ROBOT).fields
+    place = fields.centres[len(fields.centres) // 2] * fields.scale
+    tip_mm, u, random = place[:3], place[3:], np.random.default_rng(1)
+    controller, gains = made_learner(kind, model=model, lead=True), np.array([1.0, 1.0, 1.33])
+    controller._follower.leading.gains = gains
+    before = controller._jacobian.at(tip_mm, u)
+    for _ in range(20):
+        moved = 2.5 * random.normal(size=6)
+        middle = controller._jacobian.at(tip_mm + 0.5 * before @ moved, u + 0.5 * moved)
+        controller._waiting.append(MotionSample(tip_mm, u, moved, gains * (middle @ moved)))
+        controller.learn()
+    np.testing.assert_allclose(controller._jacobian.at(tip_mm, u), before, rtol=0.02, atol=0.02)
 
 
 def test_babbling_that_shows_nothing_is_not_enough() -> None:
