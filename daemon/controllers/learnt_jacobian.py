@@ -210,7 +210,10 @@ class LearntJacobian:
         self._correction.foretold = np.array(arrays.get("correction_foretold", np.zeros(4)))
         self._correction.went_mm2 = float(arrays.get("correction_went", np.zeros(())))
         self._correction.changed = float(arrays.get("correction_changed", np.zeros(())))
-        self._correction.gains = np.array(arrays.get("correction_gains", np.ones(3)))
+        gains = np.array(arrays.get("correction_gains", np.ones(3)))
+        if gains.shape != (3,) or not (gains > 0.0).all():
+            raise ValueError("the gains besides which it corrects are not three above 0")
+        self._correction.gains = gains
         self._carry(arrays["carried"])
         assert self._carried is not None
         self._carried.covariance = in_rows(arrays["carried_covariance"])

@@ -155,6 +155,15 @@ def test_what_is_made_up_for_where_the_body_is_led_is_not_learnt_once_more(
     np.testing.assert_allclose(controller._jacobian.at(tip_mm, u), before, rtol=0.02, atol=0.02)
 
 
+@pytest.mark.parametrize("gains", [np.zeros(3), np.full(3, np.nan), np.ones(2)])
+def test_what_was_learnt_besides_no_gains_is_refused(gains: Vector, model: str) -> None:
+    jacobian = made_learner("forward_jacobian", model=model)._jacobian
+    arrays = jacobian.to_arrays()
+    jacobian.restore(arrays)
+    with pytest.raises(ValueError, match="not three above 0"):
+        jacobian.restore({**arrays, "correction_gains": gains})
+
+
 def test_babbling_that_shows_nothing_is_not_enough() -> None:
     loop = ClosedLoop(
         made_learner("reward_weighted", babbling={"duration_s": 5.0, "reach_share": 0.01})
