@@ -67,7 +67,7 @@ def sticking_of(u: Vector, delta_u: Vector) -> Vector:
     places = np.stack([u, u + delta_u], axis=1).reshape(-1, u.shape[1])
     ways = np.diff(places, axis=0, prepend=places[:1])
     stops = np.zeros((len(ways), len(_REACHES), u.shape[1]))
-    for before, now, way in zip(stops, stops[1:], ways[1:], strict=False):
+    for before, now, way in zip(stops[:-1], stops[1:], ways[1:], strict=True):
         _slip(before, way, now)
     held = stops.sum(axis=1) / len(_REACHES)
     return np.asarray(held[1::2] - held[::2])
