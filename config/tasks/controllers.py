@@ -79,6 +79,11 @@ class TipFollowing(ProportionalLaw):
     """With `lead`: whether a path that is repeated is corrected, place by place, by what the tip
     was off there in the cycles before."""
 
+    @property
+    def leads(self) -> bool:
+        """Whether there is something to lead: the reference's own motion is asked for."""
+        return self.lead and self.feed_forward
+
 
 class LearnedKinematics(TipFollowing):
     """A learnt model of where the tip is and points, inverted: damped least squares over its
@@ -236,6 +241,10 @@ class FromMotions(KindOptions):
 
 class Learner(TipFollowing, FromMotions):
     """What controllers have in common that learn a model of the robot from its motions."""
+
+    lead: bool = True
+    """As for others, but on where nothing else is said: the exploration tells what a lag is read
+    against."""
 
     learning: bool = True
     """Whether it goes on learning while it controls. Not: the model stays as it is."""

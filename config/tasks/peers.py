@@ -22,6 +22,10 @@ class GaussianProcess(TipFollowing, FromMotions):
 
     kind: Literal["gaussian_process"]
 
+    lead: bool = True
+    """As for others, but on where nothing else is said: the exploration tells what a lag is read
+    against."""
+
     learning: bool = True
     """Whether it goes on learning while it controls. Not: the model stays as it is."""
 

@@ -53,7 +53,7 @@ class TipFollower:
         self._turns = bool(self.axes.period.any())
         """Whether axes turn round: then far ways come of little, the body can snap on them, and the
         middle of their travel is no better than another place."""
-        self._leads = options.lead and options.feed_forward
+        self._leads = options.leads
         self._further_per_s = self._drawn_further_per_s()
         self._probing = Probing() if self._leads and options.probe else None
         probes = self._probing is not None

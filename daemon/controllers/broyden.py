@@ -107,7 +107,7 @@ class Exploration:
         seen = task_of(observation, self._coordinates, self._options.pointing_mm_per_rad)
         if seen is None:
             return
-        if self._options.lead and len(self.all_frames) < _FRAMES_AT_MOST:
+        if self._options.leads and len(self.all_frames) < _FRAMES_AT_MOST:
             self.all_frames.append((observation.t_ns * 1e-9, observation.u, seen))
         if self._moving or self._elapsed_s < 0.5 * self._options.settle_s:
             return
@@ -184,7 +184,7 @@ class Exploration:
     def _enough(self) -> bool:
         """Whether the tip stands still, by the frames of the last part of the rest."""
         frames, settle_s = self._rests[-1], self._options.settle_s
-        if len(frames) < _FRAMES_AT_LEAST or not self._options.lead:
+        if len(frames) < _FRAMES_AT_LEAST or not self._options.leads:
             return len(frames) >= _FRAMES_AT_LEAST
         del frames[: sum(frames[-1][0] - frame[0] > 0.5 * settle_s for frame in frames)]
         third = max(1, len(frames) // 3)
@@ -273,11 +273,11 @@ class BroydenController:
                 coordinates = POSE if self._points else POSITION
                 jacobian = self._exploration.jacobian[:coordinates]
                 self._begin(jacobian, np.eye(len(self._scale)) * FIRST_STD_MM**2)
-                if self._options.lead:
+                if self._options.leads:
                     self._seen = deque(self._exploration.all_frames)
             return
         u = observation.u
-        if self._options.lead:
+        if self._options.leads:
             u = self._axes.after(observation.t_ns * 1e-9, u, self._follower.leading.lag.lag_s)
         coordinates = len(self._estimate.jacobian)
         seen = task_of(observation, coordinates, self._options.pointing_mm_per_rad)

@@ -258,7 +258,7 @@ class LearningController(ABC):
     def observe(self, observation: Observation) -> None:
         if self._learnt and not (self._options.learning and self._follower.probed):
             return
-        if self._options.lead and observation.believed:
+        if self._options.leads and observation.believed:
             lag = self._follower.leading.lag
             t_s = observation.t_ns * 1e-9
             free = self._follower.free(observation.u)
@@ -446,7 +446,7 @@ class LearningController(ABC):
         sampling = sampling_with(base, options)
         if self._model is None:
             sampling = replace(sampling, tip_mm=_WITHOUT_MODEL * sampling.tip_mm)
-        if options.lead:  # the axes come as the tip shows them
+        if options.leads:  # the axes come as the tip shows them
             sampling = replace(sampling, lag_s=0.0, shortest_s=_SHORTEST_LED_S)
         return LearningSamples(sampling, self._range, options.sample_noise_mm, self._jacobian)
 

@@ -224,7 +224,7 @@ class LearntJacobian:
         assert self._carried is not None
         if share <= 0.0:
             return self._carried.jacobian
-        counting = self._correction.counting if self._options.lead else 1.0
+        counting = self._correction.counting if self._options.leads else 1.0
         believed = self.believed * counting
         corrected = self._modelled(tip_mm, u) + believed * self._correction.difference
         return np.asarray(share * corrected + (1.0 - share) * self._carried.jacobian)

@@ -71,7 +71,10 @@ def window_of(loop: ClosedLoop) -> Vector:
 def test_a_load_that_was_never_felt_is_learnt_in_a_lap(kind: str, model: str) -> None:
     online, offline = (
         followed(
-            started(made_learner(kind, model=model, learning=learning), START_MM, LOAD_G), laps=2
+            started(
+                made_learner(kind, model=model, learning=learning, lead=False), START_MM, LOAD_G
+            ),
+            laps=2,
         )
         for learning in (True, False)
     )
@@ -175,11 +178,12 @@ def test_babbling_that_shows_nothing_is_not_enough() -> None:
 
 @both
 def test_without_learning_nothing_changes(kind: str, model: str) -> None:
-    """Offline is what the model says, whatever happens: also after a lap under a load."""
-    controller = made_learner(kind, model=model, learning=False)
+    """Offline is what the model says, whatever happens: also after a lap under a load. What is
+    found where the body is led is not of the model."""
+    controller = made_learner(kind, model=model, learning=False, lead=False)
     loop = started(controller, START_MM, LOAD_G)
     followed(loop)
-    untouched = made_learner(kind, model=model, learning=False)
+    untouched = made_learner(kind, model=model, learning=False, lead=False)
     untouched.reset(loop.observation(START_MM, np.zeros(3)))
     for reference in START_MM + np.eye(3):
         asked = loop.observation(reference, np.zeros(3))
@@ -273,19 +277,20 @@ def assert_sound(samples: Vector) -> None:
 def test_who_goes_on_and_who_loads_it_do_the_same_to_the_last_bit(
     kind: str, model: str, tmp_path: Path
 ) -> None:
-    loop = started(made_learner(kind, model=model), START_MM, LOAD_G)
+    """How late the body is, whoever loads finds anew: nobody is led here."""
+    loop = started(made_learner(kind, model=model, lead=False), START_MM, LOAD_G)
     followed(loop)
     loop.controller.save(tmp_path / "learnt.npz")
-    loaded = made_learner(kind, model=model)
+    loaded = made_learner(kind, model=model, lead=False)
     loaded.load(tmp_path / "learnt.npz")
     assert_alike(loop, loaded)
 
 
 @both
 def test_what_was_learnt_without_a_model_is_kept_as_well(kind: str, tmp_path: Path) -> None:
-    loop = started(made_learner(kind, babbling={"duration_s": 20.0}), START_MM)
+    loop = started(made_learner(kind, babbling={"duration_s": 20.0}, lead=False), START_MM)
     loop.controller.save(tmp_path / "learnt.npz")
-    loaded = made_learner(kind, model=str(tmp_path / "learnt.npz"))
+    loaded = made_learner(kind, model=str(tmp_path / "learnt.npz"), lead=False)
     assert loaded.ready
     assert_alike(loop, loaded)
 

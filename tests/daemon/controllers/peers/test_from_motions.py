@@ -53,8 +53,8 @@ def test_a_round_that_was_gone_corrects_the_next(model: str) -> None:
 
 
 def test_the_process_goes_on_learning_unless_told_not_to(model: str) -> None:
-    online = rounds("gaussian_process", model, 2)[1]
-    offline = rounds("gaussian_process", model, 2, learning=False)[1]
+    online = rounds("gaussian_process", model, 2, lead=False)[1]
+    offline = rounds("gaussian_process", model, 2, lead=False, learning=False)[1]
     assert online < 0.95 * offline
 
 
@@ -118,12 +118,14 @@ def test_a_tip_that_is_no_number_teaches_the_next_round_nothing(model: str) -> N
 
 @each
 def test_what_is_saved_goes_on_elsewhere(kind: str, model: str, tmp_path: Path) -> None:
-    loop = started(made_learner(kind, model=model, probe=False), START_MM, LOAD_G)
+    """How late the body is, whoever loads finds anew: nobody is led here."""
+    options = {"model": model, "lead" if kind == "gaussian_process" else "probe": False}
+    loop = started(made_learner(kind, **options), START_MM, LOAD_G)
     path = make_trajectory(CIRCLE, Path())
     for k in range(100):
         loop.step(*path.at(k * DT_S))
     loop.controller.save(tmp_path / "learnt.npz")
-    other = made_learner(kind, model=model, probe=False)
+    other = made_learner(kind, **options)
     other.load(tmp_path / "learnt.npz")
     now = loop.observation(START_MM, np.zeros(3))
     for one in (loop.controller, other):
