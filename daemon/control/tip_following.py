@@ -271,23 +271,29 @@ class TipFollower:
         if not (_all_finite(jacobian) and _all_finite(observation.targets)):
             raise ControllerError("the controller's model is not a number here: learn it anew")
         self._told = jacobian, observation.targets
-        if self._hysteresis is not None:
-            jacobian = jacobian * self._hysteresis.shown
+        hysteresis, dt_s = self._hysteresis, step_time(observation)
+        if hysteresis is not None:
+            jacobian = jacobian * hysteresis.shown
         if near is None:
             near = self.drawn(observation) + self.drawn_further(observation)
         lowest, highest = self.axes.step_range(observation.targets)
-        return np.asarray(
+        step = np.asarray(
             kernels.axis_step(
                 in_rows(jacobian),
                 in_rows(tip_step),
                 kernels.StepBounds(in_rows(near), lowest, highest),
                 self.unit,
                 self.axes.max_velocity,
-                step_time(observation),
+                dt_s,
                 self._options.damping_mm,
                 self._lets_go,
             )
         )
+        if hysteresis is None:
+            return step
+        fastest = self.axes.max_velocity * dt_s
+        step = np.clip(hysteresis.with_what_is_lost(step), lowest, highest)
+        return np.asarray(np.clip(step, -fastest, fastest))
 
     def axis_velocity(self, jacobian: Matrix, tip_velocity: Vector, u: Vector) -> Vector:
         """(m,) per second that this law asks of axes at (m,) for (3,) mm/s of the tip, however

@@ -8,6 +8,8 @@ Pre-training tells the share h that the body which it explored holds back where 
 with S what sticks, g a gain, and both passed through dead time and lag. Over short spans g and g h
 are told apart by least squares: on a way without turns the stops slip and ΔS is nothing, after a
 turn it is Δu. Small motions to and fro tell most of it, before the body has gone anywhere.
+
+Play between axes and body is lost besides (`play`): what is told here is without it.
 """
 
 from collections import deque
@@ -17,6 +19,7 @@ from typing import Final
 import numpy as np
 
 from daemon.control.lag.body_lag import BodyLag, Underway
+from daemon.control.lag.play import Play
 from daemon.learning.forward.stop_operators import HeldBack, StopOperators
 from drivers.pose import Vector
 
@@ -34,6 +37,9 @@ class Hysteresis:
         self.share = held_back.share
         self._travel = held_back.travel
         self._stops = StopOperators()
+        self._play = Play(held_back.travel)
+        self._jacobian = np.zeros((3, len(self._travel)))
+        """(3, m) of the last step."""
         self._targets: Vector | None = None
         self._sticks = np.zeros(len(self._travel))
         """(m,) S, mm or rad."""
@@ -53,7 +59,11 @@ class Hysteresis:
     def free(self, u: Vector) -> Vector:
         """(m,) where the axes of a body that holds nothing back would be with its tip as with these
         at (m,)."""
-        return np.asarray(u - self.share * self._sticks)
+        return np.asarray(u - self.share * self._sticks - self._play.within)
+
+    def with_what_is_lost(self, step: Vector) -> Vector:
+        """(m,) a step of the axes, and what of it play would take."""
+        return self._play.with_what_is_lost(step)
 
     def follow(self, targets: Vector, dt_s: float) -> None:
         """The axes were told to go to (m,)."""
@@ -64,15 +74,18 @@ class Hysteresis:
         self._forth = self._forth + share * told * ((moved > 0.0) - self._forth)
         sticks = self._stops.follow(targets / self._travel) * self._travel
         self._stuck, self._sticks = sticks - self._sticks, sticks
+        self._play.follow(moved)
 
     def moved_mm(self, told_mm: Vector, jacobian: Vector) -> Vector:
         """(3,) that the tip makes of the last step, which by (3, m) the Jacobian were (3,)."""
-        self._told_mm = told_mm, jacobian @ self._stuck
+        told_mm = told_mm - self._play.lost_mm(jacobian)
+        self._told_mm, self._jacobian = (told_mm, jacobian @ self._stuck), jacobian
         return np.asarray(told_mm - self.share * self._told_mm[1])
 
     def break_off(self) -> None:
         """What comes next does not go on from here. What was found stays."""
         self._estimate.break_off()
+        self._play.forget_probe()
         self._probed = []
 
     def learn(self, t_s: float, dt_s: float, tip_mm: Vector, lag: BodyLag) -> None:
@@ -83,9 +96,12 @@ class Hysteresis:
     def see_probe(self, t_s: float, dt_s: float, tip_mm: Vector) -> None:
         """The same, of motions by which the lag is looked for."""
         self._probed.append((t_s, dt_s, self._told_mm, tip_mm))
+        free_mm = self._told_mm[0] - self.share * self._told_mm[1]
+        self._play.see_probe(t_s, dt_s, free_mm, self._jacobian, tip_mm)
 
     def end_probe(self, lag: BodyLag) -> None:
         """The lag is known now."""
+        self._play.end_probe(lag)
         for t_s, dt_s, told_mm, tip_mm in self._probed:
             self._estimate.add(t_s, dt_s, told_mm, tip_mm, lag)
         self.share = self._estimate.share

@@ -30,7 +30,7 @@ _REST_S: Final = 1.1
 _ONE_S: Final = sum(seconds for _, seconds in _PLACES)
 _GONE_S: Final = 3 * _ONE_S
 PROBING_S: Final = _GONE_S + _REST_S
-_PROMPT_S: Final = 0.25
+PROMPT_LAG_S: Final = 0.25
 """A body that is no later than this is prompt ..."""
 _TIMES_AS_FAST: Final = 2.0
 """... and has answered when half of the time is over. Three times as fast its axes make it look
@@ -73,7 +73,7 @@ class Probing:
         """lag_s: as the first direction told it, if it did. known_s: as the model has it."""
         if lag_s is None:
             return
-        if lag_s <= _PROMPT_S:
+        if lag_s <= PROMPT_LAG_S:
             self._elapsed_s += _ONE_S
             self._pace = _TIMES_AS_FAST
         elif abs(lag_s - known_s) <= _ALIKE * lag_s:

@@ -1,0 +1,162 @@
+"""Play between an axis and the body: where an axis turns, its first tenths of a millimetre come to
+nothing.
+
+A worn nut has 0.1 to 0.3 mm of it (backlash). Friction inside a body (`hysteresis`) holds a share
+of a motion back until it slips, over millimetres; play holds all of it back, and is soon over. With
+P the place of an axis within a play of half-width b, between -b and b, its tip makes of what was
+told
+
+    Δp = g J (Δu - ΔP)
+
+Six axes that turn at once, as where a load is hung on, keep back some millimetres of the tip.
+
+Small motions to and fro, before anything is followed, tell b: by least squares over short spans,
+with a gain along each axis of space, since J is never exact, and a shift in time, since play looks
+like lag: 0.12 mm of it like 0.03 s. Of that about two thirds are found, and nothing of bodies that
+have none. Across a long lag small motions do not tell it.
+"""
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from daemon.control.lag.body_lag import BodyLag, Underway
+from daemon.control.lag.probing import PROMPT_LAG_S
+from drivers.pose import Vector
+
+_LOOKED_FOR: Final = 3e-3
+"""Half-width of the play that motions are compared with, as a share of an axis' travel: 0.15 mm of
+an arm's cylinders, 0.09 mm of tendons. With half or twice as much b comes out the same within a
+tenth."""
+_GAIN_MM2: Final = 5.0
+"""As much motion with a gain of 1 is taken for seen before anything is: small motions along one
+axis of space alone tell nothing of the others."""
+_MOST: Final = 6e-3
+"""A share of the travel, beyond which it is something else."""
+_SPAN_S: Final = 0.2
+"""Of the motions that are compared: as long as play lasts."""
+_SOONER: Final = 0.5
+"""Of the shift. With all of it a worn body that a load was hung on, which answers later, goes up to
+2.6 mm beyond. With none it is back 0.2 to 0.3 s later."""
+_TAKEN_UP: Final = 2.0
+"""What an axis has to go within its play is asked for besides, as far as it is no more than so many
+times the step. All of it at once would be a jerk wherever noise turns an axis; four or half as much
+make no difference to how soon a load is made up for."""
+
+
+class _Told(NamedTuple):
+    """A step of the small motions, and where the tip was after it."""
+
+    t_s: float
+    dt_s: float
+    told_mm: Vector
+    """(3,) that the tip makes of it by the Jacobian, without what friction holds back."""
+    within_mm: Vector
+    """(3,) of that within the play that is looked for."""
+    tip_mm: Vector
+
+
+class Play:
+    """Of m axes. They rest in the middle of it where they are seen first."""
+
+    def __init__(self, travel: Vector) -> None:
+        """travel: (m,) mm or rad."""
+        self.share = 0.0
+        """b as a share of the travel."""
+        self._travel = travel
+        self._within = np.zeros(len(travel))
+        """(m,) P, mm or rad ..."""
+        self._moved_within = np.zeros(len(travel))
+        """... and how far it moved in the last step."""
+        self._compared = np.zeros(len(travel))
+        self._compared_moved = np.zeros(len(travel))
+        """The same in the play that is looked for."""
+        self._told: list[_Told] = []
+
+    @property
+    def within(self) -> Vector:
+        """(m,) how far the axes are ahead of what they move."""
+        return self._within
+
+    def follow(self, moved: Vector) -> None:
+        """The axes were told to go (m,) further."""
+        now = _stopped(self._within + moved, self.share * self._travel)
+        self._moved_within, self._within = now - self._within, now
+        now = _stopped(self._compared + moved, _LOOKED_FOR * self._travel)
+        self._compared_moved, self._compared = now - self._compared, now
+
+    def lost_mm(self, jacobian: Vector) -> Vector:
+        """(3,) of the last step that is not of the tip. jacobian: (3, m)."""
+        return np.asarray(jacobian @ self._moved_within)
+
+    def with_what_is_lost(self, step: Vector) -> Vector:
+        """(m,) to ask of the axes where what they move shall go (m,) further."""
+        reach = self.share * self._travel
+        left = np.where(step > 0.0, reach - self._within, reach + self._within)
+        return np.asarray(step + np.sign(step) * np.minimum(left, _TAKEN_UP * np.abs(step)))
+
+    def see_probe(
+        self, t_s: float, dt_s: float, told_mm: Vector, jacobian: Vector, tip_mm: Vector
+    ) -> None:
+        """The tip is at (3,) after a step of the small motions, of which (3,) were told to it."""
+        within_mm = jacobian @ self._compared_moved
+        self._told.append(_Told(t_s, dt_s, told_mm, within_mm, tip_mm))
+
+    def forget_probe(self) -> None:
+        """What was seen does not go on."""
+        self._told = []
+
+    def end_probe(self, lag: BodyLag) -> None:
+        """The lag is known now, and with it how much play there is, which made it look longer."""
+        found = _found(self._told, lag) if lag.lag_s <= PROMPT_LAG_S else None
+        self._told = []
+        if found is not None and found.share > 0.0:
+            self.share = min(found.share, _MOST)
+            lag.lag_s -= min(max(_SOONER * found.sooner_s, 0.0), _SOONER * lag.lag_s)
+
+
+def _stopped(place: Vector, reach: Vector) -> Vector:
+    return np.asarray(np.minimum(np.maximum(place, -reach), reach))
+
+
+class _Found(NamedTuple):
+    share: float
+    """b as a share of the travel, which may come out below none."""
+    sooner_s: float
+    """Than by the lag the tip moves."""
+
+
+def _found(told: Sequence[_Told], lag: BodyLag) -> _Found | None:
+    """What small motions tell of it; None: nothing."""
+    t_s = np.array([one.t_s for one in told])
+    ends = np.flatnonzero(t_s - t_s[:1] >= _SPAN_S)
+    if not len(ends):
+        return None
+    begins = np.searchsorted(t_s, t_s[ends] - _SPAN_S, side="right") - 1
+    arrived = _arrived(told, [one.told_mm for one in told], lag)
+    within = _arrived(told, [one.within_mm for one in told], lag)
+    tip_mm = np.array([one.tip_mm for one in told])
+    series = (arrived, within, tip_mm, np.gradient(arrived, t_s, axis=0))
+    gone, lost, came, faster = (one[ends] - one[begins] for one in series)
+    along = [np.where(np.arange(3) == axis, gone, 0.0) for axis in range(3)]
+    terms = np.stack([*along, lost, faster]).reshape(5, -1)
+    products, seen = terms @ terms.T, terms @ came.ravel()
+    products[:3, :3] += _GAIN_MM2 * np.eye(3)
+    seen[:3] += _GAIN_MM2
+    if np.linalg.matrix_rank(products) < len(terms):
+        return None
+    solution = np.linalg.solve(products, seen)
+    gain = float(solution[:3].mean())
+    if not gain > 0.0:
+        return None
+    return _Found(_LOOKED_FOR * float(-solution[3]) / gain, float(solution[4]) / gain)
+
+
+def _arrived(told: Sequence[_Told], moved_mm: Sequence[Vector], lag: BodyLag) -> Vector:
+    """(n, 3) mm of (3,) each that have arrived after each step."""
+    underway, arrived = Underway(), list[Vector]()
+    for one, moved in zip(told, moved_mm, strict=True):
+        underway.tell(one.t_s, one.dt_s, moved, lag.lag_s, lag.dead_share)
+        arrived.append(underway.told_mm - underway.left_mm)
+    return np.array(arrived)

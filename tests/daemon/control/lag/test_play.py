@@ -1,0 +1,120 @@
+"""Small motions tell how much play there is, and an axis that turns is asked for that besides."""
+
+import numpy as np
+import pytest
+
+from daemon.control.lag.body_lag import BodyLag, Underway
+from daemon.control.lag.play import Play
+from daemon.control.lag.probing import place_mm
+
+DT_S = 0.025
+TRAVEL = np.full(4, 50.0)
+JACOBIAN = np.array([[2.5, -1.0, 0.8, 0.4], [0.3, 2.2, -2.4, 0.5], [0.2, 0.4, 0.3, 1.4]])
+INVERSE = np.linalg.pinv(JACOBIAN)
+LAG_S = 0.12
+NOISE_MM = 0.15
+STEPS = 140
+"""All that is asked for of a prompt body takes about as long."""
+
+
+def probed(
+    play: Play, play_mm: float, lag: BodyLag, gain: float = 1.0, seed: int = 1, steps: int = STEPS
+) -> Play:
+    """After small motions of an arm whose axes have so much of it, either way."""
+    random, within, underway = np.random.default_rng(seed), np.zeros(4), Underway()
+    place = np.zeros(3)
+    for number in range(steps):
+        t_s = number * DT_S
+        told_mm = 0.2 * (place_mm(1.5 * t_s) - place)
+        place, moved = place + told_mm, INVERSE @ told_mm
+        stopped = np.clip(within + moved, -play_mm, play_mm)
+        arrives_mm = gain * JACOBIAN @ (moved - (stopped - within))
+        within = stopped
+        underway.tell(t_s, DT_S, arrives_mm, LAG_S)
+        tip_mm = underway.told_mm - underway.left_mm + NOISE_MM * random.normal(size=3)
+        play.follow(moved)
+        play.see_probe(t_s, DT_S, told_mm - play.lost_mm(JACOBIAN), JACOBIAN, tip_mm)
+    play.end_probe(lag)
+    return play
+
+
+def known(share: float) -> Play:
+    play = Play(TRAVEL)
+    play.share = share
+    return play
+
+
+@pytest.mark.parametrize("gain", [0.8, 1.0, 1.2])
+@pytest.mark.parametrize("play_mm", [0.08, 0.12, 0.2])
+def test_small_motions_tell_it_whatever_the_gain(play_mm: float, gain: float) -> None:
+    found = [
+        probed(Play(TRAVEL), play_mm, BodyLag(LAG_S), gain, seed).share * 50.0 for seed in range(5)
+    ]
+    assert 0.5 * play_mm < np.median(found) < 1.3 * play_mm
+
+
+def test_where_there_is_none_next_to_none_is_found() -> None:
+    found = [probed(Play(TRAVEL), 0.0, BodyLag(LAG_S), seed=seed).share * 50.0 for seed in range(9)]
+    assert np.median(found) < 0.01
+    assert max(found) < 0.05
+
+
+def test_what_made_the_body_look_late_is_taken_off_its_lag() -> None:
+    lag = BodyLag(LAG_S + 0.04)
+    found = probed(Play(TRAVEL), 0.12, lag)
+    assert found.share > 0.0
+    assert LAG_S < lag.lag_s < LAG_S + 0.03
+    without = BodyLag(LAG_S + 0.04)
+    probed(Play(TRAVEL), 0.0, without, seed=3)
+    assert without.lag_s == LAG_S + 0.04, "what has none is late for another reason"
+
+
+def test_across_a_long_lag_they_do_not_tell_it() -> None:
+    lag = BodyLag(0.8)
+    assert probed(Play(TRAVEL), 0.15, lag).share == 0.0
+    assert lag.lag_s == 0.8
+
+
+@pytest.mark.parametrize("steps", [0, 1, 4])
+def test_motions_that_were_broken_off_tell_nothing(steps: int) -> None:
+    assert probed(Play(TRAVEL), 0.12, BodyLag(LAG_S), steps=steps).share == 0.0
+    play = Play(TRAVEL)
+    play.follow(np.full(4, 0.1))
+    play.see_probe(0.0, DT_S, np.full(3, np.nan), JACOBIAN, np.zeros(3))
+    play.forget_probe()
+    assert probed(play, 0.12, BodyLag(LAG_S)).share > 0.0
+
+
+def test_an_axis_that_goes_on_is_asked_for_its_step_and_one_that_turned_for_its_play() -> None:
+    play, step = known(0.002), np.array([0.02, -0.02, 0.0, 0.5])
+    for _ in range(20):
+        play.follow(np.array([0.05, 0.05, 0.05, -0.05]))
+    goes_on, turned, stands, fast = play.with_what_is_lost(step)
+    assert goes_on == pytest.approx(0.02)
+    assert turned == pytest.approx(-0.06), "not all of it at once: noise turns axes as well"
+    assert stands == 0.0
+    assert fast == pytest.approx(0.5 + 0.2), "all that is left of it, and no more"
+
+
+def test_with_what_is_asked_for_besides_the_body_goes_as_far_as_it_should() -> None:
+    play, random = known(0.002), np.random.default_rng(1)
+    missing, off = 0.0, list[float]()
+    for number in range(800):
+        step = np.full(4, 0.05 * np.sin(0.02 * number) + 0.01 * random.normal())
+        asked, before = play.with_what_is_lost(step), play.within
+        play.follow(asked)
+        missing += float((step - asked + (play.within - before))[0])
+        off.append(abs(missing))
+    assert np.mean(off) < 0.05, "0.1 without"
+
+
+def test_what_play_takes_is_not_told_to_have_come() -> None:
+    play = known(0.002)
+    play.follow(np.full(4, 1.0))
+    told_mm = JACOBIAN @ np.full(4, -0.15)
+    play.follow(np.full(4, -0.15))
+    np.testing.assert_allclose(play.lost_mm(JACOBIAN), told_mm)
+    play.follow(np.full(4, -0.15))
+    np.testing.assert_allclose(play.lost_mm(JACOBIAN), told_mm / 3.0)
+    play.follow(np.full(4, -0.15))
+    np.testing.assert_array_equal(play.lost_mm(JACOBIAN), np.zeros(3))
