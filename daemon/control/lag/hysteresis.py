@@ -20,7 +20,7 @@ import numpy as np
 
 from daemon.control.lag.body_lag import BodyLag, Underway
 from daemon.control.lag.play import Play
-from daemon.learning.forward.stop_operators import HeldBack, StopOperators
+from daemon.learning.forward.stop_operators import StopOperators
 from drivers.pose import Vector
 
 _TURNS_S: Final = 0.1
@@ -32,12 +32,13 @@ _MOVES: Final = 1e-6
 class Hysteresis:
     """Takes the axes' targets, and what the tip makes of them."""
 
-    def __init__(self, held_back: HeldBack) -> None:
-        """held_back: as pre-training told it."""
-        self.share = held_back.share
-        self._travel = held_back.travel
+    def __init__(self, travel: Vector, share: float | None) -> None:
+        """travel: (m,) mm or rad, of which reaches are shares. share: as pre-training told it;
+        None: it did not, and only play is looked for."""
+        self.share = 0.0 if share is None else share
+        self._travel = travel
         self._stops = StopOperators()
-        self._play = Play(held_back.travel)
+        self._play = Play(travel)
         self._jacobian = np.zeros((3, len(self._travel)))
         """(3, m) of the last step."""
         self._targets: Vector | None = None
@@ -48,7 +49,7 @@ class Hysteresis:
         self._forth = np.full(len(self._travel), 0.5)
         self._told_mm = np.zeros(3), np.zeros(3)
         """(3,) in the last step, and (3,) of it that stuck."""
-        self._estimate = _Estimate(held_back.share)
+        self._estimate = None if share is None else _Estimate(share)
         self._probed: list[tuple[float, float, tuple[Vector, Vector], Vector]] = []
 
     @property
@@ -84,14 +85,16 @@ class Hysteresis:
 
     def break_off(self) -> None:
         """What comes next does not go on from here. What was found stays."""
-        self._estimate.break_off()
+        if self._estimate is not None:
+            self._estimate.break_off()
         self._play.forget_probe()
         self._probed = []
 
     def learn(self, t_s: float, dt_s: float, tip_mm: Vector, lag: BodyLag) -> None:
         """The tip is at (3,) after the last step."""
-        self._estimate.add(t_s, dt_s, self._told_mm, tip_mm, lag)
-        self.share = self._estimate.share
+        if self._estimate is not None:
+            self._estimate.add(t_s, dt_s, self._told_mm, tip_mm, lag)
+            self.share = self._estimate.share
 
     def see_probe(self, t_s: float, dt_s: float, tip_mm: Vector) -> None:
         """The same, of motions by which the lag is looked for."""
@@ -102,9 +105,10 @@ class Hysteresis:
     def end_probe(self, lag: BodyLag) -> None:
         """The lag is known now."""
         self._play.end_probe(lag)
-        for t_s, dt_s, told_mm, tip_mm in self._probed:
-            self._estimate.add(t_s, dt_s, told_mm, tip_mm, lag)
-        self.share = self._estimate.share
+        if self._estimate is not None:
+            for t_s, dt_s, told_mm, tip_mm in self._probed:
+                self._estimate.add(t_s, dt_s, told_mm, tip_mm, lag)
+            self.share = self._estimate.share
         self.break_off()
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from daemon.control.lag.body_lag import BodyLag
 from daemon.control.lag.hysteresis import Hysteresis
-from daemon.learning.forward.stop_operators import HeldBack, StopOperators
+from daemon.learning.forward.stop_operators import StopOperators
 from drivers.pose import Vector
 
 DT_S = 0.025
@@ -69,7 +69,7 @@ def followed(
 
 
 def expected(share: float = 0.15) -> Hysteresis:
-    return Hysteresis(HeldBack(share, TRAVEL))
+    return Hysteresis(TRAVEL, share)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.15, 0.3, 0.45])
@@ -123,3 +123,12 @@ def test_what_sticks_is_not_told_to_have_come() -> None:
     np.testing.assert_allclose(tip_mm, told, atol=4.0 * NOISE_MM)
     by_axes = JACOBIAN @ (hysteresis.free(before) - turning(0.0))
     np.testing.assert_allclose(by_axes, told, atol=1e-9)
+
+
+def test_what_pre_training_told_nothing_of_is_not_looked_for() -> None:
+    """Receptive fields were learnt with what was held back in them."""
+    arm, unknown = Arm(0.35), Hysteresis(TRAVEL, None)
+    followed(unknown, arm, to_and_fro, 4.0, probes=True)
+    found = followed(unknown, arm, turning, 20.0)
+    assert found.share == 0.0
+    np.testing.assert_array_equal(found.shown, np.ones(3))
