@@ -35,6 +35,8 @@ from daemon.workbench.pretraining.explore import (
 from daemon.workbench.pretraining.model_cache import pretrained
 from daemon.workbench.pretraining.parts import ExplorationParts
 
+pytestmark = pytest.mark.xdist_group("explore")  # whose arm is explored once for all tests
+
 PATH = Path(__file__).parents[4] / "config" / "robots" / "soft_arm.yaml"
 FILE: RobotFile = load_robot(PATH)
 OPTIONS = WaypointExploration(kind="waypoint_exploration", waypoints=5)

@@ -10,6 +10,8 @@ from safety.risk.model.mixture import FloatArray
 from tests.daemon.workbench.body_model.clouds.test_centreline_fit import TUBE, bent, skin
 from tests.daemon.workbench.body_model.seen_bodies import seen_bodies
 
+pytestmark = pytest.mark.xdist_group("camera_alignment")  # whose clouds are seen once for all tests
+
 NODES = 21
 BENDS = np.random.default_rng(8).uniform(-1.2, 1.2, (16, 2))
 OFF = np.array([0.7, -0.9, 0.4])

@@ -32,6 +32,10 @@ from daemon.workbench.body_model.clouds.parallel_collection import collect, coll
 from daemon.workbench.body_model.evaluation.evaluation import off_curves
 from tests.daemon.workbench.body_model.small_clouds import TENDON_ARM, tendon_arm
 
+pytestmark = pytest.mark.xdist_group(
+    "cloud_collection"
+)  # whose clouds are collected once for all tests
+
 POINTS = 128
 SETTINGS = CollectionSettings(training=20, test=6, starts=2, points=POINTS)
 
