@@ -62,7 +62,8 @@ class Rig:
     lab: Lab
     told: list[Message] = field(default_factory=list)
     told_events: list[Event] = field(default_factory=list)
-    """Those of what was told that are one: looked through again and again by who waits."""
+    tips: list[Tip] = field(default_factory=list)
+    """Those of what was told that are one: looked at again and again by who waits."""
     token: str = ""
     renewing: bool = True
 
@@ -70,10 +71,13 @@ class Rig:
         self.told.append(message)
         if isinstance(message, Event):
             self.told_events.append(message)
+        elif isinstance(message, Tip):
+            self.tips.append(message)
 
     def forget(self) -> None:
         self.told.clear()
         self.told_events.clear()
+        self.tips.clear()
 
     async def ask(self, command: Command) -> Answer | Refusal:
         """What the operator answers."""
@@ -135,10 +139,6 @@ class Rig:
     @property
     def status(self) -> Status:
         return self.service.status()
-
-    @property
-    def tips(self) -> list[Tip]:
-        return [message for message in self.told if isinstance(message, Tip)]
 
     def events(self, kind: str, name: str) -> list[Event]:
         """Everything of that name that came."""
