@@ -5,6 +5,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 RUNTIME := $(VENV)/runtime.stamp
 DEVELOPMENT := $(VENV)/development.stamp
+# Bytecode is kept wherever what numba compiles is: else each of the processes that tests start would
+# compile all that it imports.
+unexport PYTHONDONTWRITEBYTECODE
 PIP := $(BIN)/pip --disable-pip-version-check --quiet
 
 .PHONY: help install run quick test hil page oracles docs lint bench experiments mutation lock clean

@@ -1,5 +1,6 @@
 """What holds for all tests."""
 
+import gc
 import os
 import signal
 from pathlib import Path
@@ -16,6 +17,12 @@ coverage does."""
 RERUNS = 2
 _REMOTE = {Path(__file__).parent / "daemon" / name for name in ("remote", "bridges")}
 """Real sessions over real sockets, with the threads of a library that is not ours."""
+_LOOKED_THROUGH_AFTER = 5000
+"""So many new objects: each worker has all tests in memory, and to look through them for garbage,
+again and again, takes it a thirtieth of its time otherwise."""
+_ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""Of linear algebra in each worker, and in each process that its tests start: more would wait for
+each other most of the time, and take the cores for it."""
 
 # The same examples every time: what is found by chance must not decide whether a change is good.
 # HYPOTHESIS_PROFILE=explore looks further. No deadlines: a busy machine is no defect.
@@ -42,6 +49,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Workers share what they compile."""
+    """Workers share what they compile, and the cores."""
     if hasattr(config, "workerinput"):
         compile_once()
+        gc.set_threshold(_LOOKED_THROUGH_AFTER, *gc.get_threshold()[1:])
+    elif config.getoption("numprocesses", None):
+        for name in _ONE_THREAD:
+            os.environ.setdefault(name, "1")

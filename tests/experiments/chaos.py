@@ -166,7 +166,7 @@ async def _pair(world: World, setting: Setting, seed: int, number: int) -> Outco
     outcome.states = [one.name for one in events if one.kind == "state"]
     outcome.named = list(dict.fromkeys(_names(events)))
     outcome.wrong += _unnamed(pair, events)
-    rig.told.clear()
+    rig.forget()
     return outcome
 
 

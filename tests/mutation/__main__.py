@@ -20,7 +20,7 @@ from typing import Final
 import hypothesis.strategies  # noqa: F401  loaded here once, and not by each copy
 import pytest
 
-from tests.mutation.mutants import Mutant, mutants_of
+from tests.mutation.mutants import Mutant, mutants_of, names_of
 
 ROOT: Final = Path(__file__).parents[2]
 EQUIVALENT: Final = Path(__file__).with_name("equivalent.txt")
@@ -83,10 +83,19 @@ def read_equivalent(text: str) -> dict[str, str]:
 def all_faults() -> list[tuple[Path, str, Mutant]]:
     """Of all files of safety/, each with its full name."""
     return [
-        (path, f"{path.relative_to(ROOT).as_posix()}: {mutant.name}", mutant)
+        (path, _full(path, mutant.name), mutant)
         for path in _sources()
         for mutant in mutants_of(path.read_text())
     ]
+
+
+def all_names() -> set[str]:
+    """The full names of `all_faults`."""
+    return {_full(path, name) for path in _sources() for name in names_of(path.read_text())}
+
+
+def _full(path: Path, name: str) -> str:
+    return f"{path.relative_to(ROOT).as_posix()}: {name}"
 
 
 def _sources() -> list[Path]:

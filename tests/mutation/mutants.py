@@ -55,6 +55,17 @@ class Mutant:
 
 def mutants_of(source: str) -> Iterator[Mutant]:
     """All faults of a file. Annotations, docstrings and other words are left alone."""
+    for name, line, tree in _planted(source):
+        yield Mutant(name, line, ast.unparse(ast.fix_missing_locations(tree)))
+
+
+def names_of(source: str) -> Iterator[str]:
+    """Of all faults of a file, none of which is written out."""
+    return (name for name, _, _ in _planted(source))
+
+
+def _planted(source: str) -> Iterator[tuple[str, int, ast.Module]]:
+    """The name and the line of each fault, and the file with it until the next one is asked for."""
     tree = ast.parse(source)
     seen: Counter[str] = Counter()
     for place in _places(tree):
@@ -65,7 +76,7 @@ def mutants_of(source: str) -> Iterator[Mutant]:
             seen[name] += 1
             if seen[name] > 1:
                 name += f" #{seen[name]}"
-            yield Mutant(name, place.line, ast.unparse(ast.fix_missing_locations(tree)))
+            yield name, place.line, tree
             place.put(place.node)
 
 

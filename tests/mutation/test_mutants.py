@@ -4,8 +4,8 @@ import ast
 
 import pytest
 
-from tests.mutation.__main__ import EQUIVALENT, all_faults, read_equivalent
-from tests.mutation.mutants import mutants_of
+from tests.mutation.__main__ import EQUIVALENT, all_names, read_equivalent
+from tests.mutation.mutants import mutants_of, names_of
 
 SOURCE = '''
 """Words."""
@@ -41,6 +41,7 @@ FAULTS = [
 
 def test_every_part_of_a_file_has_its_faults() -> None:
     assert [mutant.name for mutant in mutants_of(SOURCE)] == FAULTS
+    assert list(names_of(SOURCE)) == FAULTS
 
 
 def test_a_mutant_has_one_fault_and_the_others_none_of_it() -> None:
@@ -73,4 +74,4 @@ def test_a_fault_on_the_list_has_a_reason() -> None:
 
 
 def test_what_is_on_the_list_is_still_in_the_source() -> None:
-    assert set(read_equivalent(EQUIVALENT.read_text())) <= {name for _, name, _ in all_faults()}
+    assert set(read_equivalent(EQUIVALENT.read_text())) <= all_names()

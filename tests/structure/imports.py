@@ -153,8 +153,10 @@ def _statements(source: Source) -> Iterator[tuple[list[str], When]]:
 
 def _walk(body: Iterable[ast.AST], when: When) -> Iterator[tuple[ast.AST, When]]:
     for node in body:
+        if isinstance(node, ast.expr):  # in which nothing is imported
+            continue
         yield node, when
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             later = When.CALLED if when is When.LOADED else when
             yield from _walk(ast.iter_child_nodes(node), later)
         elif isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):

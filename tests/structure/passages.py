@@ -34,6 +34,7 @@ _LEARNER: Final = {"kind": "reward_weighted"}
 _FOLLOWING_S: Final = 1.0
 """So far along the trajectory, the first motions are over and local models are asked."""
 _LONGEST_S: Final = 120.0
+_LOOK_EVERY_S: Final = 0.05
 _TURNS: Final = 50
 _NOTED_S: Final = 1.0
 
@@ -125,7 +126,9 @@ def main(root: Path) -> int:
                 await daemon.do(messages.Start)
             found["start"] = _told(called, root)
             sys.setprofile(None)
-            await daemon.until(lambda: _elapsed_s(daemon) > _FOLLOWING_S, _LONGEST_S)
+            async with asyncio.timeout(_LONGEST_S):
+                while _elapsed_s(daemon) <= _FOLLOWING_S:  # a whole status, each time
+                    await asyncio.sleep(_LOOK_EVERY_S)
             replies = Replies(notes, asyncio.get_running_loop())
             sys.setprofile(notes.profile)
             await asyncio.sleep(_NOTED_S)

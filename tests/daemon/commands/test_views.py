@@ -24,6 +24,8 @@ from sim_backends.virtual_time import run_in_virtual_time, virtual_clock
 from tests import SHIPPED_ROBOTS, SOFT_ARM
 from tests.daemon.service.rig import Rig, on_a_rig
 
+pytestmark = pytest.mark.xdist_group("views")  # whose robots are played once for all tests
+
 TENDON_ARM = SHIPPED_ROBOTS / "tendon_arm.yaml"
 SMALL = Size(80, 23)
 """Beside the line of the cursor."""

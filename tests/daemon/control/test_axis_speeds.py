@@ -22,6 +22,8 @@ from sim_backends.plants.plant import TipLoad
 from tests import SHIPPED_ROBOTS
 from tests.daemon.control.closed_loop import ROBOT, pretrained, rectangle, soft_arm, started
 
+pytestmark = pytest.mark.xdist_group("pretrained_arm")  # which is explored once for all tests
+
 AXES = replace(
     AxisRanges.of(ROBOT),
     names=("x", "y", "z"),

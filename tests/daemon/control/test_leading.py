@@ -30,6 +30,8 @@ from tests.daemon.control.closed_loop import (
     started,
 )
 
+pytestmark = pytest.mark.xdist_group("pretrained_arm")  # which is explored once for all tests
+
 CYCLE_S = 8.0
 START_MM = np.array([30.0, 0.0, 185.0])
 
@@ -249,7 +251,7 @@ def test_learning_makes_no_body_worse_whose_lag_is_about_where_prediction_begins
 ) -> None:
     body = {"pneumatic_lag_s": lag_s, "hysteresis": 0.29, "backlash_mm": 0.13, "creep": 0.24}
     on, off = (
-        by_cycle(loop_on(body, model, monkeypatch, learning), 20.0, 4) for learning in (True, False)
+        by_cycle(loop_on(body, model, monkeypatch, learning), 20.0, 3) for learning in (True, False)
     )
     assert all(learnt <= 1.1 * fixed + 0.1 for learnt, fixed in zip(on, off, strict=True))
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from config.tasks.exploration import MotorBabbling
-from config.tasks.trajectory import Lissajous
+from config.tasks.trajectory import Lissajous, Rectangle
 from daemon.array_files import ModelError
 from daemon.control.controller import ControllerError, Observation
 from daemon.controllers.learning_controller import LearningController
@@ -33,7 +33,11 @@ from tests.daemon.control.closed_loop import (
     wide_rectangle,
 )
 
+pytestmark = pytest.mark.xdist_group("pretrained_arm")  # which is explored once for all tests
+
 ROUND = rectangle(cycle_s=40.0)
+BRISK = rectangle(cycle_s=20.0)
+"""Of the same way: for what is learnt, or not, wherever the tip goes."""
 START_MM = make_trajectory(ROUND, Path()).start_mm
 LOAD_G = 14.2
 KINDS = ("reward_weighted", "forward_jacobian")
@@ -48,8 +52,8 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(path)
 
 
-def followed(loop: ClosedLoop, laps: int = 1) -> list[Followed]:
-    return [loop.follow(ROUND) for _ in range(laps)]
+def followed(loop: ClosedLoop, laps: int = 1, path: Rectangle = ROUND) -> list[Followed]:
+    return [loop.follow(path) for _ in range(laps)]
 
 
 def learner(loop: ClosedLoop) -> LearningController:
@@ -117,7 +121,7 @@ def test_local_controllers_that_the_forward_model_contradicts_are_not_followed(
         return answer._replace(delta_u=answered * answer.delta_u, activation=1.0, support=1.0)
 
     monkeypatch.setattr(controller, "_command", wrong)
-    assert followed(loop)[0].mean_mm < 1.0
+    assert followed(loop, path=BRISK)[0].mean_mm < 1.0
 
 
 @pytest.mark.parametrize(("memory_samples", "grown"), [(None, 1.0), (20.0, 1.5)])
@@ -182,7 +186,7 @@ def test_without_learning_nothing_changes(kind: str, model: str) -> None:
     found where the body is led is not of the model."""
     controller = made_learner(kind, model=model, learning=False, lead=False)
     loop = started(controller, START_MM, LOAD_G)
-    followed(loop)
+    followed(loop, path=BRISK)
     untouched = made_learner(kind, model=model, learning=False, lead=False)
     untouched.reset(loop.observation(START_MM, np.zeros(3)))
     for reference in START_MM + np.eye(3):
@@ -213,14 +217,14 @@ def test_outliers_gaps_and_what_is_no_number_teach_nothing(model: str) -> None:
     loop = started(made_learner("reward_weighted", model=model), START_MM)
     frames = iter(range(10**9))
     loop.seen = lambda measured_mm: poisoned(measured_mm, next(frames))
-    (lap,) = followed(loop)
+    (lap,) = followed(loop, path=BRISK)
     assert_sound(window_of(loop))
     assert lap.true_mean_mm < 1.0
 
 
 def test_a_frozen_tracker_teaches_nothing(model: str) -> None:
     loop = started(made_learner("reward_weighted", model=model), START_MM)
-    followed(loop)
+    followed(loop, path=BRISK)
     last = loop.tip_mm
     before = window_of(loop)
     loop.seen = lambda _: last
@@ -234,7 +238,7 @@ def test_a_frozen_tracker_teaches_nothing(model: str) -> None:
 def test_a_robot_that_is_held_teaches_nothing(model: str) -> None:
     """The gate refuses every step; somebody pushes the tip about."""
     loop = started(made_learner("reward_weighted", model=model), START_MM)
-    followed(loop)
+    followed(loop, path=BRISK)
     before = window_of(loop)
     loop.permitted = lambda step: np.zeros_like(step)
     push_mm = np.zeros(3)
@@ -250,7 +254,7 @@ def test_steps_that_are_made_smaller_are_learnt_as_they_were(model: str) -> None
     """What counts is where the axes went, not where they were sent."""
     loop = started(made_learner("reward_weighted", model=model), START_MM)
     loop.permitted = lambda step: 0.5 * step
-    followed(loop)
+    followed(loop, path=BRISK)
     assert_sound(window_of(loop))
 
 
@@ -279,7 +283,7 @@ def test_who_goes_on_and_who_loads_it_do_the_same_to_the_last_bit(
 ) -> None:
     """How late the body is, whoever loads finds anew: nobody is led here."""
     loop = started(made_learner(kind, model=model, lead=False), START_MM, LOAD_G)
-    followed(loop)
+    followed(loop, path=BRISK)
     loop.controller.save(tmp_path / "learnt.npz")
     loaded = made_learner(kind, model=model, lead=False)
     loaded.load(tmp_path / "learnt.npz")
@@ -351,7 +355,7 @@ def test_the_attractor_keeps_the_posture_over_many_laps(kind: str, model: str) -
     off, on = (
         drift_per_lap(
             followed(
-                started(made_learner(kind, model=model, posture_gain_per_s=gain), START_MM), laps=4
+                started(made_learner(kind, model=model, posture_gain_per_s=gain), START_MM), laps=3
             )
         )
         for gain in (0.0, 0.3)

@@ -1,5 +1,6 @@
 """A learnt kinematic model at work in the daemon: model or tracker in the loop, adapting or not."""
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from config.loader import load_robot
 from config.tasks.controllers import LearnedKinematics, load_controller_options
 from daemon.control.controller import ControllerError, Observation
 from daemon.controllers.learned_kinematics import LearnedKinematicsController
+from daemon.learning.forward.pose_kinematics import PoseKinematics
 from daemon.learning.forward.pose_model import PoseModel
 from safety.states import OperatingState
 from tests import SHIPPED_ROBOTS, SOFT_ARM
@@ -20,7 +22,7 @@ CIRCLE = {
     "kind": "circle",
     "center_mm": [36.0, 0.0, 179.0],
     "radius_mm": 15.0,
-    "cycle_s": 30.0,
+    "cycle_s": 20.0,
     "pointing": {"kind": "away_from", "point_mm": [-8.0, -12.0, 136.0]},
 }
 AT = np.array([0.0, 2.0, 1.2, 0.0, 0.0])
@@ -32,9 +34,15 @@ def controller(**options: object) -> LearnedKinematicsController:
     return LearnedKinematicsController(asked, load_robot(TUBES).robot)
 
 
+@cache
+def nominal() -> PoseKinematics:
+    """The model as it was learnt."""
+    return controller(adaptation=False).learnt
+
+
 def observed(u: np.ndarray, off_mm: float = 0.0, **changes: object) -> Observation:
     """A tip that is where the model has it, but for `off_mm` along x."""
-    pose = controller(adaptation=False).learnt.pose(u)
+    pose = nominal().pose(u)
     tip = pose.position_mm + np.array([off_mm, 0.0, 0.0])
     still = Observation(
         0, 0.025, u, u, tip, np.zeros(3), tip, np.zeros(3), True, None, pose.direction
@@ -98,8 +106,7 @@ def test_what_was_learnt_is_kept_and_taken_up_again(tmp_path: Path) -> None:
     again = controller(model=str(tmp_path / "adapted.npz"), adaptation=False)
     u = AT + 0.2
     np.testing.assert_array_equal(again.learnt.pose(u).position_mm, own.learnt.pose(u).position_mm)
-    nominal = controller(adaptation=False).learnt.pose(u).position_mm
-    assert again.learnt.pose(u).position_mm[0] - nominal[0] > 3.0
+    assert again.learnt.pose(u).position_mm[0] - nominal().pose(u).position_mm[0] > 3.0
 
 
 def test_a_model_that_is_none_or_of_another_robot_is_refused(tmp_path: Path) -> None:
@@ -132,7 +139,7 @@ def test_in_the_daemon_a_circle_with_a_direction_is_followed_and_its_errors_told
         await rig.until_state(OperatingState.ARMED, OperatingState.HOLD, within_s=120.0)
         assert rig.in_state(OperatingState.ARMED)
         followed = [tip for tip in rig.tips if tip.cycle >= 0]
-        assert len(followed) > 1000
+        assert len(followed) > 700
         assert np.mean([tip.error_mm for tip in followed]) < most_mm
         angles = [tip.error_rad for tip in followed if tip.error_rad is not None]
         assert len(angles) == len(followed)

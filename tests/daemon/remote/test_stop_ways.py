@@ -120,7 +120,7 @@ def test_who_floods_stops_and_reads_no_answer_holds_up_nobody(tmp_path: Path) ->
             flooding = await asyncio.create_subprocess_exec(sys.executable, "-c", flood, str(path))
             try:
                 await until(lambda: len(robot.stopped_ns) > 100)
-                for number in range(20):
+                for number in range(5):
                     answer = await stop_locally(path, str(number), WITHIN_S)
                     assert answer.request == str(number)
             finally:

@@ -52,7 +52,7 @@ MODEL = {"kind": "constant_curvature"}
 """A controller that needs no exploration: motion begins at once."""
 
 
-@dataclass
+@dataclass(repr=False)  # asyncio asks for it at the end of a run: of all that was ever told
 class Rig:
     """A daemon in READY, and what it has told."""
 
@@ -61,8 +61,23 @@ class Rig:
     recording: RunRecording
     lab: Lab
     told: list[Message] = field(default_factory=list)
+    told_events: list[Event] = field(default_factory=list)
+    tips: list[Tip] = field(default_factory=list)
+    """Those of what was told that are one: looked at again and again by who waits."""
     token: str = ""
     renewing: bool = True
+
+    def hear(self, message: Message) -> None:
+        self.told.append(message)
+        if isinstance(message, Event):
+            self.told_events.append(message)
+        elif isinstance(message, Tip):
+            self.tips.append(message)
+
+    def forget(self) -> None:
+        self.told.clear()
+        self.told_events.clear()
+        self.tips.clear()
 
     async def ask(self, command: Command) -> Answer | Refusal:
         """What the operator answers."""
@@ -125,14 +140,9 @@ class Rig:
     def status(self) -> Status:
         return self.service.status()
 
-    @property
-    def tips(self) -> list[Tip]:
-        return [message for message in self.told if isinstance(message, Tip)]
-
     def events(self, kind: str, name: str) -> list[Event]:
         """Everything of that name that came."""
-        events = (message for message in self.told if isinstance(message, Event))
-        return [e for e in events if (e.kind, e.name) == (kind, name) and e.present]
+        return [e for e in self.told_events if (e.kind, e.name) == (kind, name) and e.present]
 
     @property
     def power(self) -> set[PowerState]:
@@ -217,7 +227,7 @@ async def _play(
         plan_path=plan_path,
     )
     rig = Rig(session.service, session.operator, session.recording, lab)
-    dependencies.subscribers.add(rig.told.append)
+    dependencies.subscribers.add(rig.hear)
     renewing = asyncio.create_task(_renew(rig))
     try:
         async with session.running():

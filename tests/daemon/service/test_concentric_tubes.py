@@ -38,7 +38,7 @@ CIRCLE = {
     "kind": "circle",
     "center_mm": [45.0, 0.0, 180.0],
     "radius_mm": 12.0,
-    "cycle_s": 10.0,
+    "cycle_s": 6.0,
     "cycles": 2,
 }
 BROYDEN = {"kind": "broyden", "settle_s": 0.3}
@@ -62,8 +62,8 @@ def of_that_name(rig: Rig, name: str) -> list[Event]:
     return [one for one in rig.told if isinstance(one, Event) and one.name == name]
 
 
-async def going_round(rig: Rig) -> None:
-    await rig.running(CIRCLE, BROYDEN)
+async def going_round(rig: Rig, **circle: float) -> None:
+    await rig.running(CIRCLE | circle, BROYDEN)
     loop = rig.service.loop
     await rig.until(lambda: loop.aim is not None and loop.aim.cycle >= 0, 60.0)
     await asyncio.sleep(3.0)
@@ -74,7 +74,7 @@ async def stands(rig: Rig) -> None:
     """No tube goes on, and none unwinds."""
     await asyncio.sleep(0.5)
     before = rig.shafts()
-    await asyncio.sleep(3.0)
+    await asyncio.sleep(2.0)
     assert rig.shafts() == pytest.approx(before, abs=2.0)
 
 
@@ -186,7 +186,7 @@ def test_a_tube_that_does_not_follow_is_named_all_stand_and_it_goes_on_after_cle
         assert any(subject in told.subject for told in rig.events("cause", name))
         assert rig.service.supervisor.reasons[0].cause.value in {name, "drive_fault", "node_lost"}
         await stands(rig)
-        await asyncio.sleep(6.0)
+        await asyncio.sleep(3.0)
         await rig.do(Clear)
         await rig.until_state(S.READY, within_s=15.0)
         await rig.do(Arm)
@@ -215,7 +215,7 @@ def test_tubes_that_snap_are_named_by_emulation_and_by_the_tracker_and_held() ->
 
     async def scene(rig: Rig) -> None:
         rig.service.body.emulated = lambda: truth(rig)
-        await going_round(rig)
+        await going_round(rig, cycle_s=10.0)  # time enough to come where they snap
         controller = rig.service.loop.controller
         assert controller is not None
         propose = controller.propose

@@ -16,6 +16,8 @@ from drivers.pose import Vector
 from tests import SHIPPED_ROBOTS
 from tests.daemon.control.closed_loop import DT_S, made_learner, pretrained, started
 
+pytestmark = pytest.mark.xdist_group("from_motions")  # whose arm is explored once for all tests
+
 KINDS = ("gaussian_process", "iterative_learning", "model_predictive")
 each = pytest.mark.parametrize("kind", KINDS)
 CIRCLE = Circle(

@@ -54,8 +54,9 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> RobotFile:
 
 
 @pytest.fixture(autouse=True)
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+def cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of all tests of this process: a grid is found by what it is of."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "cache"))
 
 
 async def upload(rig: Rig, content: bytes, name: str = "new.stl", sha256: str = "") -> str:
@@ -180,8 +181,8 @@ def with_nan() -> bytes:
 
 
 def with_too_many_triangles() -> bytes:
-    """As PLY, which says a million of them in few bytes; they need not be sound."""
-    count = 1_000_000
+    """As PLY, which says many of them in few bytes; they need not be sound."""
+    count = MOST_TRIANGLES + 2
     header = (
         f"ply\nformat binary_little_endian 1.0\nelement vertex {count // 2}\n"
         "property float x\nproperty float y\nproperty float z\n"
@@ -249,7 +250,7 @@ def test_what_cannot_be_used_is_refused_by_name_and_the_old_ones_stay(
     assert len([told for told in rig.told if isinstance(told, SurroundingsChanged)]) == 1
 
 
-def test_a_million_triangles_are_refused_before_anything_is_made_of_them(file: RobotFile) -> None:
+def test_too_many_triangles_are_refused_before_anything_is_made_of_them(file: RobotFile) -> None:
     async def scene(rig: Rig) -> None:
         await rig.armed()
         reference = await upload(rig, with_too_many_triangles(), "new.ply")

@@ -22,6 +22,8 @@ from daemon.workbench.experiments.step_statistics import StepSeries
 from safety.risk_source import RiskReading
 from tests.daemon.recording.schemas import recording_contradictions
 
+pytestmark = pytest.mark.xdist_group("experiment")  # whose circle is followed once for all tests
+
 SHIPPED = sorted((Path(__file__).parents[4] / "config" / "experiments").glob("*.yaml"))
 
 CIRCLE = """

@@ -17,6 +17,8 @@ from daemon.workbench.experiments.step_statistics import StepSeries
 from daemon.workbench.experiments.trial import TrialError
 from tests import SHIPPED_ROBOTS
 
+pytestmark = pytest.mark.xdist_group("planned_path")  # whose path is planned once for all tests
+
 TENDONS = SHIPPED_ROBOTS / "tendon_arm.yaml"
 EXPERIMENT = """
 experiment: along_a_path

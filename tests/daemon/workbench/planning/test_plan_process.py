@@ -1,6 +1,5 @@
 """The planner as a running daemon asks it: among what moves, too."""
 
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -45,8 +44,9 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> RobotFile:
 
 
 @pytest.fixture(autouse=True)
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+def cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of all tests of this process: a grid is found by what it is of."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "cache"))
 
 
 def asked(file: RobotFile, moving: list[list[float]], **other: Any) -> PlanOutcome:

@@ -24,6 +24,8 @@ from daemon.workbench.pretraining.pose_learning import (
 from sim_backends.plants.concentric.relative import Poses, RelativeTubes
 from tests import SHIPPED_ROBOTS
 
+pytestmark = pytest.mark.xdist_group("pose_learning")  # whose model is learnt once for all tests
+
 FILE = SHIPPED_ROBOTS / "concentric_tubes.yaml"
 SHIPPED = SHIPPED_ROBOTS.parent / "models" / "concentric_tubes_pose.npz"
 SMALL = PoseLearningSettings(points=16, fields=100)

@@ -33,6 +33,8 @@ from tests.daemon.recording.synthetic_run import (
     messages,
 )
 
+pytestmark = pytest.mark.xdist_group("report")  # whose page is made once for all tests
+
 CYCLE_S = 4.0
 
 

@@ -32,8 +32,12 @@ from daemon.workbench.body_model.clouds.parallel_collection import collect, coll
 from daemon.workbench.body_model.evaluation.evaluation import off_curves
 from tests.daemon.workbench.body_model.small_clouds import TENDON_ARM, tendon_arm
 
+pytestmark = pytest.mark.xdist_group(
+    "cloud_collection"
+)  # whose clouds are collected once for all tests
+
 POINTS = 128
-SETTINGS = CollectionSettings(training=20, test=6, starts=2, points=POINTS)
+SETTINGS = CollectionSettings(training=13, test=3, starts=2, points=POINTS)
 
 
 class Silent:
@@ -72,11 +76,11 @@ Collected = tuple[CloudDataset, Path, Silent]
 
 def test_all_that_was_wanted_is_there(collected: Collected) -> None:
     made, path, heard = collected
-    assert made.clouds_mm.shape == (26, 2, POINTS, 3)
-    assert made.test.sum() == 6
+    assert made.clouds_mm.shape == (16, 2, POINTS, 3)
+    assert made.test.sum() == 3
     phases = ("what it can hold", "clouds", "centrelines")
-    assert heard.begun == [(phase, 26, 0) for phase in phases]
-    assert heard.done == 26
+    assert heard.begun == [(phase, 16, 0) for phase in phases]
+    assert heard.done == 16
     assert [one.name for one in path.parent.iterdir()] == ["clouds.npz"]
     assert CloudDataset.load(path, tendon_arm().robot).sha256 == made.sha256
     assert made.provenance["settings"]["starts"] == 2
@@ -141,7 +145,7 @@ def test_centrelines_are_fitted_to_the_clouds(collected: Collected) -> None:
 def test_clouds_are_moved_by_what_the_cameras_are_off(collected: Collected) -> None:
     """By the same for all, and that is told; how far centrelines may still be off, too."""
     made, _, _ = collected
-    which = np.array([3, 20])
+    which = np.array([3, 14])
     seen = seen_at(
         tendon_arm().robot, SETTINGS, which, made.configurations[which], made.starts[which]
     )
@@ -228,8 +232,8 @@ def test_an_interrupted_collection_goes_on_and_ends_the_same(
     heard = Silent()
     made = collect(tendon_arm(), SETTINGS, path, worker, heard)
     what, total, done = heard.begun[0]
-    assert (what, total) == ("clouds", 26)
-    assert 0 < done < 26
+    assert (what, total) == ("clouds", 16)
+    assert 0 < done < 16
     assert made.sha256 == collected[0].sha256
     assert not parts.exists()
 

@@ -29,6 +29,10 @@ from tests import SHIPPED_ROBOTS, SOFT_ARM
 from tests.daemon.workbench.body_model.clouds.test_collection import Silent
 from tests.daemon.workbench.body_model.small_clouds import TENDON_ARM
 
+pytestmark = pytest.mark.xdist_group(
+    "clouds_of_tubes"
+)  # whose clouds are collected once for all tests
+
 TUBES = SHIPPED_ROBOTS / "concentric_tubes.yaml"
 SETTINGS = CollectionSettings(training=8, test=2, starts=2, points=200, bodies=20)
 

@@ -35,6 +35,8 @@ from daemon.workbench.body_model.training.training import TrainingSettings  # no
 from safety.risk.model.risk_model import risk_model  # noqa: E402
 from tests.daemon.workbench.body_model.small_clouds import SOFT_ARM, TENDON_ARM, dataset  # noqa: E402
 
+pytestmark = pytest.mark.xdist_group("body_training")  # whose model is trained once for all tests
+
 SETTINGS = BodySettings(
     points=NetworkShape(3, (32, 32)),
     shapes=NetworkShape(2, (32,)),
