@@ -90,15 +90,11 @@ class TipFollower:
             self._posture = np.clip(observation.targets, self.axes.lowest, self.axes.highest)
 
     def expect_hysteresis(self, held_back: HeldBack | None) -> None:
-        """A model's body holds so much back where axes turn. None: nobody knows, and play alone
+        """A model's body holds so much back where axes turn. Where nobody knows how much, play alone
         is looked for. It counts where the body is led, and no axis turns round."""
         self._hysteresis = None
-        if not self._leads or self._turns:
-            return
-        if held_back is None:
-            self._hysteresis = Hysteresis(self.axes.scale, None)
-        else:
-            self._hysteresis = Hysteresis(held_back.travel, held_back.share)
+        if held_back is not None and self._leads and not self._turns:
+            self._hysteresis = Hysteresis(held_back)
 
     def free(self, u: Vector) -> Vector:
         """(m,) axes at (m,) without what the body holds back of their way, if that is known."""

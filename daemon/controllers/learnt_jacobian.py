@@ -51,7 +51,8 @@ class TipJacobian(Protocol):
 
     @property
     def held_back(self) -> HeldBack | None:
-        """What the body of an exploration keeps back where axes turn; None: that is not known."""
+        """What the body of an exploration keeps back where axes turn; None: nothing is made up for
+        there."""
         ...
 
     def begin(self, model: PretrainedModel) -> None:
@@ -129,9 +130,9 @@ class LearntJacobian:
         return self.forward is not None
 
     @property
-    def held_back(self) -> HeldBack | None:
-        """Of the body that the cubic is of; fields are of motions as they are."""
-        return None if self._shape is None else self._shape.held_back
+    def held_back(self) -> HeldBack:
+        """Of the body that the cubic is of. Fields are of motions as they are: nobody knows."""
+        return HeldBack(None, self._travel) if self._shape is None else self._shape.held_back
 
     def begin(self, model: PretrainedModel) -> None:
         """Go by its forward model from now on."""

@@ -20,7 +20,7 @@ import numpy as np
 
 from daemon.control.lag.body_lag import BodyLag, Underway
 from daemon.control.lag.play import Play
-from daemon.learning.forward.stop_operators import StopOperators
+from daemon.learning.forward.stop_operators import HeldBack, StopOperators
 from drivers.pose import Vector
 
 _TURNS_S: Final = 0.1
@@ -32,9 +32,9 @@ _MOVES: Final = 1e-6
 class Hysteresis:
     """Takes the axes' targets, and what the tip makes of them."""
 
-    def __init__(self, travel: Vector, share: float | None) -> None:
-        """travel: (m,) mm or rad, of which reaches are shares. share: as pre-training told it;
-        None: it did not, and only play is looked for."""
+    def __init__(self, held_back: HeldBack) -> None:
+        """held_back: as pre-training told it; if it did not, only play is looked for."""
+        travel, share = held_back.travel, held_back.share
         self.share = 0.0 if share is None else share
         self._travel = travel
         self._stops = StopOperators()

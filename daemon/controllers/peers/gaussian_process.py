@@ -18,6 +18,7 @@ from daemon.array_files import prefixed, stripped
 from daemon.controllers.jacobian_controller import JacobianController
 from daemon.controllers.peers.motion_process import Covariance, MotionProcess, most_likely
 from daemon.learning.forward.pretrained_model import PretrainedModel
+from daemon.learning.forward.stop_operators import HeldBack
 from daemon.learning.lwpr.model import Lwpr
 from daemon.learning.samples.motion import MotionSample
 from drivers.pose import Vector
@@ -58,8 +59,9 @@ class ProcessJacobian:
         return self._explored is not None
 
     @property
-    def held_back(self) -> None:
-        """It is not known."""
+    def held_back(self) -> HeldBack:
+        """Processes are of motions as they are: nobody knows."""
+        return HeldBack(None, self._scale)
 
     def begin(self, model: PretrainedModel) -> None:
         """Learn the exploration, and go by it from now on."""

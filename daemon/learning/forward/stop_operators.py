@@ -30,8 +30,8 @@ _SLIPS: Final = 1e-3
 class HeldBack(NamedTuple):
     """What a body holds back where its axes turn."""
 
-    share: float
-    """h"""
+    share: float | None
+    """h; None: nobody knows."""
     travel: Vector
     """(m,) mm or rad, of which the reaches are shares."""
 

@@ -5,7 +5,7 @@ import pytest
 
 from daemon.control.lag.body_lag import BodyLag
 from daemon.control.lag.hysteresis import Hysteresis
-from daemon.learning.forward.stop_operators import StopOperators
+from daemon.learning.forward.stop_operators import HeldBack, StopOperators
 from drivers.pose import Vector
 
 DT_S = 0.025
@@ -69,7 +69,7 @@ def followed(
 
 
 def expected(share: float = 0.15) -> Hysteresis:
-    return Hysteresis(TRAVEL, share)
+    return Hysteresis(HeldBack(share, TRAVEL))
 
 
 @pytest.mark.parametrize("share", [0.0, 0.15, 0.3, 0.45])
@@ -127,7 +127,7 @@ def test_what_sticks_is_not_told_to_have_come() -> None:
 
 def test_what_pre_training_told_nothing_of_is_not_looked_for() -> None:
     """Receptive fields were learnt with what was held back in them."""
-    arm, unknown = Arm(0.35), Hysteresis(TRAVEL, None)
+    arm, unknown = Arm(0.35), Hysteresis(HeldBack(None, TRAVEL))
     followed(unknown, arm, to_and_fro, 4.0, probes=True)
     found = followed(unknown, arm, turning, 20.0)
     assert found.share == 0.0
