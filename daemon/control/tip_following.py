@@ -90,8 +90,8 @@ class TipFollower:
             self._posture = np.clip(observation.targets, self.axes.lowest, self.axes.highest)
 
     def expect_hysteresis(self, held_back: HeldBack | None) -> None:
-        """A model's body holds so much back where axes turn. Where nobody knows how much, play alone
-        is looked for. It counts where the body is led, and no axis turns round."""
+        """A model's body holds so much back where axes turn. If nobody knows, play alone is looked
+        for. It counts where the body is led, and no axis turns round."""
         self._hysteresis = None
         if held_back is not None and self._leads and not self._turns:
             self._hysteresis = Hysteresis(held_back)
