@@ -12,8 +12,8 @@ Six axes that turn at once, as where a load is hung on, keep back some millimetr
 
 Small motions to and fro, before anything is followed, tell b: by least squares over short spans,
 with a gain along each axis of space, since J is never exact, and a shift in time, since play looks
-like lag: 0.12 mm of it like 0.03 s. Of that about two thirds are found, and nothing of bodies that
-have none. Across a long lag small motions do not tell it.
+like lag: 0.12 mm of it like 0.03 s. Of that about two thirds are found, and a tenth where a body
+has none. Across a long lag small motions do not tell it.
 """
 
 from collections.abc import Sequence

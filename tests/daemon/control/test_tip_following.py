@@ -113,6 +113,33 @@ def test_axes_that_turned_go_further_where_the_body_holds_some_of_it_back() -> N
     np.testing.assert_allclose((1.0 - 0.3) * turned(knowing), turned(plain), rtol=0.12)
 
 
+@pytest.mark.parametrize("play_mm", [0.005, 0.25])
+def test_an_axis_that_turns_is_asked_for_its_play_as_well(play_mm: float) -> None:
+    options = {"lead": True, "posture_gain_per_s": 0.0, "damping_mm": 1e-6}
+    plain, knowing = with_play(follower(**options), 0.0), with_play(follower(**options), play_mm)
+    without, asked = turned(plain), turned(knowing)
+    assert (without > 0.0).any() and (without < 0.0).any()
+    # They went down at last, and are at that end of their play.
+    lost = np.where(without > 0.0, np.minimum(2.0 * play_mm, 2.0 * without), 0.0)
+    np.testing.assert_allclose(asked, without + lost, atol=1e-9)
+
+
+def test_for_its_play_no_axis_is_asked_to_go_faster_than_it_may() -> None:
+    law = with_play(follower(lead=True, max_tip_speed_mm_s=1e6), 0.25)
+    turned(law)
+    step = law.axis_step(JACOBIAN, np.array([5.0, 2.0, -3.0]), seen(targets=np.full(6, 20.0)))
+    fastest = law.axes.max_velocity * DT_S
+    assert (np.abs(step) <= fastest).all()
+    assert (step == fastest).any()
+
+
+def with_play(law: TipFollower, play_mm: float) -> TipFollower:
+    law.expect_hysteresis(HeldBack(None, np.full(6, 50.0)))
+    assert law._hysteresis is not None
+    law._hysteresis._play.share = play_mm / 50.0
+    return law
+
+
 def test_hysteresis_counts_only_where_the_body_is_led() -> None:
     law = follower(posture_gain_per_s=0.0)
     before = turned(law)
