@@ -12,8 +12,8 @@ Six axes that turn at once, as where a load is hung on, keep back some millimetr
 
 Small motions to and fro, before anything is followed, tell b: by least squares over short spans,
 with a gain along each axis of space, since J is never exact, and a shift in time, since play looks
-like lag: 0.12 mm of it like 0.03 s. Of that about two thirds are found, and a tenth where a body
-has none. Across a long lag small motions do not tell it.
+like lag: 0.12 mm of it like 0.03 s. About two thirds of b are found, and next to nothing where
+there is none. Across a long lag small motions do not tell it.
 """
 
 from collections.abc import Sequence
@@ -131,7 +131,7 @@ def _found(told: Sequence[_Told], lag: BodyLag) -> _Found | None:
     """What small motions tell of it; None: nothing."""
     t_s = np.array([one.t_s for one in told])
     ends = np.flatnonzero(t_s - t_s[:1] >= _SPAN_S)
-    if not len(ends):
+    if not len(ends) or not (np.diff(t_s) > 0.0).all():
         return None
     begins = np.searchsorted(t_s, t_s[ends] - _SPAN_S, side="right") - 1
     arrived = _arrived(told, [one.told_mm for one in told], lag)
@@ -144,7 +144,7 @@ def _found(told: Sequence[_Told], lag: BodyLag) -> _Found | None:
     products, seen = terms @ terms.T, terms @ came.ravel()
     products[:3, :3] += _GAIN_MM2 * np.eye(3)
     seen[:3] += _GAIN_MM2
-    if np.linalg.matrix_rank(products) < len(terms):
+    if not np.isfinite(seen).all() or np.linalg.matrix_rank(products) < len(terms):
         return None
     solution = np.linalg.solve(products, seen)
     gain = float(solution[:3].mean())

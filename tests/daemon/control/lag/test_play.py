@@ -85,6 +85,17 @@ def test_motions_that_were_broken_off_tell_nothing(steps: int) -> None:
     assert probed(play, 0.12, BodyLag(LAG_S)).share > 0.0
 
 
+@pytest.mark.parametrize(("later_s", "tip_mm"), [(0.0, 0.0), (DT_S, np.nan)])
+def test_what_no_motion_can_be_tells_nothing(later_s: float, tip_mm: float) -> None:
+    play, lag = Play(TRAVEL), BodyLag(LAG_S)
+    for t_s, at_mm in [*((k * DT_S, 0.0) for k in range(20)), (19 * DT_S + later_s, tip_mm)]:
+        play.follow(np.full(4, 0.01))
+        play.see_probe(t_s, DT_S, np.full(3, 0.02), JACOBIAN, np.full(3, at_mm))
+    play.end_probe(lag)
+    assert play.share == 0.0
+    assert lag.lag_s == LAG_S
+
+
 def test_an_axis_that_goes_on_is_asked_for_its_step_and_one_that_turned_for_its_play() -> None:
     play, step = known(0.002), np.array([0.02, -0.02, 0.0, 0.5])
     for _ in range(20):
