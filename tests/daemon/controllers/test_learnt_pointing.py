@@ -160,8 +160,8 @@ def test_who_knows_only_where_the_tip_goes_finds_out_what_turns_it_and_keeps_it(
     assert babbled(tubes, one, points=True) > 300, "it did not look where the tip pointed"
     assert turned(tubes, one) < 0.02
     one.save(tmp_path / "learnt.npz")
-    kept, twice = str(tmp_path / "learnt.npz"), 50.0
-    again = made(kind, model=kept, pointing_mm_per_rad=twice, lead=False)
+    kept = str(tmp_path / "learnt.npz")
+    again = made(kind, model=kept, pointing_mm_per_rad=50.0, lead=False)
     assert babbled(tubes, again, points=True) == 0
     first, other = one._pointing.rows, again._pointing.rows
     assert first is not None and other is not None

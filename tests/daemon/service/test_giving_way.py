@@ -21,6 +21,8 @@ from tests import SOFT_ARM
 from tests.daemon.service.grazing import BROYDEN, TENDON_ARM, StoppedClock
 from tests.daemon.service.rig import Rig, on_a_rig
 
+pytestmark = pytest.mark.usefixtures("shared_grids")
+
 S = OperatingState
 CIRCLE = {
     "kind": "circle",
@@ -50,12 +52,6 @@ def in_the_open(folder: Path, arm: Path, model: str) -> RobotFile:
     robot["risk"] = {"model": model, "surface": surface}
     (folder / "robot.yaml").write_text(yaml.safe_dump(robot))
     return load_robot(folder / "robot.yaml")
-
-
-@pytest.fixture(autouse=True)
-def cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of all tests of this process: a grid is found by what it is of."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "cache"))
 
 
 @dataclass

@@ -7,11 +7,7 @@ import pytest
 from safety.states import OperatingState
 from tests.daemon.service.grazing import graze
 
-
-@pytest.fixture(autouse=True)
-def _own_cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of all tests of this process: a grid is found by what it is of."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "cache"))
+pytestmark = pytest.mark.usefixtures("shared_grids")
 
 
 def test_it_goes_along_what_stands_in_its_way_and_touches_nothing(tmp_path: Path) -> None:

@@ -23,10 +23,11 @@ from safety.causes import cause
 from safety.risk.moving_obstacles import Swept
 from safety.states import OperatingState
 from tests.daemon.service.grazing import BROYDEN
-from tests.daemon.service.operation.test_surrounding import FAR_BALL, cache, file, play, source_of
+from tests.daemon.service.operation.test_surrounding import FAR_BALL, file, play, source_of
 from tests.daemon.service.rig import SMALL_CIRCLE, Rig, on_a_rig
 
-__all__ = ["cache", "file"]
+__all__ = ["file"]
+pytestmark = pytest.mark.usefixtures("shared_grids")
 
 S = OperatingState
 MS = 1_000_000

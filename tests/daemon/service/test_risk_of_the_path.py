@@ -80,11 +80,8 @@ class Scene:
 
 
 @pytest.fixture
-def folder(
-    tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
-) -> Path:
-    """Its own, with the grids of all tests of this process: one is found by what it is of."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "cache"))
+def folder(tmp_path: Path, shared_grids: None) -> Path:
+    """Its own."""
     return tmp_path
 
 

@@ -27,10 +27,11 @@ from daemon.service.operation.planning import PlanRequest
 from daemon.workbench.planning.plan_process import answer
 from safety.states import OperatingState
 from tests.daemon.service.grazing import BROYDEN
-from tests.daemon.service.operation.test_surrounding import FAR_BALL, cache, file, play, source_of
+from tests.daemon.service.operation.test_surrounding import FAR_BALL, file, play, source_of
 from tests.daemon.service.rig import SMALL_CIRCLE, Rig, on_a_rig
 
-__all__ = ["cache", "file"]
+__all__ = ["file"]
+pytestmark = pytest.mark.usefixtures("shared_grids")
 
 S = OperatingState
 THERE = [30.0, 5.0, 192.0]

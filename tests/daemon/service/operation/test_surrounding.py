@@ -32,6 +32,8 @@ from safety.states import OperatingState
 from tests.daemon.service.grazing import BROYDEN, TENDON_ARM, StoppedClock
 from tests.daemon.service.rig import SMALL_CIRCLE, Rig, on_a_rig
 
+pytestmark = pytest.mark.usefixtures("shared_grids")
+
 PORT = {
     "centre_mm": list(CHEST_PORT.centre_mm),
     "inwards": list(CHEST_PORT.inwards),
@@ -51,12 +53,6 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> RobotFile:
     robot["risk"] = {"model": "builtin:tendon_arm.npz", "surface": surface}
     (folder / "robot.yaml").write_text(yaml.safe_dump(robot))
     return load_robot(folder / "robot.yaml")
-
-
-@pytest.fixture(autouse=True)
-def cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of all tests of this process: a grid is found by what it is of."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "cache"))
 
 
 async def upload(rig: Rig, content: bytes, name: str = "new.stl", sha256: str = "") -> str:

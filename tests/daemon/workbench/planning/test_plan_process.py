@@ -23,6 +23,8 @@ from tests.daemon.workbench.planning.arms import (
     reachable,
 )
 
+pytestmark = pytest.mark.usefixtures("shared_grids")
+
 BALL_MM = (78.0, 0.0, 172.0)
 """Where `planner_beside_a_ball` has its own."""
 RADIUS_MM = 14.0
@@ -41,12 +43,6 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> RobotFile:
     robot["risk"] = {"model": "builtin:tendon_arm.npz", "surface": surface}
     (folder / "robot.yaml").write_text(yaml.safe_dump(robot))
     return load_robot(folder / "robot.yaml")
-
-
-@pytest.fixture(autouse=True)
-def cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of all tests of this process: a grid is found by what it is of."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "cache"))
 
 
 def asked(file: RobotFile, moving: list[list[float]], **other: Any) -> PlanOutcome:
