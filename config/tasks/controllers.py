@@ -239,15 +239,21 @@ class FromMotions(KindOptions):
     """The first motions where there is no model."""
 
 
-class Learner(TipFollowing, FromMotions):
-    """What controllers have in common that learn a model of the robot from its motions."""
+class LearningFollower(TipFollowing, FromMotions):
+    """Of a controller that follows through what it learns from motions."""
 
     lead: bool = True
-    """As for others, but on where nothing else is said: the exploration tells what a lag is read
-    against."""
+    """Whether the body's lag, its play, and how much of what it is told it does, are found while it
+    is followed, and led: the reference's motion is asked for so much earlier, and what was told and
+    has not arrived counts as made. On, unlike for who has no exploration to read a lag against. It
+    allows twice the gain on a prompt body. Only with `feed_forward`."""
 
     learning: bool = True
     """Whether it goes on learning while it controls. Not: the model stays as it is."""
+
+
+class Learner(LearningFollower):
+    """What controllers have in common that learn a model of the robot from its motions."""
 
     correction_drift_mm: NotNegative = 50.0
     """The learnt Jacobian is corrected by every sample, as `broyden` does it. How far an element,

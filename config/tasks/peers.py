@@ -10,24 +10,17 @@ from config.tasks.controllers import (
     ArcBody,
     AxisUse,
     FromMotions,
+    LearningFollower,
     PositionOnly,
     ProportionalLaw,
-    TipFollowing,
 )
 
 
-class GaussianProcess(TipFollowing, FromMotions):
+class GaussianProcess(LearningFollower):
     """Sparse online Gaussian processes of what motions of the axes do to the tip, inverted at every
     step: damped least squares over their Jacobian, which go on learning."""
 
     kind: Literal["gaussian_process"]
-
-    lead: bool = True
-    """As for others, but on where nothing else is said: the exploration tells what a lag is read
-    against."""
-
-    learning: bool = True
-    """Whether it goes on learning while it controls. Not: the model stays as it is."""
 
     budget: Annotated[int, Field(ge=10, le=250)] = 120
     """How many inducing motions each of its two processes keeps, the exploration's and that of what
