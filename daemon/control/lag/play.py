@@ -27,8 +27,7 @@ from drivers.pose import Vector
 
 _LOOKED_FOR: Final = 3e-3
 """Half-width of the play that motions are compared with, as a share of an axis' travel: 0.15 mm of
-an arm's cylinders, 0.09 mm of tendons. With half or twice as much b comes out the same within a
-tenth."""
+an arm's cylinders, 0.09 mm of tendons. With 0.06 to 0.2 mm b comes out the same within a tenth."""
 _GAIN_MM2: Final = 5.0
 """As much motion with a gain of 1 is taken for seen before anything is: small motions along one
 axis of space alone tell nothing of the others."""
@@ -41,8 +40,8 @@ _SOONER: Final = 0.5
 2.6 mm beyond. With none it is back 0.2 to 0.3 s later."""
 _TAKEN_UP: Final = 2.0
 """What an axis has to go within its play is asked for besides, as far as it is no more than so many
-times the step. All of it at once would be a jerk wherever noise turns an axis; four or half as much
-make no difference to how soon a load is made up for."""
+times the step. All of it at once would be a jerk wherever noise turns an axis; once or eight
+times the step make no difference to how soon a load is made up for."""
 
 
 class _Told(NamedTuple):
