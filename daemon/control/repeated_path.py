@@ -64,32 +64,39 @@ class RepeatedPath:
 #
 # Each has a correction c of the reference, which is led like the reference itself: so the tip shows
 # c without delay, and an error e that is seen at a place belongs to that place. c becomes
-# Q(0.98 c + 0.5 e), a step of iterative learning control (Bristow, Tharayil and Alleyne, IEEE
+# Q(0.98 c + 0.8 e), a step of iterative learning control (Bristow, Tharayil and Alleyne, IEEE
 # Control Systems 26, 2006). Q, a triangle, keeps noise out of it, and what the body is too slow
 # for. Every place is renewed once in a cycle, shortly after the tip has shown what became of it and
 # long before the path comes there again: nothing jumps where one cycle goes over into the next.
 
 
 _HALF_WIDTH_S: Final = 0.2
-_KEPT, _TAKEN = 0.98, 0.5
+_HALF_WIDTH_BY_LAG: Final = 0.7
+"""... of the lag, where that is more: what a body is late for is led with an error of its own."""
+_KEPT: Final = 0.98
+_TAKEN, _TAKEN_LATER = 0.4, 0.8
+"""Of the first cycle's errors, and of later ones'. The first one's are those of a body that is
+still being found, too."""
 _MOST_TAKEN_MM: Final = 5.0
 """No error counts as more: whatever made it was hardly the path."""
 _FARTHEST_MM: Final = 15.0
 _SET_OUT_S: Final = 0.5
-"""... and two lags after the path begins, the tip still comes from rest, which no cycle repeats."""
+"""... and a lag after the path begins, the tip still comes from rest, which no cycle repeats."""
 
 
 class CycleCorrection:
     """Takes errors by phase, gives corrections by phase. For one path."""
 
-    def __init__(self, cycle_s: float) -> None:
+    def __init__(self, cycle_s: float, lag_s: float = 0.0) -> None:
+        """lag_s: of the body, as it is known when the path begins."""
         self.path = RepeatedPath(cycle_s)
-        self._half = max(1, round(_HALF_WIDTH_S / self.path.spacing_s))
+        half_width_s = max(_HALF_WIDTH_S, _HALF_WIDTH_BY_LAG * lag_s)
+        self._half = max(1, round(half_width_s / self.path.spacing_s))
         weights = self._half - np.abs(np.arange(1 - self._half, self._half))
         self._weights = weights / weights.sum()
         self._corrections = np.zeros((self.path.count, 3))
         self._next = np.zeros((self.path.count, 3))
-        """0.98 c + 0.5 e of each place, when e was seen last."""
+        """0.98 c + 0.8 e of each place, when e was seen last."""
         self._place: int | None = None
         self._errors: list[Vector] = []
         self._along_s = 0.0
@@ -109,7 +116,7 @@ class CycleCorrection:
         """(3,) from the tip to its reference."""
         self._along_s += dt_s
         place = self.path.passes(phase, reference_mm)
-        if self._along_s < _SET_OUT_S + 2.0 * lag_s:
+        if self._along_s < _SET_OUT_S + lag_s:
             return
         if place != self._place:
             if self._place is not None:
@@ -128,7 +135,8 @@ class CycleCorrection:
     def _take(self, place: int, error_mm: Vector) -> None:
         """The error at a place is known; so is all that the one half a width before needs."""
         count = self.path.count
-        self._next[place] = _KEPT * self._corrections[place] + _TAKEN * error_mm
+        taken = _TAKEN if self._along_s < self.path.cycle_s else _TAKEN_LATER
+        self._next[place] = _KEPT * self._corrections[place] + taken * error_mm
         middle = place - self._half + 1
         around = np.arange(middle - self._half + 1, middle + self._half) % count
         self._corrections[middle % count] = within(self._weights @ self._next[around], _FARTHEST_MM)

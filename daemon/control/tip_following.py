@@ -228,7 +228,8 @@ class TipFollower:
         if leading.jumps != self._jumps or leading.repeats or not observation.believed:
             hysteresis.break_off()
             return
-        hysteresis.learn(observation.t_ns * 1e-9, dt_s, observation.tip_mm, leading.lag)
+        t_s, on_path = observation.t_ns * 1e-9, observation.phase is not None
+        hysteresis.learn(t_s, dt_s, observation.tip_mm, leading.lag, on_path)
 
     def _moved_mm(self, observation: Observation) -> Vector | None:
         """(3,) that was told since the last step; None: nobody knows."""
@@ -240,8 +241,9 @@ class TipFollower:
         if self._told is None:
             return None
         jacobian, targets = self._told[0][:POSITION], self._told[1]
-        moved_mm = np.asarray(jacobian @ (observation.targets - targets))
-        return moved_mm if hysteresis is None else hysteresis.moved_mm(moved_mm, jacobian)
+        if hysteresis is not None:
+            return hysteresis.moved_mm(jacobian)
+        return np.asarray(jacobian @ (observation.targets - targets))
 
     def drawn(self, observation: Observation, times: float = 1.0) -> Vector:
         """(m,) change of the targets that the posture asks for, with so many times its gain."""
@@ -262,8 +264,8 @@ class TipFollower:
         observation: Observation,
         near: Vector | None = None,
     ) -> Vector:
-        """(m,) change of the targets. jacobian: (3, m) mm per mm or rad of axes that go on as they
-        go, or (6, m) with the direction's rows in mm, as `task_step` has them.
+        """(m,) change of the targets. jacobian: (3, m) mm per mm or rad of a body that holds
+        nothing back, or (6, m) with the direction's rows in mm, as `task_step` has them.
 
         near: (m,) a step that should be changed as little as need be; None: the posture's.
         Raises ControllerError for a Jacobian or targets that are not finite.
@@ -272,18 +274,19 @@ class TipFollower:
             raise ControllerError("the controller's model is not a number here: learn it anew")
         self._told = jacobian, observation.targets
         hysteresis, dt_s = self._hysteresis, step_time(observation)
-        if hysteresis is not None:
-            jacobian = jacobian * hysteresis.shown
         if near is None:
             near = self.drawn(observation) + self.drawn_further(observation)
         lowest, highest = self.axes.step_range(observation.targets)
+        # The body's free axes are what the Jacobian is of, and what is to stay near the posture.
+        needed = np.eye(self.axes.count) if hysteresis is None else hysteresis.needed
+        each = np.diag(needed)
         step = np.asarray(
             kernels.axis_step(
                 in_rows(jacobian),
                 in_rows(tip_step),
-                kernels.StepBounds(in_rows(near), lowest, highest),
+                kernels.StepBounds(in_rows(near), lowest / each, highest / each),
                 self.unit,
-                self.axes.max_velocity,
+                self.axes.max_velocity / each,
                 dt_s,
                 self._options.damping_mm,
                 self._lets_go,
@@ -292,7 +295,7 @@ class TipFollower:
         if hysteresis is None:
             return step
         fastest = self.axes.max_velocity * dt_s
-        step = np.clip(hysteresis.with_what_is_lost(step), lowest, highest)
+        step = np.clip(hysteresis.with_what_is_lost(needed @ step), lowest, highest)
         return np.asarray(np.clip(step, -fastest, fastest))
 
     def axis_velocity(self, jacobian: Matrix, tip_velocity: Vector, u: Vector) -> Vector:

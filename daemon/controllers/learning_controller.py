@@ -283,6 +283,7 @@ class LearningController(ABC):
             self._work_in_next()
 
     def propose(self, observation: Observation) -> Proposal:
+        observation = observation._replace(u=self._follower.free(observation.u))
         if self.ready:
             return self._follow(observation)
         if self._learnt:

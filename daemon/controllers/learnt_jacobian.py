@@ -132,7 +132,9 @@ class LearntJacobian:
     @property
     def held_back(self) -> HeldBack:
         """Of the body that the cubic is of. Fields are of motions as they are: nobody knows."""
-        return HeldBack(None, self._travel) if self._shape is None else self._shape.held_back
+        if self._shape is not None:
+            return self._shape.held_back
+        return HeldBack(None, np.zeros_like(self._travel), self._travel)
 
     def begin(self, model: PretrainedModel) -> None:
         """Go by its forward model from now on."""

@@ -1,13 +1,14 @@
 """A body's hysteresis, followed step by step: what of the axes' motion shows at the tip.
 
-Pre-training tells the share h that the body which it explored holds back where axes turn
-(`stop_operators`); a worn one has twice as much friction. Of what its axes told, the tip makes
+Pre-training tells the share h that the body which it explored holds back where its axes turn
+(`stop_operators`); a worn one has twice as much friction. So several shares are followed at once.
+With each the body's free axes v go another way, and the tip should go
 
-    Δp = g J Δu - g h J ΔS
+    Δp = g J Δv
 
-with S what sticks, g a gain, and both passed through dead time and lag. Over short spans g and g h
-are told apart by least squares: on a way without turns the stops slip and ΔS is nothing, after a
-turn it is Δu. Small motions to and fro tell most of it, before the body has gone anywhere.
+passed through dead time and lag, g a gain along each axis of space. The share with whose motions,
+over short spans, the tip's agree best is the body's. A way without turns tells little of it; small
+motions to and fro and the way after them together tell more, and a path that turns tells all.
 
 Play between axes and body is lost besides (`play`): what is told here is without it.
 """
@@ -19,10 +20,12 @@ from typing import Final
 import numpy as np
 
 from daemon.control.lag.body_lag import BodyLag, Underway
-from daemon.control.lag.play import Play
-from daemon.learning.forward.stop_operators import HeldBack, StopOperators
+from daemon.control.lag.play import Play, SmallMotion
+from daemon.learning.forward.stop_operators import HeldBack, StopOperators, stretched
 from drivers.pose import Vector
 
+_SHARES: Final = np.arange(0.0, 1.3, 0.2)
+"""(k,) that are followed. A body has no more; what seems more is something else."""
 _TURNS_S: Final = 0.1
 """Time constant after which an axis goes the other way: a tracker's noise turns it to and fro."""
 _MOVES: Final = 1e-6
@@ -34,33 +37,44 @@ class Hysteresis:
 
     def __init__(self, held_back: HeldBack) -> None:
         """held_back: as pre-training told it; if it did not, only play is looked for."""
-        travel, share = held_back.travel, held_back.share
-        self.share = 0.0 if share is None else share
-        self._travel = travel
-        self._stops = StopOperators()
-        self._play = Play(travel)
-        self._jacobian = np.zeros((3, len(self._travel)))
+        self._lowest, self._travel = held_back.lowest, held_back.travel
+        self._estimate = None if held_back.share is None else _Estimate(held_back.share)
+        self._stops = StopOperators(_SHARES)
+        self._play = Play(self._travel)
+        axes = len(self._travel)
+        self._jacobian = np.zeros((3, axes))
         """(3, m) of the last step."""
         self._targets: Vector | None = None
-        self._sticks = np.zeros(len(self._travel))
-        """(m,) S, mm or rad."""
-        self._stuck = np.zeros(len(self._travel))
-        """... and by how much more it is since the last step."""
-        self._forth = np.full(len(self._travel), 0.5)
-        self._told_mm = np.zeros(3), np.zeros(3)
-        """(3,) in the last step, and (3,) of it that stuck."""
-        self._estimate = None if share is None else _Estimate(share)
-        self._probed: list[tuple[float, float, tuple[Vector, Vector], Vector]] = []
+        self._free: Vector | None = None
+        """(k, m) by each share, mm or rad ..."""
+        self._moved = np.zeros((len(_SHARES), axes))
+        """... and how far they went in the last step."""
+        self._forth = np.full(axes, 0.5)
+        self._probed: list[tuple[SmallMotion, Vector]] = []
+        """... and (k, 3) mm that were told by each share."""
 
     @property
-    def shown(self) -> Vector:
-        """(m,) share of the next motion of each axis that will show at the tip."""
-        return np.asarray(1.0 - self.share * self._stops.sticking(self._forth))
+    def share(self) -> float:
+        """h; 0 where nobody knows."""
+        return 0.0 if self._estimate is None else self._estimate.share
+
+    @property
+    def needed(self) -> Vector:
+        """(m, m) how far the axes have to go for the body's free ones to go on."""
+        if self._estimate is None:
+            return np.eye(len(self._travel))
+        low, between = _place(self.share)
+        matrices = [self._stops.needed(self._forth, number) for number in (low, low + 1)]
+        needed = matrices[0] + between * (matrices[1] - matrices[0])
+        return np.asarray(needed * np.divide.outer(self._travel, self._travel))
 
     def free(self, u: Vector) -> Vector:
         """(m,) where the axes of a body that holds nothing back would be with its tip as with these
         at (m,)."""
-        return np.asarray(u - self.share * self._sticks - self._play.within)
+        if self._estimate is None or self._targets is None:
+            return np.asarray(u - self._play.within)
+        held = self._targets - self._by_share(self._free)
+        return np.asarray(u - held - self._play.within)
 
     def with_what_is_lost(self, step: Vector) -> Vector:
         """(m,) a step of the axes, and what of it play would take."""
@@ -70,46 +84,70 @@ class Hysteresis:
         """The axes were told to go to (m,)."""
         moved = np.zeros(len(targets)) if self._targets is None else targets - self._targets
         self._targets = targets
-        told = np.abs(moved) > _MOVES * self._travel
-        share = 1.0 - exp(-dt_s / _TURNS_S)
-        self._forth = self._forth + share * told * ((moved > 0.0) - self._forth)
-        sticks = self._stops.follow(targets / self._travel) * self._travel
-        self._stuck, self._sticks = sticks - self._sticks, sticks
         self._play.follow(moved)
+        if self._estimate is None:
+            self._moved[:] = moved
+            return
+        stretch = stretched(moved / self._travel)
+        share = 1.0 - exp(-dt_s / _TURNS_S)
+        told = np.abs(stretch) > _MOVES
+        self._forth = self._forth + share * told * ((stretch > 0.0) - self._forth)
+        free = self._stops.follow((targets - self._lowest) / self._travel) * self._travel
+        free = free + self._lowest
+        self._moved = np.zeros_like(free) if self._free is None else free - self._free
+        self._free = free
 
-    def moved_mm(self, told_mm: Vector, jacobian: Vector) -> Vector:
-        """(3,) that the tip makes of the last step, which by (3, m) the Jacobian were (3,)."""
-        told_mm = told_mm - self._play.lost_mm(jacobian)
-        self._told_mm, self._jacobian = (told_mm, jacobian @ self._stuck), jacobian
-        return np.asarray(told_mm - self.share * self._told_mm[1])
+    def moved_mm(self, jacobian: Vector) -> Vector:
+        """(3,) that the tip makes of the last step by (3, m) the Jacobian."""
+        self._jacobian = jacobian
+        return np.asarray(jacobian @ self._by_share(self._moved) - self._play.lost_mm(jacobian))
 
     def break_off(self) -> None:
         """What comes next does not go on from here. What was found stays."""
         if self._estimate is not None:
             self._estimate.break_off()
-        self._play.forget_probe()
         self._probed = []
 
-    def learn(self, t_s: float, dt_s: float, tip_mm: Vector, lag: BodyLag) -> None:
-        """The tip is at (3,) after the last step."""
-        if self._estimate is not None:
-            self._estimate.add(t_s, dt_s, self._told_mm, tip_mm, lag)
-            self.share = self._estimate.share
+    def learn(
+        self, t_s: float, dt_s: float, tip_mm: Vector, lag: BodyLag, on_path: bool = False
+    ) -> None:
+        """The tip is at (3,) after the last step. on_path: of a path that will be repeated."""
+        if self._estimate is None:
+            return
+        weight = _ON_A_PATH if on_path else _ON_THE_WAY
+        self._estimate.add(t_s, dt_s, self._by_shares_mm(), tip_mm, lag, weight)
 
     def see_probe(self, t_s: float, dt_s: float, tip_mm: Vector) -> None:
         """The same, of motions by which the lag is looked for."""
-        self._probed.append((t_s, dt_s, self._told_mm, tip_mm))
-        free_mm = self._told_mm[0] - self.share * self._told_mm[1]
-        self._play.see_probe(t_s, dt_s, free_mm, self._jacobian, tip_mm)
+        jacobian = self._jacobian
+        within_mm = self._play.within_mm(jacobian)
+        motion = SmallMotion(t_s, dt_s, self.moved_mm(jacobian), within_mm, tip_mm)
+        self._probed.append((motion, self._by_shares_mm()))
 
     def end_probe(self, lag: BodyLag) -> None:
         """The lag is known now."""
-        self._play.end_probe(lag)
+        self._play.learn([motion for motion, _ in self._probed], lag)
         if self._estimate is not None:
-            for t_s, dt_s, told_mm, tip_mm in self._probed:
-                self._estimate.add(t_s, dt_s, told_mm, tip_mm, lag)
-            self.share = self._estimate.share
+            for motion, told_mm in self._probed:
+                self._estimate.add(motion.t_s, motion.dt_s, told_mm, motion.tip_mm, lag)
         self.break_off()
+
+    def _by_shares_mm(self) -> Vector:
+        """(k, 3) that the tip makes of the last step by each share."""
+        return np.asarray(self._moved @ self._jacobian.T - self._play.lost_mm(self._jacobian))
+
+    def _by_share(self, values: Vector | None) -> Vector:
+        """(m,) of (k, m) values of all shares: those of the one that was found."""
+        assert values is not None
+        low, between = _place(self.share)
+        return np.asarray(values[low] + between * (values[low + 1] - values[low]))
+
+
+def _place(share: float) -> tuple[int, float]:
+    """The last of `_SHARES` before it, and how far it is to the next one."""
+    place = share / (_SHARES[1] - _SHARES[0])
+    low = min(int(place), len(_SHARES) - 2)
+    return low, place - low
 
 
 _SPAN_S: Final = 0.4
@@ -118,58 +156,65 @@ _MOVED_MM: Final = 0.3
 """As for the lag (`body_lag`): spans with less tell nothing but noise, and one is longer than that
 and shorter than a turn."""
 _MEMORY_S: Final = 60.0
-"""Of motion: friction is the body's, not the place's. With 12 s a slow body's star settles a tenth
-worse."""
+"""Of motion: friction is the body's, not the place's."""
 _GAIN_MM2: Final = 50.0
 """As much motion with a gain of 1 is taken for seen before anything is, as for the gains."""
-_SHARE_MM2: Final = 200.0
-"""... and so much that sticks, by the share of pre-training: half a second of a path that turns.
-Small motions make eight times that, of a body with a second's lag three times. With 1000 the shares
-of a worn and a slow arm come to be 0.2 and 0.27 and not 0.25 and 0.3, with 50 hardly more."""
-_MOST: Final = 0.5
-"""A body has no more; what seems more is something else."""
+_PRIOR_MM2: Final = 20.0
+"""What a share that is one more than that of pre-training has to explain besides."""
+_ON_A_PATH: Final = 4.0
+"""What is seen there counts so many times what small motions show: it will come again ..."""
+_ON_THE_WAY: Final = 0.1
+"""... and so much what is seen on the way to it. That begins far from where was explored, and there
+a Jacobian that is wrong looks like a body that holds back less than it does: a slow arm's rectangle
+begins a tenth farther off where it counts like small motions."""
 
 
 class _Estimate:
     def __init__(self, share: float) -> None:
-        self.share = share
-        self._before = share
-        self._free, self._stuck = Underway(), Underway()
-        self._span: deque[tuple[float, Vector, Vector, Vector]] = deque()
-        """Time, what has arrived of what was told and of what stuck, and the tip."""
-        self._sums = np.zeros(5)
-        """aa, ab, bb, ac and bc in mm², a being what was told, b what stuck, c what came."""
+        self.share = min(share, float(_SHARES[-1]))
+        self._prior_mm2 = _PRIOR_MM2 * (_SHARES - share) ** 2
+        self._underway = Underway()
+        self._span: deque[tuple[float, Vector, Vector]] = deque()
+        """Time, (k, 3) what has arrived of what was told by each share, and the tip."""
+        self._sums = np.zeros((3, len(_SHARES), 3))
+        """xx, xz and zz in mm² by share and coordinate: x being what was told, z what came more."""
 
     def break_off(self) -> None:
         self._span.clear()
-        self._free.begin()
-        self._stuck.begin()
+        self._underway.begin()
 
     def add(
-        self, t_s: float, dt_s: float, told_mm: tuple[Vector, Vector], tip_mm: Vector, lag: BodyLag
+        self,
+        t_s: float,
+        dt_s: float,
+        told_mm: Vector,
+        tip_mm: Vector,
+        lag: BodyLag,
+        weight: float = 1.0,
     ) -> None:
-        arrived = []
-        for underway, moved_mm in zip((self._free, self._stuck), told_mm, strict=True):
-            underway.tell(t_s, dt_s, moved_mm, lag.lag_s, lag.dead_share)
-            arrived.append(underway.told_mm - underway.left_mm)
+        self._underway.tell(t_s, dt_s, told_mm, lag.lag_s, lag.dead_share)
         span = self._span
-        span.append((t_s, arrived[0], arrived[1], tip_mm))
+        span.append((t_s, self._underway.told_mm - self._underway.left_mm, tip_mm))
         if t_s - span[0][0] < _SPAN_S:
             return
         while t_s - span[1][0] >= _SPAN_S:
             span.popleft()
         (_, *began), (_, *ended) = span[0], span[-1]
-        told, stuck, came = (end - begin for begin, end in zip(began, ended, strict=True))
-        if max(told @ told, came @ came) < _MOVED_MM**2:
+        told, came = (end - begin for begin, end in zip(began, ended, strict=True))
+        if max(float((told**2).sum(axis=1).max()), float(came @ came)) < _MOVED_MM**2:
             return
-        products = np.array([told @ told, told @ stuck, stuck @ stuck, told @ came, stuck @ came])
-        self._sums = exp(-dt_s / _MEMORY_S) * self._sums + dt_s / _USUAL_STEP_S * products
+        more = came - told
+        products = np.array([told * told, told * more, more * more])
+        self._sums = exp(-dt_s / _MEMORY_S) * self._sums
+        self._sums += weight * dt_s / _USUAL_STEP_S * products
         self.share = self._found()
 
     def _found(self) -> float:
-        aa, ab, bb, ac, bc = self._sums.tolist()
-        aa, ac = aa + _GAIN_MM2, ac + _GAIN_MM2
-        bb, bc = bb + _SHARE_MM2, bc - _SHARE_MM2 * self._before
-        determinant = aa * bb - ab * ab  # positive: more than Cauchy and Schwarz ask for
-        gain, held = (bb * ac - ab * bc) / determinant, (ab * ac - aa * bc) / determinant
-        return min(max(held / gain, 0.0), _MOST) if gain > 0.0 else self._before
+        xx, xz, zz = self._sums
+        left = (zz - xz**2 / (xx + _GAIN_MM2)).sum(axis=1) + self._prior_mm2
+        best = int(np.argmin(left))
+        if best in (0, len(left) - 1):
+            return float(_SHARES[best])
+        before, here, after = left[best - 1 : best + 2].tolist()
+        shift = 0.5 * (before - after) / max(before - 2.0 * here + after, 1e-9)
+        return float(_SHARES[best] + shift * (_SHARES[1] - _SHARES[0]))

@@ -44,7 +44,7 @@ times the step. All of it at once would be a jerk wherever noise turns an axis; 
 times the step make no difference to how soon a load is made up for."""
 
 
-class _Told(NamedTuple):
+class SmallMotion(NamedTuple):
     """A step of the small motions, and where the tip was after it."""
 
     t_s: float
@@ -71,7 +71,6 @@ class Play:
         self._compared = np.zeros(len(travel))
         self._compared_moved = np.zeros(len(travel))
         """The same in the play that is looked for."""
-        self._told: list[_Told] = []
 
     @property
     def within(self) -> Vector:
@@ -95,21 +94,14 @@ class Play:
         left = np.where(step > 0.0, reach - self._within, reach + self._within)
         return np.asarray(step + np.sign(step) * np.minimum(left, _TAKEN_UP * np.abs(step)))
 
-    def see_probe(
-        self, t_s: float, dt_s: float, told_mm: Vector, jacobian: Vector, tip_mm: Vector
-    ) -> None:
-        """The tip is at (3,) after a step of the small motions, of which (3,) were told to it."""
-        within_mm = jacobian @ self._compared_moved
-        self._told.append(_Told(t_s, dt_s, told_mm, within_mm, tip_mm))
+    def within_mm(self, jacobian: Vector) -> Vector:
+        """(3,) of the last step that is within the play that is looked for. jacobian: (3, m)."""
+        return np.asarray(jacobian @ self._compared_moved)
 
-    def forget_probe(self) -> None:
-        """What was seen does not go on."""
-        self._told = []
-
-    def end_probe(self, lag: BodyLag) -> None:
-        """The lag is known now, and with it how much play there is, which made it look longer."""
-        found = _found(self._told, lag) if lag.lag_s <= PROMPT_LAG_S else None
-        self._told = []
+    def learn(self, motions: Sequence[SmallMotion], lag: BodyLag) -> None:
+        """How much play there is, now that small motions were made and the lag is known, which play
+        made look longer."""
+        found = _found(motions, lag) if lag.lag_s <= PROMPT_LAG_S else None
         if found is not None and found.share > 0.0:
             self.share = min(found.share, _MOST)
             lag.lag_s -= min(max(_SOONER * found.sooner_s, 0.0), _SOONER * lag.lag_s)
@@ -126,7 +118,7 @@ class _Found(NamedTuple):
     """Than by the lag the tip moves."""
 
 
-def _found(told: Sequence[_Told], lag: BodyLag) -> _Found | None:
+def _found(told: Sequence[SmallMotion], lag: BodyLag) -> _Found | None:
     """What small motions tell of it; None: nothing."""
     t_s = np.array([one.t_s for one in told])
     ends = np.flatnonzero(t_s - t_s[:1] >= _SPAN_S)
@@ -152,7 +144,7 @@ def _found(told: Sequence[_Told], lag: BodyLag) -> _Found | None:
     return _Found(_LOOKED_FOR * float(-solution[3]) / gain, float(solution[4]) / gain)
 
 
-def _arrived(told: Sequence[_Told], moved_mm: Sequence[Vector], lag: BodyLag) -> Vector:
+def _arrived(told: Sequence[SmallMotion], moved_mm: Sequence[Vector], lag: BodyLag) -> Vector:
     """(n, 3) mm of (3,) each that have arrived after each step."""
     underway, arrived = Underway(), list[Vector]()
     for one, moved in zip(told, moved_mm, strict=True):

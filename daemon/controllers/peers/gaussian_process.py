@@ -61,7 +61,7 @@ class ProcessJacobian:
     @property
     def held_back(self) -> HeldBack:
         """Processes are of motions as they are: nobody knows."""
-        return HeldBack(None, self._scale)
+        return HeldBack(None, np.zeros_like(self._scale), self._scale)
 
     def begin(self, model: PretrainedModel) -> None:
         """Learn the exploration, and go by it from now on."""

@@ -20,7 +20,7 @@ from typing import Final, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.learning.forward.stop_operators import HeldBack, sticking_of
+from daemon.learning.forward.stop_operators import HeldBack, free_places
 from daemon.learning.samples.motion import MotionTable
 from drivers.pose import Vector
 
@@ -35,8 +35,10 @@ _PARTS: Final = 5
 _LINES_AT_LEAST: Final = 2 * _PARTS
 _MOTIONS_PER_COEFFICIENT: Final = 5
 """At least: fewer tell less than they cost."""
-_HELD_BACK: Final = (0.0, 0.1, 0.2, 0.3, 0.4)
+_HELD_BACK: Final = (0.0, 0.15, 0.3, 0.45, 0.6)
 """Shares that are tried; between the best ones a parabola tells."""
+_Motion = tuple[Vector, Vector]
+"""(n, m) axes without what the body holds back, before and after each motion."""
 
 
 class CubicShape(NamedTuple):
@@ -65,26 +67,27 @@ class CubicShape(NamedTuple):
         if len(motions) < _MOTIONS_PER_COEFFICIENT * len(terms) or len(lines) < _LINES_AT_LEAST:
             return None
         middle, half = _travel(motions)
-        stuck = 2.0 * half * sticking_of(0.5 * motions.u / half, 0.5 * motions.delta_u / half)
-        left = [unforetold_by_cubics(motions, share * stuck) for share in _HELD_BACK]
+        left = [unforetold_by_cubics(motions, _free(motions, share)) for share in _HELD_BACK]
         share = _lowest(left)
-        features, tips = _weighted(motions, terms, share * stuck)
+        features, tips = _weighted(motions, terms, _free(motions, share))
         tensors = _tensors(_solved(*_gram(features, tips)), terms, motions.axes)
-        return cls(middle, half, *tensors, HeldBack(share, 2.0 * half), min(left))
+        held_back = HeldBack(share, middle - half, 2.0 * half)
+        return cls(middle, half, *tensors, held_back, min(left))
 
     def jacobian(self, u: Vector) -> Vector:
-        """(3, m) mm per mm or rad at (m,) axes."""
-        x = (u - self.middle) / self.half
+        """(3, m) mm per mm or rad at (m,) axes; beyond where they have been, as at its edge."""
+        x = np.clip((u - self.middle) / self.half, -1.0, 1.0)
         slopes = self.linear + (2.0 * self.square + 3.0 * self.cube @ x) @ x
         return np.asarray(slopes / self.half)
 
 
-def unforetold_by_cubics(motions: MotionTable, held: Vector | float = 0.0) -> float:
+def unforetold_by_cubics(motions: MotionTable, free: _Motion | None = None) -> float:
     """What is left, as in `unforetold`, by cubics that were learnt from other lines.
 
-    held: (n, m) mm or rad of each motion that does not show.
+    free: the axes without what the body holds back; None: it holds nothing back.
     """
-    features, tips = _weighted(motions, _terms(motions.axes), held)
+    free = _free(motions, 0.0) if free is None else free
+    features, tips = _weighted(motions, _terms(motions.axes), free)
     part_of = np.unique(motions.line, return_inverse=True)[1] % _PARTS
     parts = [np.flatnonzero(part_of == part) for part in range(_PARTS)]
     grams = [_gram(features[part], tips[part]) for part in parts]
@@ -129,6 +132,18 @@ def _travel(motions: MotionTable) -> tuple[Vector, Vector]:
     return 0.5 * (lowest + highest), np.where(half > 0.0, half, 1.0)
 
 
+def _free(motions: MotionTable, share: float) -> _Motion:
+    """A body that holds back that share: motions follow each other as they stand in the table."""
+    before, after = motions.u, motions.u + motions.delta_u
+    if share == 0.0:
+        return before, after
+    middle, half = _travel(motions)
+    lowest, travel = middle - half, 2.0 * half
+    places = np.stack([before, after], axis=1).reshape(-1, motions.axes)
+    free = lowest + travel * free_places((places - lowest) / travel, share)
+    return free[::2], free[1::2]
+
+
 _Terms = list[tuple[int, ...]]
 
 
@@ -141,11 +156,10 @@ def _terms(axes: int) -> _Terms:
     ]
 
 
-def _weighted(motions: MotionTable, terms: _Terms, held: Vector | float) -> tuple[Vector, Vector]:
+def _weighted(motions: MotionTable, terms: _Terms, free: _Motion) -> tuple[Vector, Vector]:
     """(n, k) change of each term in a motion, and (n, 3) of the tip, weighed by its noise."""
     middle, half = _travel(motions)
-    before = _products((motions.u - middle) / half, terms)
-    after = _products((motions.u + motions.delta_u - held - middle) / half, terms)
+    before, after = (_products((axes - middle) / half, terms) for axes in free)
     weights = _weights(motions)
     return weights * (after - before), weights * motions.delta_tip_mm
 

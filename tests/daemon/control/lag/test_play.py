@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from daemon.control.lag.body_lag import BodyLag, Underway
-from daemon.control.lag.play import Play
+from daemon.control.lag.play import Play, SmallMotion
 from daemon.control.lag.probing import place_mm
 
 DT_S = 0.025
@@ -22,7 +22,7 @@ def probed(
 ) -> Play:
     """After small motions of an arm whose axes have so much of it, either way."""
     random, within, underway = np.random.default_rng(seed), np.zeros(4), Underway()
-    place = np.zeros(3)
+    place, made = np.zeros(3), list[SmallMotion]()
     for number in range(steps):
         t_s = number * DT_S
         told_mm = 0.2 * (place_mm(1.5 * t_s) - place)
@@ -33,8 +33,9 @@ def probed(
         underway.tell(t_s, DT_S, arrives_mm, LAG_S)
         tip_mm = underway.told_mm - underway.left_mm + NOISE_MM * random.normal(size=3)
         play.follow(moved)
-        play.see_probe(t_s, DT_S, told_mm - play.lost_mm(JACOBIAN), JACOBIAN, tip_mm)
-    play.end_probe(lag)
+        told_mm = told_mm - play.lost_mm(JACOBIAN)
+        made.append(SmallMotion(t_s, DT_S, told_mm, play.within_mm(JACOBIAN), tip_mm))
+    play.learn(made, lag)
     return play
 
 
@@ -78,20 +79,16 @@ def test_across_a_long_lag_they_do_not_tell_it() -> None:
 @pytest.mark.parametrize("steps", [0, 1, 4])
 def test_motions_that_were_broken_off_tell_nothing(steps: int) -> None:
     assert probed(Play(TRAVEL), 0.12, BodyLag(LAG_S), steps=steps).share == 0.0
-    play = Play(TRAVEL)
-    play.follow(np.full(4, 0.1))
-    play.see_probe(0.0, DT_S, np.full(3, np.nan), JACOBIAN, np.zeros(3))
-    play.forget_probe()
-    assert probed(play, 0.12, BodyLag(LAG_S)).share > 0.0
 
 
 @pytest.mark.parametrize(("later_s", "tip_mm"), [(0.0, 0.0), (DT_S, np.nan)])
 def test_what_no_motion_can_be_tells_nothing(later_s: float, tip_mm: float) -> None:
-    play, lag = Play(TRAVEL), BodyLag(LAG_S)
+    play, lag, told_mm = Play(TRAVEL), BodyLag(LAG_S), np.full(3, 0.02)
+    made = list[SmallMotion]()
     for t_s, at_mm in [*((k * DT_S, 0.0) for k in range(20)), (19 * DT_S + later_s, tip_mm)]:
         play.follow(np.full(4, 0.01))
-        play.see_probe(t_s, DT_S, np.full(3, 0.02), JACOBIAN, np.full(3, at_mm))
-    play.end_probe(lag)
+        made.append(SmallMotion(t_s, DT_S, told_mm, play.within_mm(JACOBIAN), np.full(3, at_mm)))
+    play.learn(made, lag)
     assert play.share == 0.0
     assert lag.lag_s == LAG_S
 
