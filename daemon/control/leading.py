@@ -12,7 +12,10 @@ of dead time and lag before it): errors of the Jacobian come in with what is und
 does not wait for the body.
 """
 
+from bisect import bisect_right
+from collections import deque
 from math import exp
+from operator import itemgetter
 from typing import Final
 
 import numpy as np
@@ -32,6 +35,8 @@ _AVERAGED: Final = 0.65
 that have to go faster there can. A slow arm's rectangle and star begin and settle nearest with it;
 with 0.5 and 0.8 up to a fifth farther."""
 _AVERAGED_AT_LEAST_S: Final = 0.02
+_PASSED_S: Final = 1.1
+"""So much of where the reference was is kept: as much as the longest lag is averaged over."""
 _GAIN_BY_LAG: Final = 6.0
 """Gain times lag, at most, where the tip is predicted: more rings where the prediction is wrong."""
 _UNPREDICTED_GAIN_BY_LAG: Final = 1.0
@@ -62,6 +67,8 @@ class Leading:
         """(3,) how much of what is told comes along each axis of space."""
         self._cycles: CycleCorrection | None = None
         self._on_path_s = 0.0
+        self._passed: deque[tuple[float, Vector, Vector]] = deque()
+        """Times, and the reference's place and velocity then."""
         self._disturbance = Disturbance()
         self._answer = Answer()
         self._persistence = Persistence()
@@ -103,6 +110,7 @@ class Leading:
         self._answer.begin()
         self._persistence.begin()
         self._before = self._unloaded_gains = None
+        self._passed.clear()
         if self._cycles is not None:
             self._cycles.break_off()
 
@@ -213,6 +221,22 @@ class Leading:
             return np.zeros(3), np.zeros(3)
         return self._cycles.at(phase.seconds + lead_s)
 
+    def _see_reference(self, observation: Observation) -> None:
+        passed, t_s = self._passed, observation.t_ns * 1e-9
+        if observation.ahead is None:
+            passed.clear()
+        passed.append((t_s, observation.reference_mm, observation.reference_velocity_mm_s))
+        while len(passed) > 1 and passed[1][0] <= t_s - _PASSED_S:
+            passed.popleft()
+
+    def _aim(self, observation: Observation, lead_s: float) -> tuple[Vector, Vector] | None:
+        """(3,) mm and (3,) mm/s of the reference so much later, or earlier; None: nobody knows."""
+        if observation.ahead is None or lead_s >= 0.0:
+            return None if observation.ahead is None else observation.ahead(lead_s)
+        passed, then_s = self._passed, observation.t_ns * 1e-9 + lead_s
+        now = max(bisect_right(passed, then_s, key=itemgetter(0)) - 1, 0)
+        return passed[now][1:]
+
     def _ahead(self, observation: Observation) -> tuple[Vector, Vector, Vector]:
         """(3,) mm/s that what is told is to have; (3,) mm where the reference is after the dead
         time; and (3,) mm that what is told is to be ahead of that, as far as the first-order lag
@@ -223,10 +247,11 @@ class Leading:
         lag_s = self.lag.lag_s
         dead_s, first_order_s = parts(lag_s, self.lag.dead_share)
         averaged_s = max(_AVERAGED * first_order_s, _AVERAGED_AT_LEAST_S)
-        earlier_s, later_s = max(dead_s - averaged_s, 0.0), dead_s + averaged_s
+        earlier_s, later_s = dead_s - averaged_s, dead_s + averaged_s
+        self._see_reference(observation)
         aims = []
         for lead_s in (lag_s, dead_s, earlier_s, later_s):
-            aim = None if observation.ahead is None else observation.ahead(lead_s)
+            aim = self._aim(observation, lead_s)
             if aim is None:  # a hand leads, and nobody knows where
                 velocity = observation.reference_velocity_mm_s
                 due_mm = observation.reference_mm + dead_s * velocity
