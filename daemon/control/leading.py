@@ -183,7 +183,7 @@ class Leading:
         gain = min(gain, _UNPREDICTED_GAIN_BY_LAG / max(lag_s, _SHORTEST_LAG_S))
         gain += share * (predicted_gain - gain)
         self._learn_cycle(observation, dt_s, error)
-        velocity, due, further = self._ahead(observation)
+        velocity, due, further = self._ahead(observation, dt_s)
         error = error + self._correction(observation.phase, 0.0)[0]
         if share > 0.0:
             late = due - observation.tip_mm - coming
@@ -237,7 +237,7 @@ class Leading:
         now = max(bisect_right(passed, then_s, key=itemgetter(0)) - 1, 0)
         return passed[now][1:]
 
-    def _ahead(self, observation: Observation) -> tuple[Vector, Vector, Vector]:
+    def _ahead(self, observation: Observation, dt_s: float) -> tuple[Vector, Vector, Vector]:
         """(3,) mm/s that what is told is to have; (3,) mm where the reference is after the dead
         time; and (3,) mm that what is told is to be ahead of that, as far as the first-order lag
         is.
@@ -247,10 +247,11 @@ class Leading:
         lag_s = self.lag.lag_s
         dead_s, first_order_s = parts(lag_s, self.lag.dead_share)
         averaged_s = max(_AVERAGED * first_order_s, _AVERAGED_AT_LEAST_S)
-        earlier_s, later_s = dead_s - averaged_s, dead_s + averaged_s
+        next_s = dead_s + dt_s  # what is told now is gone in the step that follows
+        earlier_s, later_s = next_s - averaged_s, next_s + averaged_s
         self._see_reference(observation)
         aims = []
-        for lead_s in (lag_s, dead_s, earlier_s, later_s):
+        for lead_s in (lag_s + dt_s, dead_s, next_s, earlier_s, later_s):
             aim = self._aim(observation, lead_s)
             if aim is None:  # a hand leads, and nobody knows where
                 velocity = observation.reference_velocity_mm_s
@@ -258,9 +259,9 @@ class Leading:
                 return velocity, due_mm, first_order_s * velocity
             correction, changes = self._correction(observation.phase, lead_s)
             aims.append((aim[0] + correction, aim[1] + changes))
-        told, due, earlier, later = aims
+        told, due, following, earlier, later = aims
         mean_velocity = (later[0] - earlier[0]) / (later_s - earlier_s)
         acceleration = (later[1] - earlier[1]) / (later_s - earlier_s)
-        velocity = due[1] + first_order_s * acceleration
+        velocity = following[1] + first_order_s * acceleration
         velocity = told[1] + self.predicted * (velocity - told[1])
         return velocity, due[0], first_order_s * mean_velocity

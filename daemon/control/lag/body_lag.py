@@ -325,7 +325,8 @@ def _lowest(delays: Vector, left: Vector, best: int) -> float:
 
 
 class Underway:
-    """What was told and has not arrived: the tip will be there without being told more."""
+    """What was told and has not arrived: the tip will be there without being told more. Of one tip,
+    (3,), or of several that are told differently, (k, 3)."""
 
     def __init__(self) -> None:
         self.told_mm = np.zeros(3)

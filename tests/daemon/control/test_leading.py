@@ -204,7 +204,7 @@ def led_through_a_corner(dead_s: float, first_order_s: float) -> tuple[Vector, V
         return np.array([along, across, 0.0]), velocity
 
     told = tip = at(0.0)[0]
-    late, moved, aside = deque([told] * (round(dead_s / DT_S) - 1)), np.zeros(3), []
+    late, moved, aside = deque([told] * round(dead_s / DT_S)), np.zeros(3), []
     t_s = DT_S * np.arange(round(7.0 / DT_S))
     for now_s in t_s.tolist():
         observation = observed(now_s, tip, told, at)
