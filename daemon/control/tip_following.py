@@ -20,6 +20,7 @@ from daemon.control.lag.hysteresis import Hysteresis
 from daemon.control.lag.probing import Probing
 from daemon.control.leading import Leading
 from daemon.control.task import POSITION, points, turn_between, within
+from daemon.learning.forward import stop_operators
 from daemon.learning.forward.stop_operators import HeldBack
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
@@ -404,6 +405,7 @@ def warm_up() -> None:
     kernels.corrected(jacobian, jacobian, axes, axes, 1.0, 1.0, 1.0, 1.0)
     bounded_step(jacobian, axes, axes, axes, axes, 1.0)
     body_lag.warm_up()
+    stop_operators.warm_up()
 
 
 def _all_finite(array: Vector) -> bool:

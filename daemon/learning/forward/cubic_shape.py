@@ -37,7 +37,7 @@ _MOTIONS_PER_COEFFICIENT: Final = 5
 """At least: fewer tell less than they cost."""
 _HELD_BACK: Final = (0.0, 0.15, 0.3, 0.45, 0.6)
 """Shares that are tried; between the best ones a parabola tells."""
-_Motion = tuple[Vector, Vector]
+_FreeAxes = tuple[Vector, Vector]
 """(n, m) axes without what the body holds back, before and after each motion."""
 
 
@@ -81,7 +81,7 @@ class CubicShape(NamedTuple):
         return np.asarray(slopes / self.half)
 
 
-def unforetold_by_cubics(motions: MotionTable, free: _Motion | None = None) -> float:
+def unforetold_by_cubics(motions: MotionTable, free: _FreeAxes | None = None) -> float:
     """What is left, as in `unforetold`, by cubics that were learnt from other lines.
 
     free: the axes without what the body holds back; None: it holds nothing back.
@@ -132,7 +132,7 @@ def _travel(motions: MotionTable) -> tuple[Vector, Vector]:
     return 0.5 * (lowest + highest), np.where(half > 0.0, half, 1.0)
 
 
-def _free(motions: MotionTable, share: float) -> _Motion:
+def _free(motions: MotionTable, share: float) -> _FreeAxes:
     """A body that holds back that share: motions follow each other as they stand in the table."""
     before, after = motions.u, motions.u + motions.delta_u
     if share == 0.0:
@@ -156,7 +156,7 @@ def _terms(axes: int) -> _Terms:
     ]
 
 
-def _weighted(motions: MotionTable, terms: _Terms, free: _Motion) -> tuple[Vector, Vector]:
+def _weighted(motions: MotionTable, terms: _Terms, free: _FreeAxes) -> tuple[Vector, Vector]:
     """(n, k) change of each term in a motion, and (n, 3) of the tip, weighed by its noise."""
     middle, half = _travel(motions)
     before, after = (_products((axes - middle) / half, terms) for axes in free)

@@ -22,7 +22,7 @@ _ITERATIONS = 20
 
 @_kernel
 def weight(free: float, stiffening: float) -> float:
-    """w, beyond the travel as at its ends."""
+    """w; farther than a tenth beyond the travel it changes no more."""
     return float(np.exp(-stiffening * (min(max(free, -0.1), 1.1) - 0.5)))
 
 

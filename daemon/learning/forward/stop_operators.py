@@ -36,7 +36,7 @@ _TOGETHER: Final = 0.45
 """... e, and ..."""
 _STIFFENING: Final = 1.6
 """... β, as they explain an emulated soft arm's friction best. Along a slow one's rectangle, on
-which friction takes 7.5 mm from or adds it to what the tip goes in a second, they leave 1.1 mm
+which friction takes 7.4 mm from or adds it to what the tip goes in a second, they leave 1.1 mm
 unexplained in the first cycle and 0.6 in the next ones. Stops of each axis alone, which follow what
 it is told, left 4.1 and 2.5. Explorations foretell as much with these as with those."""
 
@@ -93,3 +93,11 @@ def stretched(moved: Vector) -> Vector:
 def free_places(u: Vector, share: float) -> Vector:
     """(n, m) v of axes that go from one of (n, m) places to the next, in shares of their travel."""
     return kernels.walk(u, share, _REACHES, _TOGETHER, _STIFFENING)
+
+
+def warm_up() -> None:
+    """Compile the kernels, or load them from numba's cache: seconds once, then tenths of one."""
+    stops, axes = StopOperators(np.array([0.0, 1.0])), np.full(3, 0.5)
+    stops.follow(axes)
+    stops.needed(axes, 1)
+    free_places(np.array([axes, axes]), 0.5)
