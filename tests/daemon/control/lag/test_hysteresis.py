@@ -1,10 +1,14 @@
 """A body's hysteresis is found while it is followed, and what sticks is not told to have come."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
+from daemon.control import tip_following
 from daemon.control.lag.body_lag import BodyLag
 from daemon.control.lag.hysteresis import Hysteresis
+from daemon.learning.forward import stop_operator_kernels as kernels
 from daemon.learning.forward.stop_operators import HeldBack, StopOperators
 from drivers.pose import Vector
 
@@ -159,3 +163,14 @@ def test_what_pre_training_told_nothing_of_is_not_looked_for() -> None:
     found = followed(unknown, arm, turning, 20.0)
     assert found.share == 0.0
     np.testing.assert_array_equal(found.needed, np.eye(3))
+
+
+def test_nothing_is_compiled_when_a_body_is_followed() -> None:
+    tip_following.warm_up()
+    compiled: list[Any] = [kernels.follow, kernels.needed, kernels.walk]
+    known = [len(kernel.signatures) for kernel in compiled]
+    assert min(known) > 0
+    hysteresis = expected(0.4)
+    hysteresis.follow(turning(0.0), DT_S)
+    np.testing.assert_array_less(0.0, np.diag(hysteresis.needed))
+    assert [len(kernel.signatures) for kernel in compiled] == known
