@@ -7,8 +7,8 @@ With each the body's free axes v go another way, and the tip should go
     Δp = g J Δv
 
 passed through dead time and lag, g a gain along each axis of space. The share with whose motions,
-over short spans, the tip's agree best is the body's. A way without turns tells little of it; small
-motions to and fro and the way after them together tell more, and a path that turns tells all.
+over short spans, the tip's agree best is the body's. A way without turns tells little of it, small
+motions to and fro tell more, as far as the Jacobian is right, and a path that turns tells all.
 
 Play between axes and body is lost besides (`play`): what is told here is without it.
 """
@@ -114,7 +114,7 @@ class Hysteresis:
         """The tip is at (3,) after the last step. on_path: of a path that will be repeated."""
         if self._estimate is None:
             return
-        weight = _ON_A_PATH if on_path else _ON_THE_WAY
+        weight = 1.0 if on_path else _ON_THE_WAY
         self._estimate.add(t_s, dt_s, self._by_shares_mm(), tip_mm, lag, weight)
 
     def see_probe(self, t_s: float, dt_s: float, tip_mm: Vector) -> None:
@@ -129,7 +129,7 @@ class Hysteresis:
         self._play.learn([motion for motion, _ in self._probed], lag)
         if self._estimate is not None:
             for motion, told_mm in self._probed:
-                self._estimate.add(motion.t_s, motion.dt_s, told_mm, motion.tip_mm, lag)
+                self._estimate.add_small(motion, told_mm, lag)
         self.break_off()
 
     def _by_shares_mm(self) -> Vector:
@@ -158,15 +158,17 @@ and shorter than a turn."""
 _MEMORY_S: Final = 60.0
 """Of motion: friction is the body's, not the place's."""
 _GAIN_MM2: Final = 50.0
-"""As much motion with a gain of 1 is taken for seen before anything is, as for the gains."""
+"""As much motion with a gain of 1 is taken for seen before anything is, as for the gains ..."""
+_SMALL_GAIN_MM2: Final = 1000.0
+"""... and of small motions. In those nothing slips, so that a body which holds back and one with a
+smaller gain look alike. Near where it began a model is right to a tenth, and tells them apart: of a
+slow arm small motions tell 0.54 so, and 0.45 with gains as free as on a path."""
 _PRIOR_MM2: Final = 20.0
 """What a share that is one more than that of pre-training has to explain besides."""
-_ON_A_PATH: Final = 4.0
-"""What is seen there counts so many times what small motions show: it will come again ..."""
 _ON_THE_WAY: Final = 0.1
-"""... and so much what is seen on the way to it. That begins far from where was explored, and there
-a Jacobian that is wrong looks like a body that holds back less than it does: a slow arm's rectangle
-begins a tenth farther off where it counts like small motions."""
+"""What is seen on the way to a path counts so many times what is seen on one. It begins far from
+where was explored, and there a Jacobian that is wrong looks like a body that holds back less than
+it does: a slow arm's rectangle begins a tenth farther off where it counts like a path."""
 
 
 class _Estimate:
@@ -176,45 +178,63 @@ class _Estimate:
         self._underway = Underway()
         self._span: deque[tuple[float, Vector, Vector]] = deque()
         """Time, (k, 3) what has arrived of what was told by each share, and the tip."""
+        self._small_sums = np.zeros((3, len(_SHARES), 3))
+        """xx, xz and zz in mm² by share and coordinate of small motions: x being what was told, z
+        what came more."""
         self._sums = np.zeros((3, len(_SHARES), 3))
-        """xx, xz and zz in mm² by share and coordinate: x being what was told, z what came more."""
+        """The same, of all others."""
 
     def break_off(self) -> None:
         self._span.clear()
         self._underway.begin()
 
+    def add_small(self, motion: SmallMotion, told_mm: Vector, lag: BodyLag) -> None:
+        """(k, 3) was told."""
+        products = self._seen(motion.t_s, motion.dt_s, told_mm, motion.tip_mm, lag)
+        if products is not None:
+            self._small_sums = self._small_sums + products
+            self.share = self._found()
+
     def add(
-        self,
-        t_s: float,
-        dt_s: float,
-        told_mm: Vector,
-        tip_mm: Vector,
-        lag: BodyLag,
-        weight: float = 1.0,
+        self, t_s: float, dt_s: float, told_mm: Vector, tip_mm: Vector, lag: BodyLag, weight: float
     ) -> None:
+        products = self._seen(t_s, dt_s, told_mm, tip_mm, lag)
+        if products is not None:
+            kept = exp(-dt_s / _MEMORY_S)
+            self._small_sums = kept * self._small_sums
+            self._sums = kept * self._sums + weight * products
+            self.share = self._found()
+
+    def _seen(
+        self, t_s: float, dt_s: float, told_mm: Vector, tip_mm: Vector, lag: BodyLag
+    ) -> Vector | None:
+        """(3, k, 3) xx, xz and zz of the span that ends now. None: nothing moved in it."""
         self._underway.tell(t_s, dt_s, told_mm, lag.lag_s, lag.dead_share)
         span = self._span
         span.append((t_s, self._underway.told_mm - self._underway.left_mm, tip_mm))
         if t_s - span[0][0] < _SPAN_S:
-            return
+            return None
         while t_s - span[1][0] >= _SPAN_S:
             span.popleft()
         (_, *began), (_, *ended) = span[0], span[-1]
         told, came = (end - begin for begin, end in zip(began, ended, strict=True))
         if max(float((told**2).sum(axis=1).max()), float(came @ came)) < _MOVED_MM**2:
-            return
+            return None
         more = came - told
-        products = np.array([told * told, told * more, more * more])
-        self._sums = exp(-dt_s / _MEMORY_S) * self._sums
-        self._sums += weight * dt_s / _USUAL_STEP_S * products
-        self.share = self._found()
+        return dt_s / _USUAL_STEP_S * np.array([told * told, told * more, more * more])
 
     def _found(self) -> float:
-        xx, xz, zz = self._sums
-        left = (zz - xz**2 / (xx + _GAIN_MM2)).sum(axis=1) + self._prior_mm2
+        left = _unexplained(self._small_sums, _SMALL_GAIN_MM2)
+        left = left + _unexplained(self._sums, _GAIN_MM2) + self._prior_mm2
         best = int(np.argmin(left))
         if best in (0, len(left) - 1):
             return float(_SHARES[best])
         before, here, after = left[best - 1 : best + 2].tolist()
         shift = 0.5 * (before - after) / max(before - 2.0 * here + after, 1e-9)
         return float(_SHARES[best] + shift * (_SHARES[1] - _SHARES[0]))
+
+
+def _unexplained(sums: Vector, gain_mm2: float) -> Vector:
+    """(k,) mm² of motion that each share leaves, with its best gains."""
+    xx, xz, zz = sums
+    return np.asarray((zz - xz**2 / (xx + gain_mm2)).sum(axis=1))

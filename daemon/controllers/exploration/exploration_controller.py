@@ -16,6 +16,7 @@ from config.tasks.exploration import Exploration
 from daemon.array_files import ModelError
 from daemon.control.controller import Observation, Proposal
 from daemon.control.tip_following import step_time
+from daemon.controllers.exploration.lateness import Lateness
 from daemon.controllers.exploration.random_motion import WaypointWalk
 from daemon.controllers.exploration.walls import QuadraticGuess, Walls
 from daemon.robot.axes import AxisRanges
@@ -26,7 +27,10 @@ DRAWN_AT_MOST = 60
 _ALONG = np.linspace(0.25, 1.0, 4)[:, None]
 """Where a line is looked at before it is gone along."""
 _AHEAD_S = 0.4
-"""The tip goes on for so long, at most, after the axes were told to turn back."""
+"""A prompt body's tip goes on for so long, at most, after the axes were told to turn back ..."""
+_AHEAD_BY_LATENESS = 2.0
+"""... and one that is late so many times that: what is told already takes it on, the faster the
+longer the line before was straight. With half as much a slow arm leaves its workspace."""
 _PULLS_AHEAD_S = 0.2
 """A tension does: as long as the axes need to turn round."""
 _RATE_S = 0.1
@@ -52,6 +56,7 @@ class ExplorationController(ABC):
         self._walk = WaypointWalk(options, self._axes, self._random)
         self._walls = Walls(robot, options.wall_mm)
         self._guess = QuadraticGuess(self._axes, self._walls.count)
+        self._lateness = Lateness(self._axes.travel)
         self._tensions_n: Vector | None = None
         self._tension_rates = np.zeros(0)
         self._line = -1
@@ -86,6 +91,7 @@ class ExplorationController(ABC):
         finite = np.isfinite(observation.u).all() and np.isfinite(values).all()
         if observation.believed and finite:
             self._guess.add(observation.u, values)
+            self._lateness.add(1e-9 * observation.t_ns, observation.u, observation.tip_mm)
 
     def propose(self, observation: Observation) -> Proposal:
         self._left_s -= step_time(observation)
@@ -165,8 +171,9 @@ class ExplorationController(ABC):
     def _leaving(self, observation: Observation) -> bool:
         """Whether the tip or a tendon is about to pass a wall, and not on its way back from it."""
         pulls = observation.tensions_n
+        ahead_s = max(_AHEAD_S, _AHEAD_BY_LATENESS * self._lateness.seconds)
         ahead = observation._replace(
-            tip_mm=observation.tip_mm + _AHEAD_S * observation.tip_velocity_mm_s,
+            tip_mm=observation.tip_mm + ahead_s * observation.tip_velocity_mm_s,
             tensions_n=None if pulls is None else pulls + _PULLS_AHEAD_S * self._tension_rates,
         )
         beyond, then = self._walls.beyond(

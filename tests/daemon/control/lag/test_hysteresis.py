@@ -95,6 +95,13 @@ def test_a_way_without_turns_tells_nothing_of_it() -> None:
     assert found.share == pytest.approx(0.15, abs=0.16)
 
 
+@pytest.mark.parametrize("gain", [0.97, 1.0, 1.03])
+def test_small_motions_to_and_fro_tell_it_where_the_jacobian_is_about_right(gain: float) -> None:
+    """Nothing slips in them: without trust in the Jacobian any gain would explain them as well."""
+    found = followed(expected(), Arm(0.6, gain), to_and_fro, 6.0, probes=True)
+    assert found.share == pytest.approx(0.6, abs=0.12)
+
+
 def test_small_motions_to_and_fro_and_the_way_after_them_tell_it_together() -> None:
     arm, hysteresis = Arm(0.35, gain=0.95), expected()
     followed(hysteresis, arm, to_and_fro, 4.0, probes=True)

@@ -26,6 +26,7 @@ from daemon.files import models_directory
 from daemon.learning.forward.pretrained_model import PretrainedModel
 from daemon.learning.samples.dataset import Dataset, DatasetError
 from daemon.learning.samples.motion_samples import SamplingSettings
+from daemon.workbench.experiments.experiment_file import other_plant
 from daemon.workbench.pretraining.explore import (
     config_sha256,
     dataset_of_run,
@@ -69,6 +70,24 @@ def test_each_waypoint_is_a_line(dataset: Dataset) -> None:
     lines, counts = np.unique(dataset.frames.line, return_counts=True)
     assert OPTIONS.waypoints <= len(lines) <= OPTIONS.waypoints + 2
     assert (counts > 20).sum() >= OPTIONS.waypoints - 1
+
+
+def test_the_tip_of_a_slow_arm_stays_inside_although_it_goes_on_long_after_its_axes_turned(
+    tmp_path: Path,
+) -> None:
+    """Looked ahead as for a prompt one it leaves its workspace on the first line, and is held."""
+    emulation = FILE.robot.emulation
+    assert emulation is not None and FILE.robot.workspace is not None
+    slow = other_plant(emulation.plant, {"body": "slow"})
+    robot = FILE.robot.model_copy(
+        update={"emulation": emulation.model_copy(update={"plant": slow})}
+    )
+    options = WaypointExploration(kind="waypoint_exploration", waypoints=6)
+    explored = explore(replace(FILE, robot=robot), options, 4, tmp_path, quiet)
+    assert len(np.unique(explored.frames.line)) >= options.waypoints
+    z_mm = explored.frames.tip_mm[:, 2]
+    low, high = FILE.robot.workspace.z_mm
+    assert low < z_mm.min() and z_mm.max() < high
 
 
 def test_an_arm_with_tendons_explores_without_pulling_one_slack(tmp_path: Path) -> None:
