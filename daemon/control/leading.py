@@ -170,11 +170,12 @@ class Leading:
         t_s, lag_s, share = observation.t_ns * 1e-9, self.lag.lag_s, self.predicted
         gain = self._gain_per_s * self._of_use(t_s, dt_s, error)
         answered, hurry = share * self._answer.worth, 1.0
-        if self._disturbance.just_jumped(observation.t_ns * 1e-9):
+        if self._disturbance.jumped(t_s):  # what the way back tells is all that is known by now
+            answered += 1.0 - share
+        if self._disturbance.just_jumped(t_s):
             # All the way back is told before much of it is seen, which alone would overshoot.
             gain *= 1.0 + max(1.0 - 2.0 * share, 0.0) * _CATCHING
             hurry += max(2.0 * share - 1.0, 0.0) * _HURRY
-            answered += 1.0 - share
             share = 1.0
         answer = np.eye(3) + answered * (self._answer.matrix - np.eye(3))
         coming = answer @ self._underway.coming_mm
