@@ -12,8 +12,9 @@ Six axes that turn at once, as where a load is hung on, keep back some millimetr
 
 Small motions to and fro, before anything is followed, tell b: by least squares over short spans,
 with a gain along each axis of space, since J is never exact, and a shift in time, since play looks
-like lag: 0.12 mm of it like 0.03 s. About two thirds of b are found, and next to nothing where
-there is none. Across a long lag small motions do not tell it.
+like lag: 0.12 mm of it like 0.02 s of a prompt body's, and 0.15 mm like 0.05 s of a slow one's,
+whose axes go half as fast. Then the lag is looked for once more, without what play takes. About two
+thirds of b are found, and next to nothing where there is none.
 """
 
 from collections.abc import Sequence
@@ -22,7 +23,6 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from daemon.control.lag.body_lag import BodyLag, Underway
-from daemon.control.lag.probing import PROMPT_LAG_S
 from drivers.pose import Vector
 
 _LOOKED_FOR: Final = 3e-3
@@ -35,9 +35,6 @@ _MOST: Final = 6e-3
 """A share of the travel, beyond which it is something else."""
 _SPAN_S: Final = 0.2
 """Of the motions that are compared: as long as play lasts."""
-_SOONER: Final = 0.5
-"""Of the shift. With all of it a worn body that a load was hung on, which answers later, goes up to
-2.6 mm beyond. With none it is back 0.2 to 0.3 s later."""
 _TAKEN_UP: Final = 2.0
 """What an axis has to go within its play is asked for besides, as far as it is no more than so many
 times the step. All of it at once would be a jerk wherever noise turns an axis; once or eight
@@ -101,25 +98,22 @@ class Play:
     def learn(self, motions: Sequence[SmallMotion], lag: BodyLag) -> None:
         """How much play there is, now that small motions were made and the lag is known, which play
         made look longer."""
-        found = _found(motions, lag) if lag.lag_s <= PROMPT_LAG_S else None
-        if found is not None and found.share > 0.0:
-            self.share = min(found.share, _MOST)
-            lag.lag_s -= min(max(_SOONER * found.sooner_s, 0.0), _SOONER * lag.lag_s)
+        found = _found(motions, lag)
+        if found is None or not found > 0.0:
+            return
+        self.share = min(found, _MOST)
+        lag_s = _lag_without(motions, self.share / _LOOKED_FOR)
+        if lag_s is not None:
+            lag.lag_s = min(lag.lag_s, lag_s)
 
 
 def _stopped(place: Vector, reach: Vector) -> Vector:
     return np.asarray(np.minimum(np.maximum(place, -reach), reach))
 
 
-class _Found(NamedTuple):
-    share: float
-    """b as a share of the travel, which may come out below none."""
-    sooner_s: float
-    """Than by the lag the tip moves."""
-
-
-def _found(told: Sequence[SmallMotion], lag: BodyLag) -> _Found | None:
-    """What small motions tell of it; None: nothing."""
+def _found(told: Sequence[SmallMotion], lag: BodyLag) -> float | None:
+    """b as a share of the travel, as small motions tell it; it may come out below none. None: they
+    tell nothing."""
     t_s = np.array([one.t_s for one in told])
     ends = np.flatnonzero(t_s - t_s[:1] >= _SPAN_S)
     if not len(ends) or not (np.diff(t_s) > 0.0).all():
@@ -141,7 +135,17 @@ def _found(told: Sequence[SmallMotion], lag: BodyLag) -> _Found | None:
     gain = float(solution[:3].mean())
     if not gain > 0.0:
         return None
-    return _Found(_LOOKED_FOR * float(-solution[3]) / gain, float(solution[4]) / gain)
+    return _LOOKED_FOR * float(-solution[3]) / gain
+
+
+def _lag_without(told: Sequence[SmallMotion], times: float) -> float | None:
+    """Seconds, by small motions without so many times what is within the play that is looked for.
+    None: they tell nothing."""
+    lag, sum_mm = BodyLag(steps=True), np.zeros(3)
+    for one in told:
+        sum_mm = sum_mm + one.told_mm - times * one.within_mm
+        lag.add(one.t_s, one.dt_s, sum_mm, one.tip_mm)
+    return lag.lag_s if lag.settle() else None
 
 
 def _arrived(told: Sequence[SmallMotion], moved_mm: Sequence[Vector], lag: BodyLag) -> Vector:

@@ -5,7 +5,7 @@ import pytest
 
 from daemon.control.lag.body_lag import BodyLag, Underway
 from daemon.control.lag.play import Play, SmallMotion
-from daemon.control.lag.probing import place_mm
+from daemon.control.lag.probing import PROMPT_LAG_S, place_mm
 
 DT_S = 0.025
 TRAVEL = np.full(4, 50.0)
@@ -18,19 +18,26 @@ STEPS = 140
 
 
 def probed(
-    play: Play, play_mm: float, lag: BodyLag, gain: float = 1.0, seed: int = 1, steps: int = STEPS
+    play: Play,
+    play_mm: float,
+    lag: BodyLag,
+    gain: float = 1.0,
+    seed: int = 1,
+    steps: int = STEPS,
+    late_s: float = LAG_S,
 ) -> Play:
-    """After small motions of an arm whose axes have so much of it, either way."""
+    """After small motions of an arm, so late, whose axes have so much of it, either way."""
     random, within, underway = np.random.default_rng(seed), np.zeros(4), Underway()
     place, made = np.zeros(3), list[SmallMotion]()
+    pace = 1.0 if late_s > PROMPT_LAG_S else 1.5
     for number in range(steps):
         t_s = number * DT_S
-        told_mm = 0.2 * (place_mm(1.5 * t_s) - place)
+        told_mm = 0.2 * (place_mm(pace * t_s) - place)
         place, moved = place + told_mm, INVERSE @ told_mm
         stopped = np.clip(within + moved, -play_mm, play_mm)
         arrives_mm = gain * JACOBIAN @ (moved - (stopped - within))
         within = stopped
-        underway.tell(t_s, DT_S, arrives_mm, LAG_S)
+        underway.tell(t_s, DT_S, arrives_mm, late_s)
         tip_mm = underway.told_mm - underway.left_mm + NOISE_MM * random.normal(size=3)
         play.follow(moved)
         told_mm = told_mm - play.lost_mm(JACOBIAN)
@@ -60,20 +67,24 @@ def test_where_there_is_none_next_to_none_is_found() -> None:
     assert max(found) < 0.05
 
 
-def test_what_made_the_body_look_late_is_taken_off_its_lag() -> None:
+@pytest.mark.parametrize(("late_s", "steps"), [(LAG_S, STEPS), (0.5, 296)])
+def test_what_made_the_body_look_late_is_taken_off_its_lag(late_s: float, steps: int) -> None:
+    lag = BodyLag(late_s + 0.04)
+    found = probed(Play(TRAVEL), 0.12, lag, steps=steps, late_s=late_s)
+    assert 0.06 < found.share * 50.0 < 0.17
+    assert late_s - 0.01 < lag.lag_s < late_s + 0.02
+
+
+def test_what_has_no_play_is_late_for_another_reason() -> None:
     lag = BodyLag(LAG_S + 0.04)
-    found = probed(Play(TRAVEL), 0.12, lag)
-    assert found.share > 0.0
-    assert LAG_S < lag.lag_s < LAG_S + 0.03
-    without = BodyLag(LAG_S + 0.04)
-    probed(Play(TRAVEL), 0.0, without, seed=3)
-    assert without.lag_s == LAG_S + 0.04, "what has none is late for another reason"
+    assert probed(Play(TRAVEL), 0.0, lag, seed=3).share == 0.0
+    assert lag.lag_s == LAG_S + 0.04
 
 
-def test_across_a_long_lag_they_do_not_tell_it() -> None:
-    lag = BodyLag(0.8)
-    assert probed(Play(TRAVEL), 0.15, lag).share == 0.0
-    assert lag.lag_s == 0.8
+def test_a_lag_that_is_known_to_be_shorter_stays() -> None:
+    lag = BodyLag(0.08)
+    assert probed(Play(TRAVEL), 0.12, lag).share > 0.0
+    assert lag.lag_s == 0.08
 
 
 @pytest.mark.parametrize("steps", [0, 1, 4])
