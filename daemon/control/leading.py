@@ -22,7 +22,7 @@ import numpy as np
 
 from daemon.control.controller import Observation, Phase
 from daemon.control.lag.answer import ON_A_PATH_S, ON_THE_WAY_BACK_S, Answer
-from daemon.control.lag.body_lag import BodyLag, Underway, parts
+from daemon.control.lag.body_lag import DEAD_SHARES, BodyLag, Underway, parts
 from daemon.control.lag.disturbance import Disturbance, Jump
 from daemon.control.lag.persistence import Persistence
 from daemon.control.repeated_path import CycleCorrection
@@ -57,7 +57,7 @@ class Leading:
     """Takes what was told and seen, step by step; gives the motion to ask for."""
 
     def __init__(self, gain_per_s: float, by_cycles: bool, probes: bool = False) -> None:
-        self.lag = BodyLag(steps=probes)
+        self.lag = BodyLag(dead_shares=DEAD_SHARES if probes else DEAD_SHARES[:1])
         self._gain_per_s = gain_per_s
         self._by_cycles = by_cycles
         self._underway = Underway()

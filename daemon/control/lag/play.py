@@ -102,7 +102,7 @@ class Play:
         if found is None or not found > 0.0:
             return
         self.share = min(found, _MOST)
-        lag_s = _lag_without(motions, self.share / _LOOKED_FOR)
+        lag_s = _lag_without(motions, self.share / _LOOKED_FOR, lag.dead_share)
         if lag_s is not None:
             lag.lag_s = min(lag.lag_s, lag_s)
 
@@ -138,10 +138,10 @@ def _found(told: Sequence[SmallMotion], lag: BodyLag) -> float | None:
     return _LOOKED_FOR * float(-solution[3]) / gain
 
 
-def _lag_without(told: Sequence[SmallMotion], times: float) -> float | None:
+def _lag_without(told: Sequence[SmallMotion], times: float, dead_share: float) -> float | None:
     """Seconds, by small motions without so many times what is within the play that is looked for.
     None: they tell nothing."""
-    lag, sum_mm = BodyLag(steps=True), np.zeros(3)
+    lag, sum_mm = BodyLag(dead_shares=(dead_share,)), np.zeros(3)
     for one in told:
         sum_mm = sum_mm + one.told_mm - times * one.within_mm
         lag.add(one.t_s, one.dt_s, sum_mm, one.tip_mm)

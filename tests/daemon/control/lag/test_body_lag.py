@@ -7,7 +7,14 @@ from config.emulation import SoftArmPlant
 from config.tasks.controllers import Broyden, TipFollowing
 from config.tasks.trajectory import Circle
 from daemon.control.lag import lag_kernels as kernels
-from daemon.control.lag.body_lag import LONGEST_S, BodyLag, LaggedAxes, Underway, parts
+from daemon.control.lag.body_lag import (
+    DEAD_SHARES,
+    LONGEST_S,
+    BodyLag,
+    LaggedAxes,
+    Underway,
+    parts,
+)
 from daemon.control.tip_following import TipFollower
 from daemon.controllers.broyden import BroydenController
 from drivers.pose import Vector
@@ -107,11 +114,11 @@ def steps() -> Vector:
     return told[: 11 * wait]
 
 
-@pytest.mark.parametrize(("dead_s", "lag_s"), [(0.25, 0.05), (0.2, 0.15), (0.2, 0.4)])
+@pytest.mark.parametrize(("dead_s", "lag_s"), [(0.25, 0.05), (0.2, 0.15), (0.2, 0.4), (0.2, 0.7)])
 def test_steps_tell_dead_time_and_lag_from_each_other(dead_s: float, lag_s: float) -> None:
     told, tip = steps(), 1.2 * late(steps(), dead_s, lag_s)
     noisy = tip + 0.1 * np.random.default_rng(1).normal(size=tip.shape)
-    lag = BodyLag(steps=True)
+    lag = BodyLag(dead_shares=DEAD_SHARES)
     for k in range(len(told)):
         lag.add(k * DT_S, DT_S, told[k], noisy[k])
     assert lag.settle()
