@@ -27,6 +27,9 @@ DEAD_SHARES: Final = (DEAD_SHARE, 0.25, 0.6, 0.85)
 """That steps can tell from each other: a prediction with the next one is off by an eighth of a lag
 at most. With none below the usual one a body that is late by a first-order lag of 0.7 s and a dead
 time of 0.2 s looks a fifth more prompt than it is."""
+_LATE_S = 0.4
+"""No dead time below the usual one is believed of a lag that is shorter: a prompt body's is mostly
+its drives' and the tracker's, and taken for less a load is made up for 0.07 s later."""
 _SPACING_S = 0.05
 _SPAN_S = 0.4
 """Of the motions that are compared: longer than noise and shorter than a turn."""
@@ -144,7 +147,7 @@ class BodyLag:
         """
         count, best = len(self._delays), 0
         found = [self._found(True, row) for row in range(len(self._shares))]
-        told = [row for row, one in enumerate(found) if one is not None]
+        told = [row for row, one in enumerate(found) if one is not None and self._may_be(row, one)]
         if told:
             best = min(told, key=lambda row: _least(found[row]))
             if 0 in told and _least(found[0]) < (1.0 + _CLEARER) * _least(found[best]):
@@ -160,6 +163,9 @@ class BodyLag:
         self._seen_s = 0.0
         self._track = _Track(count)
         return self._settled
+
+    def _may_be(self, row: int, found: _Found) -> bool:
+        return bool(self._shares[row] >= self._shares[0]) or found.delay_s >= _LATE_S
 
     @property
     def gains(self) -> Vector:
