@@ -14,6 +14,7 @@ Play between axes and body is lost besides (`play`): what is told here is withou
 """
 
 from collections import deque
+from collections.abc import Sequence
 from math import exp
 from typing import Final
 
@@ -128,8 +129,7 @@ class Hysteresis:
         """The lag is known now."""
         self._play.learn([motion for motion, _ in self._probed], lag)
         if self._estimate is not None:
-            for motion, told_mm in self._probed:
-                self._estimate.add_small(motion, told_mm, lag)
+            self._estimate.add_small(self._probed, lag)
         self.break_off()
 
     def _by_shares_mm(self) -> Vector:
@@ -188,11 +188,12 @@ class _Estimate:
         self._span.clear()
         self._underway.begin()
 
-    def add_small(self, motion: SmallMotion, told_mm: Vector, lag: BodyLag) -> None:
-        """(k, 3) was told."""
-        products = self._seen(motion.t_s, motion.dt_s, told_mm, motion.tip_mm, lag)
-        if products is not None:
-            self._small_sums = self._small_sums + products
+    def add_small(self, probed: Sequence[tuple[SmallMotion, Vector]], lag: BodyLag) -> None:
+        """Motions, and (k, 3) mm that were told in each by each share."""
+        steps = [(motion.t_s, motion.dt_s, told, motion.tip_mm) for motion, told in probed]
+        seen = [one for step in steps if (one := self._seen(*step, lag)) is not None]
+        if seen:
+            self._small_sums = self._small_sums + np.sum(seen, axis=0)
             self.share = self._found()
 
     def add(

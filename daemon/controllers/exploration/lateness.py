@@ -62,7 +62,6 @@ class Lateness:
         self._products = forget * self._products + told[:, :, None] * came
         self._whole_mm2 = forget * self._whole_mm2 + float(came @ came)
         self._seen_s += dt_s
-
         if self._seen_s >= _SEEN_AT_LEAST_S:
             self.seconds = max(self._found_s(), exp(-dt_s / _HELD_S) * self.seconds)
 
