@@ -145,6 +145,9 @@ class ReferenceStatus(msgspec.Struct, frozen=True, kw_only=True):
     """What the controller is doing; empty while it simply follows."""
     part: int | None = None
     """Which motion of an exploration this is; None while it follows."""
+    pace: float = 1.0
+    """Seconds of the trajectory for each second: less than 1 where it is followed more slowly than
+    it says, since the tip would be off too far."""
 
 
 class Verb(msgspec.Struct, frozen=True, kw_only=True):
@@ -171,6 +174,9 @@ class Status(Message, frozen=True, kw_only=True, tag="status/1"):
     tip_mm: list[float] | None = None
     reference_mm: list[float] | None = None
     error_mm: float | None = None
+    expected_mm: float | None = None
+    """How far off the controller expects the tip to be, root mean square; None: it does not know.
+    """
     error_rad: float | None = None
     """Of the tip's direction; None where it may be any."""
     tracker: TrackerStatus
@@ -217,6 +223,9 @@ class Tip(Message, frozen=True, kw_only=True, tag="tip/1"):
     reference_direction: list[float] | None = None
     error_rad: float | None = None
     """Angle between the two."""
+    expected_mm: float | None = None
+    """How far off the controller expects the tip to be, root mean square; None: it does not know.
+    """
 
 
 class Axes(Message, frozen=True, kw_only=True, tag="axes/1"):

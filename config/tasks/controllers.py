@@ -79,6 +79,11 @@ class TipFollowing(ProportionalLaw):
     """With `lead`: whether a path that is repeated is corrected, place by place, by what the tip
     was off there in the cycles before."""
 
+    slow_above_mm: Positive | None = 1.0
+    """With `lead`: where the tip is expected to be farther off than this (root mean square, by what
+    it was off by lately), a trajectory is followed more slowly than it says, as far as that helps.
+    None: it keeps its time, however far off the tip is."""
+
     @property
     def leads(self) -> bool:
         """Whether there is something to lead: the reference's own motion is asked for."""

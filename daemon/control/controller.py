@@ -26,6 +26,12 @@ class Phase(NamedTuple):
     """Since the cycle began."""
     cycle_s: float
     """How long one lasts."""
+    pace: float = 1.0
+    """Seconds of these for each second that passes."""
+
+    def after(self, lead_s: float) -> float:
+        """Seconds since the cycle began, so much later."""
+        return self.seconds + self.pace * lead_s
 
 
 class Observation(NamedTuple):
@@ -57,6 +63,9 @@ class Observation(NamedTuple):
     """Where along its cycle the reference is. None: nothing is repeated."""
     tensions_n: Vector | None = None
     """(m,) how hard each axis pulls, as measured; NaN where it is no tendon. None: none is one."""
+    own_speed_mm_s: float | None = None
+    """Of the reference where it is not slowed, at the time from which on a pace that is asked for
+    now will count. None: it cannot be slowed."""
 
 
 class Proposal(NamedTuple):
@@ -68,6 +77,11 @@ class Proposal(NamedTuple):
     """What it is doing, for people: empty while it simply follows."""
     part: int | None = None
     """Of an exploration: which motion of it this belongs to. None while it follows."""
+    expected_mm: float | None = None
+    """How far off the tip is expected to be, root mean square, as it is followed now. None: it does
+    not know."""
+    pace: float = 1.0
+    """Share of its own speed at which the reference should go on, as soon as it can."""
 
 
 def steers_direction(controller: object) -> bool:

@@ -237,7 +237,16 @@ class GuardedController:
         if not np.isfinite(step).all():
             raise ControllerError(f"{self._whose} proposed what is not a number")
         part = proposal.part if isinstance(proposal.part, int) else None
-        return Proposal(step, str(proposal.note)[:_LONGEST_NOTE], part)
+        expected_mm, pace = proposal.expected_mm, proposal.pace
+        if not (isinstance(pace, float | int) and 0.0 < pace <= 1.0):
+            raise ControllerError(
+                f"{self._whose} asked for a pace of {pace!r:.60}: it is above 0, and 1 at the most"
+            )
+        if not (expected_mm is None or (isinstance(expected_mm, float) and expected_mm >= 0.0)):
+            raise ControllerError(
+                f"{self._whose} expects an error of {expected_mm!r:.60}: it is None, or mm"
+            )
+        return Proposal(step, str(proposal.note)[:_LONGEST_NOTE], part, expected_mm, pace)
 
 
 def _copy(observation: Observation) -> Observation:

@@ -14,7 +14,7 @@ does not wait for the body.
 
 from bisect import bisect_right
 from collections import deque
-from math import exp
+from math import exp, sqrt
 from operator import itemgetter
 from typing import Final
 
@@ -24,6 +24,7 @@ from daemon.control.controller import Observation, Phase
 from daemon.control.lag.answer import ON_A_PATH_S, ON_THE_WAY_BACK_S, Answer
 from daemon.control.lag.body_lag import DEAD_SHARES, BodyLag, Underway, parts
 from daemon.control.lag.disturbance import Disturbance, Jump
+from daemon.control.lag.expected_error import ExpectedError
 from daemon.control.lag.persistence import Persistence
 from daemon.control.repeated_path import CycleCorrection
 from drivers.pose import Vector
@@ -56,7 +57,14 @@ _GAIN_APPROACH_S: Final = 1.0
 class Leading:
     """Takes what was told and seen, step by step; gives the motion to ask for."""
 
-    def __init__(self, gain_per_s: float, by_cycles: bool, probes: bool = False) -> None:
+    def __init__(
+        self,
+        gain_per_s: float,
+        by_cycles: bool,
+        probes: bool = False,
+        slow_above_mm: float | None = None,
+    ) -> None:
+        """slow_above_mm: the error above which a path is followed more slowly; None: never."""
         self.lag = BodyLag(dead_shares=DEAD_SHARES if probes else DEAD_SHARES[:1])
         self._gain_per_s = gain_per_s
         self._by_cycles = by_cycles
@@ -72,6 +80,7 @@ class Leading:
         self._disturbance = Disturbance()
         self._answer = Answer()
         self._persistence = Persistence()
+        self._expected = ExpectedError(gain_per_s, slow_above_mm)
         self._before: tuple[Jump, Vector, Vector] | None = None
         """The last jump, and what was known of the gains when it came."""
         self._unloaded_gains: Vector | None = None
@@ -96,6 +105,16 @@ class Leading:
         of before: motions tell what it changes sooner than the gains do, and better, for it is
         another change at each place."""
         return self.gains if self._unloaded_gains is None else self._unloaded_gains
+
+    @property
+    def pace(self) -> float:
+        """Share of a path's own speed at which it should go on."""
+        return self._expected.pace
+
+    def expected_mm(self, observation: Observation) -> float:
+        """How far off the tip is expected to be, root mean square, at the reference's speed."""
+        speed_mm_s = _size(observation.reference_velocity_mm_s)
+        return self._expected.at(speed_mm_s, self.lag.lag_s)
 
     @property
     def left_mm(self) -> Vector:
@@ -190,7 +209,20 @@ class Leading:
             late = due - observation.tip_mm - coming
             error = error + share * (hurry * late + further - (left - coming) - error)
         wanted = min(gain * dt_s, 1.0) * error + velocity * dt_s
+        self._expect(observation, dt_s)
         return np.asarray(np.linalg.solve(answer, wanted) / self.gains)
+
+    def _expect(self, observation: Observation, dt_s: float) -> None:
+        """What the tip is off by tells of what it will be; what takes it off at once does not."""
+        expected, lag_s = self._expected, self.lag.lag_s
+        if observation.ahead is None:
+            return
+        if observation.believed and not self._disturbance.jumped(observation.t_ns * 1e-9):
+            error_mm = _size(observation.reference_mm - observation.tip_mm)
+            speed_mm_s = _size(observation.reference_velocity_mm_s)
+            expected.add(dt_s, error_mm, speed_mm_s, lag_s)
+        if observation.own_speed_mm_s is not None:
+            expected.look_ahead(dt_s, observation.own_speed_mm_s, lag_s)
 
     def _of_use(self, t_s: float, dt_s: float, error_mm: Vector) -> float:
         """The share of the gain that (3,) this error is met with. Across a long lag the gain is
@@ -211,7 +243,7 @@ class Leading:
         if self._cycles is None or not self._cycles.path.fits(phase, observation.reference_mm):
             self._cycles = CycleCorrection(phase.cycle_s, self.lag.lag_s)
             self._on_path_s = 0.0
-        self._on_path_s += dt_s
+        self._on_path_s += phase.pace * dt_s
         if not observation.believed or self._disturbance.jumped(observation.t_ns * 1e-9):
             self._cycles.break_off()
             return
@@ -220,7 +252,8 @@ class Leading:
     def _correction(self, phase: Phase | None, lead_s: float) -> tuple[Vector, Vector]:
         if self._cycles is None or phase is None:
             return np.zeros(3), np.zeros(3)
-        return self._cycles.at(phase.seconds + lead_s)
+        correction, changes = self._cycles.at(phase.after(lead_s))
+        return correction, phase.pace * changes
 
     def _see_reference(self, observation: Observation) -> None:
         passed, t_s = self._passed, observation.t_ns * 1e-9
@@ -266,3 +299,7 @@ class Leading:
         velocity = following[1] + first_order_s * acceleration
         velocity = told[1] + self.predicted * (velocity - told[1])
         return velocity, due[0], first_order_s * mean_velocity
+
+
+def _size(vector: Vector) -> float:
+    return sqrt(vector @ vector)

@@ -114,7 +114,7 @@ class CycleCorrection:
         self, phase: Phase, dt_s: float, lag_s: float, error_mm: Vector, reference_mm: Vector
     ) -> None:
         """(3,) from the tip to its reference."""
-        self._along_s += dt_s
+        self._along_s += phase.pace * dt_s
         place = self.path.passes(phase, reference_mm)
         if self._along_s < _SET_OUT_S + lag_s:
             return

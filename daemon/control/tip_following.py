@@ -58,7 +58,8 @@ class TipFollower:
         self._further_per_s = self._drawn_further_per_s()
         self._probing = Probing() if self._leads and options.probe else None
         probes = self._probing is not None
-        self.leading = Leading(options.gain_per_s, options.by_cycles, probes)
+        slow_above_mm = options.slow_above_mm
+        self.leading = Leading(options.gain_per_s, options.by_cycles, probes, slow_above_mm)
         self._told: tuple[Matrix, Vector] | None = None
         """The last Jacobian, and the targets that it was used at."""
         self._home = self._posture
@@ -205,6 +206,13 @@ class TipFollower:
         if not _all_finite(step):
             raise ControllerError("where the tip is, or shall be, is not a number")
         return within(step, self._options.max_tip_speed_mm_s * dt_s)
+
+    def proposal(self, delta_u: Vector, observation: Observation, note: str = "") -> Proposal:
+        """A step with which the tip follows, and what is expected of it."""
+        if not self._leads or observation.ahead is None:
+            return Proposal(delta_u, note)
+        leading = self.leading
+        return Proposal(delta_u, note, None, leading.expected_mm(observation), leading.pace)
 
     def _plain_step(self, observation: Observation, dt_s: float) -> Vector:
         error = observation.reference_mm - observation.tip_mm

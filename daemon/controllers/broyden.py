@@ -304,7 +304,9 @@ class BroydenController:
         jacobian = self._estimate.jacobian / self._scale
         step = self._follower.task_step(observation)
         rows = min(len(jacobian), len(step))
-        return Proposal(self._follower.axis_step(jacobian[:rows], step[:rows], observation))
+        return self._follower.proposal(
+            self._follower.axis_step(jacobian[:rows], step[:rows], observation), observation
+        )
 
     def learn(self) -> None:
         """What the first motions tell of the body's lag, a little at a time."""

@@ -342,7 +342,9 @@ class ConstantCurvatureController(ArcController):
         if not self.ready:
             return self._follower.probe(jacobian, observation)
         tip_step = self._follower.tip_step(observation)
-        return Proposal(self._follower.axis_step(jacobian, tip_step, observation))
+        return self._follower.proposal(
+            self._follower.axis_step(jacobian, tip_step, observation), observation
+        )
 
 
 def _check_cylinders(options: ArcBody, robot: Robot, bore_mm2: Vector) -> None:

@@ -21,7 +21,9 @@ class JacobianController(LearningController):
     def _follow(self, observation: Observation) -> Proposal:
         jacobian = self._jacobian.at(self._follower.due_mm(observation), observation.u)
         step, jacobian = self._task(observation, jacobian)
-        return Proposal(self._follower.axis_step(jacobian, step, observation))
+        return self._follower.proposal(
+            self._follower.axis_step(jacobian, step, observation), observation
+        )
 
     def _work_in(self, sample: MotionSample, gains: Vector) -> None:
         self._jacobian.learn(sample, gains)

@@ -93,7 +93,9 @@ class LearnedKinematicsController:
         if self._options.feedback == "model":
             observation = observation._replace(tip_mm=position_mm, tip_direction=direction)
         step = self._follower.task_step(observation)
-        return Proposal(self._follower.axis_step(jacobian[: len(step)], step, observation))
+        return self._follower.proposal(
+            self._follower.axis_step(jacobian[: len(step)], step, observation), observation
+        )
 
     def learn(self) -> None:
         """A sample is worked in when it is seen: it takes some tens of microseconds."""

@@ -237,12 +237,14 @@ class RewardWeightedController(LearningController):
         command = self._command(tip_step / part, tip_mm, observation)
         local = part * command.delta_u
         if not options.fallback:
-            return Proposal(follower.within_limits(local, observation), _note(command))
+            step = follower.within_limits(local, observation)
+            return follower.proposal(step, observation, _note(command))
         trust = _trust(command) * _agreement(jacobian @ local, tip_step)
         near = trust * local + (1.0 - trust) * follower.drawn(observation, self._drawn_by(command))
         near = near + follower.drawn_further(observation)
         step = follower.axis_step(task_jacobian, task_step, observation, near)
-        return Proposal(step, "" if trust > 0.0 else "follows by the forward model alone")
+        note = "" if trust > 0.0 else "follows by the forward model alone"
+        return follower.proposal(step, observation, note)
 
     def _drawn_by(self, command: InverseAnswer) -> float:
         """Times the gain of the posture. Fields that are made on the way tell nothing of what is

@@ -43,6 +43,7 @@ def metrics(robots: Iterable[tuple[str, Status | None]]) -> str:
         ("cycle_lateness_p99_seconds", "Lateness of bus cycles", lambda s: s.loop.lateness_p99_s),
         ("missed_cycles_total", "Bus cycles that were skipped", lambda s: s.loop.missed),
         ("tracking_error_mm", "Distance of the tip from its reference", lambda s: s.error_mm),
+        ("expected_error_mm", "As the controller expects it", lambda s: s.expected_mm),
         ("pointing_error_rad", "Of the tip's direction", lambda s: s.error_rad),
         ("contact_risk", "Of the last step", lambda s: s.risk.contact_risk),
         ("lease_held", "Whether somebody is in control", lambda s: s.lease.holder is not None),

@@ -99,6 +99,8 @@ class ControlLoop:
         """Of what is left of a planned path; None: none is followed, or nobody knows."""
         self.note = ""
         """What the controller says that it is doing."""
+        self.expected_mm: float | None = None
+        """How far off the controller expects the tip to be; None: it does not know."""
         self.part: int | None = None
         """Which motion of an exploration this is; None while it follows."""
         self.decision: Decision | None = None
@@ -286,7 +288,8 @@ class ControlLoop:
         direction = tip_axis(tip.quaternion)
         if running and not self._begun:
             reference.begin(tip.position_mm, direction)
-        if running and controller.ready and self._begun:
+        follows = running and controller.ready and self._begun
+        if follows:
             aim = reference.advance(sensed.frame.t_ns, sensed.dt_s)
         elif running:
             aim = reference.wait()
@@ -302,12 +305,13 @@ class ControlLoop:
             aim.position_mm,
             aim.velocity_mm_s,
             believed,
-            reference.ahead if running and controller.ready and self._begun else None,
+            reference.ahead if follows else None,
             direction,
             aim.direction,
             aim.turn,
-            None if aim.in_cycle_s is None else Phase(aim.in_cycle_s, aim.cycle_s),
+            None if aim.in_cycle_s is None else Phase(aim.in_cycle_s, aim.cycle_s, aim.pace),
             sensed.tensions_n,
+            reference.own_speed_mm_s if follows else None,
         )
         self.aim = aim if running else None
         try:
@@ -323,12 +327,18 @@ class ControlLoop:
             controller.reset(observation)
             self._begun = True
         controller.observe(observation)
+        self.expected_mm = None
         if not running:
             return None
         proposal = controller.propose(observation)
         if not all(map(math.isfinite, proposal.delta_u.tolist())):
             raise ControllerError("the controller proposed something that is not a number")
+        if not 0.0 < proposal.pace <= 1.0:
+            raise ControllerError(f"the controller asks for {proposal.pace} of the path's speed")
         self.note, self.part = proposal.note, proposal.part
+        self.expected_mm = proposal.expected_mm
+        if self.reference is not None:
+            self.reference.go_at(proposal.pace)
         return RequestedStep(proposal.delta_u)
 
     def _turned_aside(
@@ -451,7 +461,8 @@ class ControlLoop:
         """Told at once, and in this order: what was measured, what was done, and what it risked."""
         tell, sequence = self._publish_message, self.steps
         state = self._supervisor.state
-        tell(tip_message(sequence, state, sensed.frame, self.tip, self.aim, believed))
+        frame, expected_mm = sensed.frame, self.expected_mm
+        tell(tip_message(sequence, state, frame, self.tip, self.aim, believed, expected_mm))
         tell(axes_message(sequence, sensed, self.channels, requested, decision))
         if decision is not None and requested is not None:
             about = RiskAsked(

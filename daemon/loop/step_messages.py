@@ -68,8 +68,10 @@ def tip_message(
     tip: TipEstimate | None,
     aim: Aim | None,
     believed: bool,
+    expected_mm: float | None = None,
 ) -> Tip:
-    """Where the tip is, and where it should be. believed: the filter took the frame."""
+    """Where the tip is, and where it should be. believed: the filter took the frame. expected_mm:
+    how far off the controller expects it to be."""
     tip_mm, reference_mm = place_mm(tip), place_mm(aim)
     return Tip(
         sequence=sequence,
@@ -84,6 +86,7 @@ def tip_message(
         cycle=-1 if aim is None else aim.cycle,
         age_s=None if tip is None else tip.age_s,
         believed=believed,
+        expected_mm=expected_mm,
         **_pointing(frame.tip, tip, aim),
     )
 

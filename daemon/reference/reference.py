@@ -1,11 +1,12 @@
 """Where the tip should be now: led to the path, then along the trajectory, and held in between."""
 
 from collections.abc import Callable
-from math import inf
+from math import sqrt
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 
+from daemon.reference.pacing import AGREED_S, Pacing
 from daemon.reference.trajectories import Motion, Trajectory
 from drivers.pose import Vector
 
@@ -14,7 +15,7 @@ from drivers.pose import Vector
 
 _PEAK = 1.875
 """Highest speed of the polynomial against its mean."""
-_TURN_RAD_S = 0.2
+TURN_RAD_S = 0.2
 """No tip is led to its first direction faster."""
 _OPPOSITE = 1e-9
 
@@ -39,10 +40,10 @@ class Blend:
         self._from_mm = np.array(from_mm, dtype=np.float64)
         self._way_mm = np.asarray(to_mm, dtype=np.float64) - self._from_mm
         self.duration_s = _PEAK * float(np.linalg.norm(self._way_mm)) / max_speed_mm_s
-        self._turn: _Turn | None = None
+        self._turn: Turn | None = None
         if from_direction is not None and to_direction is not None:
-            self._turn = _Turn(from_direction, to_direction)
-            self.duration_s = max(self.duration_s, _PEAK * self._turn.angle / _TURN_RAD_S)
+            self._turn = Turn(from_direction, to_direction)
+            self.duration_s = max(self.duration_s, _PEAK * self._turn.angle / TURN_RAD_S)
 
     def last(self, least_s: float) -> None:
         """Take so long, if it is not longer anyway."""
@@ -69,7 +70,7 @@ class Blend:
         return direction, 30.0 * s**2 * (1.0 - s) ** 2 / self.duration_s * by_share
 
 
-class _Turn:
+class Turn:
     """From one direction to another along a great circle."""
 
     def __init__(self, from_direction: Vector, to_direction: Vector) -> None:
@@ -90,71 +91,8 @@ class _Turn:
         return direction, self.angle * along
 
 
-# The reference in teleoperation: the newest set-point, approached at a limited speed.
-
-
-_NS_PER_S = 1e9
-_FARTHEST = 1e5
-"""mm and mm/s; what is beyond is a mistake."""
-
-
-class SetpointReference:
-    """Stands where motion began until the first set-point, and wherever it is when one expires."""
-
-    def __init__(self, start_mm: Vector, max_speed_mm_s: float) -> None:
-        if not (np.isfinite(start_mm).all() and max_speed_mm_s > 0.0):
-            raise ValueError(f"no reference can begin at {start_mm} with {max_speed_mm_s} mm/s")
-        self._position_mm = np.array(start_mm, dtype=np.float64)
-        self._max_speed_mm_s = max_speed_mm_s
-        self._goal_mm = self._position_mm.copy()
-        self._goal_velocity = np.zeros(3)
-        self._set_ns = 0
-        self._expires_ns: int | None = None
-        self._advanced_ns: int | None = None
-
-    def set(
-        self, t_ns: int, position_mm: Vector, valid_s: float, velocity_mm_s: Vector | None = None
-    ) -> None:
-        """Take a set-point that arrived at `t_ns`. With a velocity it moves on until it expires.
-
-        Raises ValueError for what makes no sense; the last set-point then stays.
-        """
-        position = np.array(position_mm, dtype=np.float64)
-        velocity = np.zeros(3) if velocity_mm_s is None else np.array(velocity_mm_s, np.float64)
-        if not (
-            position.shape == velocity.shape == (3,)
-            and (np.abs(position) <= _FARTHEST).all()
-            and (np.abs(velocity) <= _FARTHEST).all()
-            and 0.0 < valid_s < np.inf
-        ):
-            raise ValueError(
-                f"a set-point needs three numbers in mm and a time to be valid, not {position_mm} "
-                f"and {velocity_mm_s} for {valid_s} s"
-            )
-        self._goal_mm, self._goal_velocity = position, velocity
-        self._set_ns, self._expires_ns = t_ns, t_ns + round(valid_s * _NS_PER_S)
-
-    def valid(self, t_ns: int) -> bool:
-        """Whether there is a set-point that may be followed at `t_ns`."""
-        return self._expires_ns is not None and t_ns <= self._expires_ns
-
-    def advance(self, t_ns: int) -> tuple[Vector, Vector]:
-        """(3,) mm and (3,) mm/s of the reference at `t_ns`, which must not go back."""
-        before_ns = t_ns if self._advanced_ns is None else self._advanced_ns
-        self._advanced_ns = max(t_ns, before_ns)
-        dt_s = (self._advanced_ns - before_ns) / _NS_PER_S
-        if dt_s <= 0.0 or not self.valid(t_ns):
-            return self._position_mm.copy(), np.zeros(3)
-        goal = self._goal_mm + self._goal_velocity * max(t_ns - self._set_ns, 0) / _NS_PER_S
-        way = goal - self._position_mm
-        distance, most = float(np.linalg.norm(way)), self._max_speed_mm_s * dt_s
-        step = way if distance <= most else way * (most / distance)
-        self._position_mm = self._position_mm + step
-        return self._position_mm.copy(), step / dt_s
-
-
-_AT_REST: Final = np.zeros(3)
-_LED_TO_THE_START: Final = -1
+AT_REST: Final = np.zeros(3)
+LED_TO_THE_START: Final = -1
 
 
 class Aim(NamedTuple):
@@ -172,6 +110,8 @@ class Aim(NamedTuple):
     """Since the cycle began, where it is repeated; None: it is not."""
     cycle_s: float = 0.0
     """How long one lasts."""
+    pace: float = 1.0
+    """Seconds of these for each second that passes."""
 
 
 class Reference(Protocol):
@@ -193,6 +133,16 @@ class Reference(Protocol):
 
     def ahead(self, lead_s: float) -> tuple[Vector, Vector] | None:
         """(3,) mm and (3,) mm/s of the aim `lead_s` after the last one; None: that is not known."""
+        ...
+
+    def go_at(self, pace: float) -> None:
+        """Go on at this share of its own speed, above 0 and up to 1, from when on nothing else was
+        foretold."""
+        ...
+
+    @property
+    def own_speed_mm_s(self) -> float | None:
+        """Where it is not slowed, at that time; None: it never is."""
         ...
 
 
@@ -262,8 +212,10 @@ class TrajectoryReference:
         """To where the run-up begins. None: the trajectory is followed."""
         self._run_up = RunUp(trajectory, 0.0)
         self._way_s = 0.0
-        """Since the blend began."""
-        self._from_mm = _AT_REST
+        """Since the blend began, in its own time, and in the run-up's afterwards."""
+        self._pacing = Pacing()
+        """Of run-up and trajectory: the blend goes as fast as it may."""
+        self._from_mm = AT_REST
         self._from_direction: Vector | None = None
 
     def begin(self, tip_mm: Vector, direction: Vector | None = None) -> None:
@@ -280,35 +232,71 @@ class TrajectoryReference:
 
     def wait(self) -> Aim:
         direction = self._from_direction
-        turn = None if direction is None else _AT_REST
-        return Aim(self._from_mm, _AT_REST, _LED_TO_THE_START, direction, turn)
+        turn = None if direction is None else AT_REST
+        return Aim(self._from_mm, AT_REST, LED_TO_THE_START, direction, turn)
 
     def advance(self, t_ns: int, dt_s: float) -> Aim:
         del t_ns
+        along_s, pace = self._passes(dt_s)
         if self._blend is not None:
-            self._way_s += dt_s
+            self._way_s += along_s
             way, since_s = self._way(self._blend, self._way_s)
             if way is not None:
-                pointing = way.pointing_at(since_s) or (None, None)
-                return Aim(*way.at(since_s), _LED_TO_THE_START, *pointing)
-            self._blend, dt_s = None, since_s
-        self.elapsed_s += dt_s
+                position, velocity = way.at(since_s)
+                direction, turn = way.pointing_at(since_s) or (None, None)
+                turn = None if turn is None else pace * turn
+                return Aim(position, pace * velocity, LED_TO_THE_START, direction, turn)
+            self._blend, along_s = None, since_s
+        self.elapsed_s += along_s
         self.finished = self.elapsed_s >= self.trajectory.duration_s
         at_s = min(self.elapsed_s, self.trajectory.duration_s)
         position, velocity = self.trajectory.at(at_s)
         direction, turn = self.trajectory.pointing_at(at_s) or (None, None)
         cycle, cycle_s = self.trajectory.cycle_of(at_s), self.trajectory.cycle_s
         in_cycle_s = at_s - cycle * cycle_s if self.trajectory.cycles > 1 else None
-        return Aim(position, velocity, cycle, direction, turn, in_cycle_s, cycle_s)
+        turn = None if turn is None else pace * turn
+        velocity = pace * velocity
+        return Aim(position, velocity, cycle, direction, turn, in_cycle_s, cycle_s, pace)
 
     def ahead(self, lead_s: float) -> tuple[Vector, Vector]:
+        position, velocity, _ = self._ahead(lead_s)
+        return position, velocity
+
+    def _ahead(self, lead_s: float) -> tuple[Vector, Vector, float]:
+        lead_s, pace = self._led(lead_s)
         if self._blend is not None:
             way, lead_s = self._way(self._blend, self._way_s + lead_s)
             if way is not None:
-                return way.at(lead_s)
+                position, velocity = way.at(lead_s)
+                return position, pace * velocity, pace
         along_s, end_s = self.elapsed_s + lead_s, self.trajectory.duration_s
         position, velocity = self.trajectory.at(min(along_s, end_s))
-        return position, velocity if along_s < end_s else _AT_REST
+        return position, pace * velocity if along_s < end_s else AT_REST, pace
+
+    def go_at(self, pace: float) -> None:
+        self._pacing.ask(pace)
+
+    @property
+    def own_speed_mm_s(self) -> float:
+        _, velocity, pace = self._ahead(AGREED_S)
+        return sqrt(velocity @ velocity) / pace
+
+    def _blend_left_s(self) -> float:
+        """In which time passes as it does."""
+        return 0.0 if self._blend is None else max(self._blend.duration_s - self._way_s, 0.0)
+
+    def _led(self, lead_s: float) -> tuple[float, float]:
+        """Seconds of way and trajectory from now on, and their pace then."""
+        left_s = self._blend_left_s()
+        if lead_s <= left_s:
+            return lead_s, 1.0
+        return left_s + self._pacing.along(left_s, lead_s), self._pacing.at(lead_s)
+
+    def _passes(self, dt_s: float) -> tuple[float, float]:
+        """The same, and it is later."""
+        passed = self._led(dt_s)
+        self._pacing.advance(dt_s)
+        return passed
 
     def _way(self, blend: Blend, way_s: float) -> tuple[Blend | RunUp | None, float]:
         """What leads to the trajectory then, and for how long already; None: it is followed."""
@@ -317,84 +305,3 @@ class TrajectoryReference:
         way_s -= blend.duration_s
         run_up_s = self._run_up.duration_s
         return (self._run_up, way_s) if way_s < run_up_s else (None, way_s - run_up_s)
-
-
-class TeleoperationReference:
-    """The set-point stream. It has no end of its own."""
-
-    finished = False
-
-    def __init__(
-        self, max_speed_mm_s: float, t_ns: int, max_turn_rad_s: float = _TURN_RAD_S
-    ) -> None:
-        """t_ns: now. From here on a set-point is waited for."""
-        self._max_speed_mm_s = max_speed_mm_s
-        self._max_turn_rad_s = max_turn_rad_s
-        self._direction: Vector | None = None
-        """Where the reference points; None: nobody knows where the tip does."""
-        self._from_mm = _AT_REST
-        self._setpoints = SetpointReference(_AT_REST, max_speed_mm_s)
-        self._newest: _Newest | None = None
-        self._waits_since_ns = t_ns
-
-    def begin(self, tip_mm: Vector, direction: Vector | None = None) -> None:
-        self._from_mm, self._direction = tip_mm, direction
-        self._setpoints = SetpointReference(tip_mm, self._max_speed_mm_s)
-        if self._newest is not None:
-            self._setpoints.set(*self._newest[:-1])
-
-    def wait(self) -> Aim:
-        return Aim(self._from_mm, _AT_REST, _LED_TO_THE_START)
-
-    def advance(self, t_ns: int, dt_s: float) -> Aim:
-        position, velocity = self._setpoints.advance(t_ns)
-        pointing = self._pointing(dt_s if self._setpoints.valid(t_ns) else 0.0) or (None, None)
-        return Aim(position, velocity, _LED_TO_THE_START, *pointing)
-
-    def _pointing(self, dt_s: float) -> tuple[Vector, Vector] | None:
-        """(3,) direction and its change in 1/s, `dt_s` later; None: the tip may point anywhere."""
-        wanted = None if self._newest is None else self._newest.direction
-        if wanted is None or self._direction is None:
-            return None
-        turn = _Turn(self._direction, wanted)
-        share = min(1.0, self._max_turn_rad_s * dt_s / turn.angle) if turn.angle > 0.0 else 1.0
-        before = self._direction
-        if dt_s > 0.0:
-            self._direction = turn.at(share)[0]
-        return self._direction, (self._direction - before) / dt_s if dt_s > 0.0 else _AT_REST
-
-    def ahead(self, lead_s: float) -> None:
-        """Nobody knows what a hand will do."""
-
-    def set(
-        self,
-        t_ns: int,
-        position_mm: Vector,
-        valid_s: float,
-        velocity_mm_s: Vector | None,
-        direction: Vector | None = None,
-    ) -> None:
-        """A set-point came. direction: (3,) of unit length; None: the tip may point anywhere.
-
-        Raises ValueError for one that is not finite.
-        """
-        newest = _Newest(t_ns, position_mm, valid_s, velocity_mm_s, direction)
-        self._setpoints.set(*newest[:-1])
-        self._newest = newest
-
-    def age_s(self, t_ns: int) -> float:
-        """Since the newest set-point came; infinite if it has expired.
-
-        Before the first: since there could have been one.
-        """
-        if self._newest is None:
-            return (t_ns - self._waits_since_ns) * 1e-9
-        return (t_ns - self._newest.t_ns) * 1e-9 if self._setpoints.valid(t_ns) else inf
-
-
-class _Newest(NamedTuple):
-    t_ns: int
-    position_mm: Vector
-    valid_s: float
-    velocity_mm_s: Vector | None
-    direction: Vector | None

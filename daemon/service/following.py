@@ -168,6 +168,7 @@ class Following:
                 cycles=followed.trajectory.cycles,
                 note=loop.note,
                 part=loop.part,
+                pace=1.0 if loop.aim is None else loop.aim.pace,
             )
         if self._setpoints is None:
             return None

@@ -8,7 +8,7 @@ import numpy as np
 from config.control import Workspace
 from config.tasks.trajectory import FARTHEST_MM
 from daemon.messages import Setpoint
-from daemon.reference.reference import TeleoperationReference
+from daemon.reference.teleoperation import TeleoperationReference
 from drivers.pose import Vector
 
 _SPEED_MM_S: Final = 15.0

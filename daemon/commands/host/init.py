@@ -190,7 +190,8 @@ class TITLEController:
     def propose(self, observation):
         if self.ready:
             step = self.law.tip_step(observation)
-            return Proposal(self.law.axis_step(self.jacobian, step, observation))
+            step = self.law.axis_step(self.jacobian, step, observation)
+            return self.law.proposal(step, observation)
         return Proposal(self.next_probe(observation), f"axis {self.axis + 1} of {len(self.probe)}")
 
     def next_probe(self, observation):

@@ -146,6 +146,8 @@ def _line(status: Status) -> str:
             words.append("goes to the start")
         else:
             words.append(f"{reference.elapsed_s:5.1f} of {reference.duration_s:.0f} s")
+            if reference.pace < 1.0:
+                words.append(f"slowed to {reference.pace:.0%}")
         if status.error_mm is not None:
             words.append(f"error {status.error_mm:5.2f} mm")
     if status.tip_mm is not None:

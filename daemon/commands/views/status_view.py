@@ -111,6 +111,8 @@ def _no_more(status: Status) -> list[Reason]:
 def _figures(status: Status, size: Size, *, brief: bool = False) -> list[Text]:
     """One line each, as long as there is room. brief: the fewest lines, and details left out."""
     error = "-" if status.error_mm is None else f"{status.error_mm:.2f} mm"
+    if status.expected_mm is not None:
+        error += f", about {status.expected_mm:.1f} mm expected"
     if status.error_rad is not None:
         error += f", {degrees(status.error_rad):.2f}°"
     tip, reference = _vector(status.tip_mm), _vector(status.reference_mm)
@@ -168,9 +170,10 @@ def _following(status: Status) -> str:
     cycles = "" if reference.cycles is None else f" of {reference.cycles}"
     cycle = "on the way to its start" if reference.cycle < 0 else f"cycle {reference.cycle + 1}"
     duration = "" if reference.duration_s is None else f" of {reference.duration_s:.1f}"
+    slowed = "" if reference.pace >= 1.0 else f", slowed to {reference.pace:.0%}"
     return (
         f"{reference.trajectory}, {reference.controller}: {cycle}"
-        f"{cycles if reference.cycle >= 0 else ''}, {reference.elapsed_s:.1f}{duration} s"
+        f"{cycles if reference.cycle >= 0 else ''}, {reference.elapsed_s:.1f}{duration} s{slowed}"
     )
 
 

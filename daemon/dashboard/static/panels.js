@@ -31,7 +31,7 @@ export function showState(status, risk) {
     : reduced ? `The gate lets ${Math.round(100 * status.risk.scale)} % of the step through` : gives ? "The body gives way" : held ? "It was told to hold" : "Nothing stands in the way");
   put($("remedy"), reason ? reason.remedy : reduced ? [status.risk.detail, gives && `the body gives way ${gives}`].filter(Boolean).join("; ") : gives ? gives : held ? "Resume goes on; disarm switches the drives off" : "");
   const aim = status.reference;
-  put($("following"), aim ? [aim.trajectory, aim.controller, aim.note].filter(Boolean).join(" · ") : "nothing is being followed");
+  put($("following"), aim ? [aim.trajectory, aim.controller, aim.note, aim.pace < 1 && `slowed to ${number(100 * aim.pace, 0, " %")}`].filter(Boolean).join(" · ") : "nothing is being followed");
   $("progress").hidden = !(aim && aim.duration_s);
   if (aim && aim.duration_s) $("progress").value = aim.elapsed_s / aim.duration_s;
   $("watermark").hidden = !status.simulated;
@@ -48,7 +48,7 @@ export function showReasons(status) {
 export function showFigures(status, risk, frames) {
   const buses = (status.loop.buses || []).map((bus) => `${bus.name} ${number(100 * bus.load, 0, " %")}`).join(", ");
   const rows = {
-    "Tracking error": number(status.error_mm, 2, " mm"), "Contact risk": number(status.risk.contact_risk, 4),
+    "Tracking error": number(status.error_mm, 2, " mm"), "Error expected": number(status.expected_mm, 1, " mm"), "Contact risk": number(status.risk.contact_risk, 4),
     Clearance: number(risk && risk.clearance_mm, 1, " mm"), "Gate lets through": number(100 * status.risk.scale, 0, " %"),
     "Gives way": (status.state === "running" && aside(risk)) || "nowhere",
     Tracker: `${status.tracker.state}, ${number(status.tracker.rate_hz, 0, " Hz")}`, "Tracker quality": number(100 * status.tracker.quality, 0, " %"),

@@ -89,6 +89,7 @@ class StatusReport:
             tip_mm=None if tip is None else tip.position_mm.tolist(),
             reference_mm=None if aim is None else aim.position_mm.tolist(),
             error_mm=self._loop.error_mm,
+            expected_mm=self._loop.expected_mm,
             error_rad=self._loop.error_rad,
             tracker=self._tracker_status(t_ns),
             axes=self._axes_status(t_ns),

@@ -61,6 +61,7 @@ _COLUMNS: Final[dict[type[Message], dict[str, Column]]] = {
         "reference_mm": Column(lambda tip: tip.reference_mm, 3),
         "error_mm": number(lambda tip: tip.error_mm),
         "error_rad": number(lambda tip: tip.error_rad),
+        "expected_mm": number(lambda tip: tip.expected_mm),
         "cycle": number(lambda tip: tip.cycle),
         "running": number(lambda tip: tip.state == _RUNNING),
         "believed": number(lambda tip: tip.believed),
@@ -180,7 +181,8 @@ class RunData:
     status: Status | None
     """The last one."""
     tip: Series | None
-    """tip_mm, measured_mm, reference_mm, error_mm, error_rad, cycle, running, believed."""
+    """tip_mm, measured_mm, reference_mm, error_mm, error_rad, expected_mm, cycle, running and
+    believed."""
     axes: Series | None
     """actual, target, proposed, permitted, force."""
     risk: Series | None

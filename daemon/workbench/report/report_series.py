@@ -81,6 +81,9 @@ def error_figure(run: RunData) -> Figure | None:
     handles = [Line2D([], [], color=ACCENT, label="in a cycle")]
     if np.isfinite(leading).any():
         handles.append(Line2D([], [], color=REFERENCE, label="not counted"))
+    if np.isfinite(tip["expected_mm"]).any():
+        _draw(axes, tip.t_s, tip["expected_mm"], color=INK, lw=0.7, ls=":")
+        handles.append(Line2D([], [], color=INK, lw=0.7, ls=":", label="expected (RMS)"))
     _mark_cycles(axes, tip, run.cycles)
     if run.cycles:
         handles.append(Line2D([], [], color=INK, lw=1.2, label="mean of the cycle"))

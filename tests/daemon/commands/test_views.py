@@ -126,6 +126,19 @@ def test_what_turns_is_told_in_radians_and_newton_millimetres() -> None:
         assert row.endswith(" N mm") is turns
 
 
+def test_what_is_expected_is_shown_and_how_far_a_path_is_slowed_for_it(healthy: Status) -> None:
+    assert healthy.reference is not None
+    plain = joined(printed(status_view(replace(healthy, expected_mm=None), SMALL)))
+    assert "expected" not in plain
+    assert "slowed" not in plain
+    slowed = replace(healthy.reference, pace=0.6, cycle=0, note="", trajectory="star")
+    shown = replace(healthy, error_mm=0.98, expected_mm=1.34, reference=slowed)
+    lines = printed(status_view(shown, Size(100, None)))
+    assert "error      0.98 mm, about 1.3 mm expected" in lines
+    following = next(line for line in lines if line.startswith("following"))
+    assert following.endswith("s, slowed to 60%")
+
+
 def test_no_model_of_the_risk_is_called_that_and_has_no_figure(healthy: Status) -> None:
     line = next(line for line in printed(status_view(healthy, SMALL)) if line.startswith("risk"))
     assert line == "risk       no model of what the body may touch; 100% of the step let through"

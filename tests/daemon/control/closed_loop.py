@@ -13,8 +13,8 @@ from config.loader import load_robot
 from config.robot import Robot
 from config.tasks.controllers import load_controller_options
 from config.tasks.exploration import WaypointExploration
-from config.tasks.trajectory import Circle, Lissajous, Rectangle
-from daemon.control.controller import Ahead, Controller, Observation, Phase
+from config.tasks.trajectory import Circle, Lissajous, Rectangle, Star
+from daemon.control.controller import Ahead, Controller, Observation, Phase, Proposal
 from daemon.controllers.exploration.waypoint_exploration import WaypointExplorationController
 from daemon.controllers.learning_controller import LearningController
 from daemon.controllers.make_controller import make_controller
@@ -22,7 +22,7 @@ from daemon.estimation.pose_filter import PoseFilter
 from daemon.learning.forward.pretrained_model import PretrainedModel
 from daemon.learning.forward.pretraining import PretrainingSettings, pretrain
 from daemon.learning.samples.dataset import Dataset, Frames
-from daemon.reference.reference import Blend
+from daemon.reference.reference import Blend, TrajectoryReference
 from daemon.reference.trajectories import make_trajectory
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Pose, Vector
@@ -112,6 +112,8 @@ class ClosedLoop:
         self.permitted: Callable[[Vector], Vector] = lambda step: step
         """What the gate makes of a step."""
         self.believed = True
+        self.proposal = Proposal(np.zeros(6))
+        """The last one."""
         self._filling: tuple[float, float] | None = None
         self.targets = np.zeros(6)
         self.t_ns = 0
@@ -162,12 +164,15 @@ class ClosedLoop:
         velocity_mm_s: Vector,
         ahead: Ahead | None = None,
         phase: Phase | None = None,
+        own_speed_mm_s: float | None = None,
     ) -> Vector:
         """One frame. Returns the step that was proposed."""
         self.measure()
         observation = self.observation(reference_mm, velocity_mm_s, ahead, phase)
+        observation = observation._replace(own_speed_mm_s=own_speed_mm_s)
         self.controller.observe(observation)
-        step = self.controller.propose(observation).delta_u
+        self.proposal = self.controller.propose(observation)
+        step = self.proposal.delta_u
         for _ in range(LEARN_CALLS):
             self.controller.learn()
         assert np.isfinite(step).all()
@@ -191,7 +196,7 @@ class ClosedLoop:
         for k in range(round((blend.duration_s + wait_s) / DT_S)):
             self.step(*blend.at(k * DT_S), _from(blend.at, k * DT_S))
 
-    def follow(self, options: Rectangle | Lissajous | Circle) -> Followed:
+    def follow(self, options: Rectangle | Star | Lissajous | Circle) -> Followed:
         """The whole trajectory, from its start."""
         trajectory = make_trajectory(options, Path())
         errors, true_errors, u = [], [], []
@@ -203,6 +208,24 @@ class ClosedLoop:
             true_errors.append(float(np.linalg.norm(self.body.tip.position_mm - reference)))
             u.append(self.u)
         return Followed(np.array(errors), np.array(true_errors), np.array(u))
+
+    def follow_at_its_pace(self, options: Rectangle | Star | Circle) -> list[Followed]:
+        """Cycle by cycle, slowed where the controller asks for that."""
+        reference = TrajectoryReference(make_trajectory(options, Path()), BLEND_MM_S)
+        reference.begin(self.tip_mm)
+        cycles: dict[int, list[tuple[float, float, Vector]]] = {}
+        while not reference.finished:
+            aim = reference.advance(self.t_ns, DT_S)
+            seconds = aim.in_cycle_s
+            phase = None if seconds is None else Phase(seconds, aim.cycle_s, aim.pace)
+            own_speed = reference.own_speed_mm_s
+            self.step(aim.position_mm, aim.velocity_mm_s, reference.ahead, phase, own_speed)
+            reference.go_at(self.proposal.pace)
+            off = [self.tip_mm - aim.position_mm, self.body.tip.position_mm - aim.position_mm]
+            seen, true = (float(np.linalg.norm(one)) for one in off)
+            cycles.setdefault(aim.cycle, []).append((seen, true, self.u))
+        del cycles[-1]
+        return [Followed(*map(np.array, zip(*cycle, strict=True))) for cycle in cycles.values()]
 
     def measure(self) -> None:
         """Time passes: the axes get to where they were told to be, the tracker sees the tip."""

@@ -10,7 +10,7 @@ import pytest
 
 from config.emulation import SoftArmPlant
 from config.tasks.controllers import ForwardJacobian
-from config.tasks.trajectory import Circle
+from config.tasks.trajectory import Circle, Rectangle, Star
 from daemon.control.controller import Observation, Phase
 from daemon.control.lag.body_lag import parts
 from daemon.control.lag.disturbance import Jump
@@ -280,6 +280,66 @@ def test_a_body_a_second_late_is_followed_as_well_after_some_cycles(
     means = by_cycle(loop_on("slow", model, monkeypatch), 20.0, 4)
     assert means[0] < 4.0
     assert means[-1] < 0.8
+
+
+CORNERS: dict[str, Rectangle | Star] = {
+    "rectangle": Rectangle(
+        kind="rectangle",
+        center_mm=(0.0, 0.0, 185.0),
+        width_mm=25.0,
+        height_mm=80.0,
+        cycle_s=10.5,
+        cycles=3,
+    ),
+    "star": Star(
+        kind="star",
+        center_mm=(0.0, 0.0, 185.0),
+        radius_mm=30.0,
+        inner_radius_mm=14.0,
+        cycle_s=10.9,
+        cycles=3,
+    ),
+}
+"""At 20 mm/s."""
+
+
+@pytest.mark.parametrize("path", CORNERS)
+def test_a_late_body_is_slowed_where_it_would_be_off_too_far_and_not_once_it_has_learnt(
+    path: str, model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    options = CORNERS[path]
+    loop = loop_on("slow", model, monkeypatch)
+    cycles = loop.follow_at_its_pace(options)
+    lasted = [len(cycle.errors_mm) * DT_S / options.cycle_s for cycle in cycles]
+    assert 1.1 < lasted[0] < 2.5
+    assert lasted[-1] < 0.5 * (1.0 + lasted[0])
+    assert all(cycle.errors_mm.mean() < 1.1 for cycle in cycles)
+    hurried = loop_on("slow", model, monkeypatch)
+    first = hurried.follow(options).errors_mm[: round(options.cycle_s / DT_S)]
+    assert cycles[0].errors_mm.mean() < 0.75 * first.mean()
+
+
+def test_what_a_late_body_is_off_by_is_no_more_than_expected_and_no_less_than_two_fifths(
+    model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loop, off, expected = loop_on("slow", model, monkeypatch), [], []
+    trajectory = make_trajectory(circle(20.0, 3), Path())
+    for k in range(round(trajectory.duration_s / DT_S)):
+        t_s = k * DT_S
+        ahead = partial(lambda begin_s, lead_s: trajectory.at(begin_s + lead_s), t_s)
+        loop.step(*trajectory.at(t_s), ahead, Phase(t_s % trajectory.cycle_s, trajectory.cycle_s))
+        assert loop.proposal.expected_mm is not None
+        off.append(float(np.linalg.norm(loop.tip_mm - trajectory.at(t_s)[0])))
+        expected.append(loop.proposal.expected_mm)
+    came, foretold = np.array_split(off, 3), np.array_split(expected, 3)
+    ratios = [np.sqrt((a**2).mean() / (b**2).mean()) for a, b in zip(came, foretold, strict=True)]
+    assert all(0.4 < ratio < 1.1 for ratio in ratios), ratios
+    assert np.mean(np.array(off) < 2.0 * np.array(expected)) > 0.95
+
+
+def test_a_prompt_body_keeps_the_path_s_time(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    (first, _) = loop_on("as_made", model, monkeypatch).follow_at_its_pace(circle(20.0, 2))
+    assert len(first.errors_mm) == pytest.approx(circle(20.0, 2).cycle_s / DT_S, abs=1)
 
 
 @pytest.mark.parametrize("lag_s", [0.3, 0.42, 0.46])

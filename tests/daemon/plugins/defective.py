@@ -65,6 +65,12 @@ class Controller:
             return Proposal(np.zeros(self.axes - 1))
         if self.defect == "not a number":
             return Proposal(np.full(self.axes, np.nan))
+        if self.defect == "no pace":
+            return good._replace(pace=float("nan"))
+        if self.defect == "runs ahead":
+            return good._replace(pace=1.5)
+        if self.defect == "expects rubbish":
+            return good._replace(expected_mm="much")
         if self.defect == "rubbish":
             return "left"
         if self.defect == "raises":
@@ -149,6 +155,9 @@ REFUSED: Final = {
 """Before anything moves."""
 
 HELD: Final = {
+    "no pace": bad("no pace", "asked for a pace of nan: it is above 0, and 1 at the most"),
+    "runs ahead": bad("runs ahead", "asked for a pace of 1.5: it is above 0, and 1 at the most"),
+    "expects rubbish": bad("expects rubbish", "expects an error of 'much': it is None, or mm"),
     "wrong shape": bad("wrong shape", "proposed a step of shape (5,), and there are 6 axes"),
     "not a number": bad("not a number", "proposed what is not a number"),
     "rubbish": bad("rubbish", "proposed no Proposal, but 'left'"),

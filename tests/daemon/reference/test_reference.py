@@ -9,9 +9,9 @@ from config.tasks.trajectory import load_trajectory_options
 from daemon.reference.reference import (
     Aim,
     Reference,
-    TeleoperationReference,
     TrajectoryReference,
 )
+from daemon.reference.teleoperation import TeleoperationReference
 from daemon.reference.trajectories import Cycle, Trajectory, make_trajectory
 from drivers.pose import Vector
 

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daemon.reference.reference import Blend, SetpointReference
+from daemon.reference.reference import Blend
+from daemon.reference.teleoperation import SetpointReference
 from drivers.pose import Vector
 
 FROM = np.array([0.0, 0.0, 168.0])
