@@ -73,7 +73,8 @@ def bench_figure(file: StudyFile, cells: Sequence[CellFindings]) -> Figure:
     bar.set_ticks(list(_TICKS), labels=[f"{tick:g}" for tick in _TICKS])
     bar.ax.minorticks_off()
     bar.set_label(
-        "settled error against the cell's best (figures: mm; framed: best, or within noise of it)"
+        "settled error against the cell's best (figures: mm; framed: best, or within noise of it; "
+        "×: slowed, and took so many times as long)"
     )
     return made
 
@@ -107,8 +108,9 @@ def _look(cell: CellFindings, one: Figures | None) -> tuple[object, str, bool]:
         return "white", "", False
     if one.failed or not isfinite(one.ratio):
         return _FAILED, one.trouble.partition(" ")[2] or "failed", True
-    share = min(log(one.ratio) / log(_MOST_RATIO), 1.0)
-    return mpl.colormaps[_COLOURS](share), f"{one.settled_mm:.2f}", share > _DARK_ABOVE
+    share = min(max(log(one.ratio), 0.0) / log(_MOST_RATIO), 1.0)
+    text = f"{one.settled_mm:.2f}" + ("" if one.in_time else f" × {one.times_as_long:.1f}")
+    return mpl.colormaps[_COLOURS](share), text, share > _DARK_ABOVE
 
 
 def _frame(axes: Axes, file: StudyFile, rows: int) -> None:

@@ -14,13 +14,16 @@ from daemon.workbench.studies.run import Outcome
 from daemon.workbench.studies.study_file import StudyFile
 
 _STANDARD_ERRORS: Final = 2.0
+_IN_TIME: Final = 1.02
+"""Times as long as the trajectory says: who takes longer is not compared with who keeps time."""
 _LEAST_SHARE: Final = 0.03
 """Of an error: a smaller difference is none. With one seed alone nothing else tells the noise."""
 CRITERION: Final = (
     "Within noise: the medians over seeds differ by no more than 3 %, or by no more than two "
     "standard errors of their difference, by the cell's noise: the median over all controllers in "
     "it of an error's relative standard deviation over seeds, so that nobody gains by being "
-    "unsteady. A run that was held, refused, unstable or given up is worse than any that was not."
+    "unsteady. A run that was held, refused, unstable or given up is worse than any that was not. "
+    "Who slows a path is told with how many times as long it took, and wins nothing by it."
 )
 
 
@@ -48,6 +51,8 @@ class Figures(msgspec.Struct, frozen=True, kw_only=True):
     overshoot_mm: float | None
     effort_per_m: float | None
     acceleration_per_s2: float | None
+    times_as_long: float = 1.0
+    """As the trajectory says: more than 1 where the path was slowed."""
     ratio: float = inf
     """To the best settled error of the cell."""
     within_noise: bool = False
@@ -57,6 +62,11 @@ class Figures(msgspec.Struct, frozen=True, kw_only=True):
     def failed(self) -> bool:
         """In half of the runs or more."""
         return not isfinite(self.settled_mm)
+
+    @property
+    def in_time(self) -> bool:
+        """Whether it kept the path's own time."""
+        return self.times_as_long <= _IN_TIME
 
 
 class CellFindings(msgspec.Struct, frozen=True, kw_only=True):
@@ -87,7 +97,7 @@ class CellFindings(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def best(self) -> Figures | None:
         """None: nobody came to its end."""
-        ended = [one for one in self.figures if not one.failed]
+        ended = [one for one in self.figures if not one.failed and one.in_time]
         return min(ended, key=lambda one: one.settled_mm) if ended else None
 
 
@@ -206,6 +216,7 @@ def _figures(variant: str, outcomes: Sequence[Outcome], study: Study) -> Figures
         ),
         effort_per_m=_known(sound, lambda one: one.effort_per_m),
         acceleration_per_s2=_known(sound, lambda one: one.acceleration_per_s2),
+        times_as_long=_known(sound, lambda one: one.times_as_long) or 1.0,
     )
 
 
@@ -225,8 +236,8 @@ def _trouble(verdicts: Sequence[str]) -> str:
 
 
 def _compared(figures: Sequence[Figures]) -> list[Figures]:
-    """With what each is against the best of them."""
-    ended = [one for one in figures if not one.failed]
+    """With what each is against the best of those that kept the time."""
+    ended = [one for one in figures if not one.failed and one.in_time]
     if not ended:
         return list(figures)
     best, noise = min(ended, key=lambda one: one.settled_mm), relative_noise(figures)
@@ -234,7 +245,7 @@ def _compared(figures: Sequence[Figures]) -> list[Figures]:
         msgspec.structs.replace(
             one,
             ratio=one.settled_mm / best.settled_mm,
-            within_noise=no_worse(one, best, noise),
+            within_noise=one.in_time and no_worse(one, best, noise),
         )
         for one in figures
     ]

@@ -27,7 +27,8 @@ _WINNERS: Final = (
     "Settled error in mm: the median of the means of the last cycles (the later half, without "
     "the first) of the filtered tip, medians over seeds, with the true tip's in brackets. "
     "**Bold**: the best, or within noise of the best. failed: held, unstable, given up or refused "
-    "in half of the runs or more. Floor: the filtered error for the tracker's noise alone. "
+    "in half of the runs or more. × 1.2: the path was slowed, and took so many times as long. "
+    "Floor: the filtered error for the tracker's noise alone. "
 )
 _ALL: Final = (
     "Errors of the filtered tip in mm (of the true tip). First: mean of the first cycle. Worst: "
@@ -35,7 +36,8 @@ _ALL: Final = (
     "second, the slowest of all changes (∞: not before the next one). Over: how far the tip then "
     "went to the other side. Effort: way of all axes together, in travels, per metre of the "
     "reference's path. Acceleration: of all axes, root mean square by second differences, in "
-    "travels per s²: the less the smoother. Ratio: of the settled error to the cell's best."
+    "travels per s²: the less the smoother. Time: in times of what the path says. Ratio: of the "
+    "settled error to the cell's best."
 )
 
 
@@ -116,7 +118,8 @@ def _cell_text(cell: CellFindings, variant: str) -> str:
         return f"failed: {figures.trouble}"
     text = number(figures.settled_mm)
     text = f"**{text}**" if figures.within_noise else text
-    return f"{text} ({number(figures.true_settled_mm)})"
+    longer = "" if figures.in_time else f" × {figures.times_as_long:.2f}"
+    return f"{text} ({number(figures.true_settled_mm)}){longer}"
 
 
 def _behind(file: StudyFile, cells: Sequence[CellFindings], said: Verdict) -> Table:
@@ -144,7 +147,7 @@ def _behind(file: StudyFile, cells: Sequence[CellFindings], said: Verdict) -> Ta
 
 _COLUMNS: Final = (
     *("", "settled", "first", "worst", "back s", "over mm", "effort", "acceleration"),
-    *("ratio", "runs"),
+    *("time", "ratio", "runs"),
 )
 
 
@@ -173,6 +176,7 @@ def _whole_row(label: str, one: Figures) -> list[str]:
         number(one.overshoot_mm),
         number(one.effort_per_m, 1),
         number(one.acceleration_per_s2),
+        number(one.times_as_long),
         number(one.ratio) + (" ✓" if one.within_noise else ""),
         f"{one.runs}: {one.trouble}" if one.trouble else str(one.runs),
     ]
@@ -181,7 +185,7 @@ def _whole_row(label: str, one: Figures) -> list[str]:
 _CSV_COLUMNS: Final = (
     *("settled_mm", "first_mm", "worst_mm", "true_settled_mm", "true_first_mm", "true_worst_mm"),
     *("floor_mm", "recovery_s", "true_recovery_s", "overshoot_mm", "effort_per_m"),
-    *("acceleration_per_s2", "ratio"),
+    *("acceleration_per_s2", "times_as_long", "ratio"),
 )
 
 

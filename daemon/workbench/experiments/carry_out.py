@@ -78,6 +78,7 @@ class Witness:
         self._truth = truth
         self._tip: Tip | None = None
         self._times, self._cycles = array("d"), array("d")
+        self._clock_ns = array("q")
         self._reference, self._believed = array("d"), array("d")
         self._reading, self._true = array("d"), array("d")
         self._u = array("d")
@@ -95,9 +96,10 @@ class Witness:
 
     def series(self) -> StepSeries:
         """All steps so far."""
-        travel = self._axes.travel
+        travel, clock_ns = self._axes.travel, np.array(self._clock_ns)
         return StepSeries(
             t_s=np.array(self._times),
+            clock_s=1e-9 * (clock_ns - clock_ns[:1]),
             cycle=np.array(self._cycles),
             reference_mm=_points(self._reference),
             tip_mm=_points(self._believed),
@@ -121,6 +123,7 @@ class Witness:
 
     def _take(self, tip: Tip, axes: Axes) -> None:
         self._times.append(self._elapsed_s())
+        self._clock_ns.append(tip.t_ns)
         self._cycles.append(tip.cycle)
         self._reference.extend(tip.reference_mm or _UNKNOWN)
         self._believed.extend(tip.tip_mm or _UNKNOWN)

@@ -68,6 +68,8 @@ class Measures(msgspec.Struct, frozen=True, kw_only=True):
     """Way of all axes together, in travels, per metre of the reference's path."""
     acceleration_per_s2: float | None
     """Of all axes, root mean square, in travels per s²: the less the smoother."""
+    times_as_long: float = 1.0
+    """How long it took, in times of what the trajectory says: more than 1 where it was slowed."""
 
 
 def measures_of(file: ExperimentFile, folder: Path) -> Measures | None:
@@ -136,6 +138,7 @@ def measured(series: StepSeries, duration_s: float, loads: Sequence[LoadChange])
         recoveries=recoveries,
         effort_per_m=_effort_per_m(series),
         acceleration_per_s2=_acceleration(series),
+        times_as_long=_times_as_long(series),
     )
 
 
@@ -153,7 +156,8 @@ def _recovery(
     mine = (series.t_s >= change.at_s) & (series.t_s < end_s)
     if not mine.any():
         return None
-    t_s, error_mm = series.t_s[mine] - change.at_s, series.error_mm[mine]
+    t_s = series.clock_s[mine] - series.clock_s[mine][0] + (series.t_s[mine][0] - change.at_s)
+    error_mm = series.error_mm[mine]
     back_s = _back_s(t_s, error_mm)
     before = len(t_s) if back_s is None else int(np.searchsorted(t_s, back_s)) + 1
     peak = int(np.argmax(error_mm[:before]))
@@ -195,9 +199,17 @@ def _effort_per_m(series: StepSeries) -> float | None:
     return float(np.abs(np.diff(series.u, axis=0)).sum()) / way_m if way_m > 0.0 else None
 
 
+def _times_as_long(series: StepSeries) -> float:
+    """Steps between which the robot stood do not count."""
+    clock_s, along_s = np.diff(series.clock_s), np.diff(series.t_s)
+    moved = (clock_s > 0.0) & (clock_s < _GAP_S)
+    along = float(along_s[moved].sum())
+    return float(clock_s[moved].sum()) / along if along > 0.0 else 1.0
+
+
 def _acceleration(series: StepSeries) -> float | None:
     """By second differences of where the axes were."""
-    dt_s = np.diff(series.t_s)
+    dt_s = np.diff(series.clock_s)
     if len(dt_s) < 2:
         return None
     together = (dt_s > 0.0) & (dt_s < _GAP_S)

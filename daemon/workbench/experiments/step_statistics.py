@@ -22,7 +22,9 @@ class StepSeries:
     """The steps within cycles, while the robot was RUNNING, in their order. nan: not known."""
 
     t_s: Array
-    """(n,) along the trajectory, which stands still while the robot does."""
+    """(n,) along the trajectory, which stands still while the robot does, and may be slowed."""
+    clock_s: Array
+    """(n,) since the first step, as it passes for everybody."""
     cycle: Array
     """(n,) whole numbers from 0."""
     reference_mm: Array
@@ -64,7 +66,8 @@ class StepSeries:
         """Raises OSError, ValueError, KeyError for what is no such file."""
         with np.load(path, allow_pickle=False) as stored:
             names = [one.name for one in fields(cls) if one.name in stored]
-            return cls(**{name: stored[name].astype(float) for name in names})
+            arrays = {name: stored[name].astype(float) for name in names}
+            return cls(**{"clock_s": arrays["t_s"], **arrays})
 
 
 CONVERGED_BELOW_MM: Final = 1.0

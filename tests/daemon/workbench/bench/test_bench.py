@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from math import inf
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from daemon.workbench.bench.figure import bench_figure
@@ -50,7 +51,7 @@ def file(tmp_path: Path) -> StudyFile:
     return load_study(made_up.write_study(tmp_path, STUDY))
 
 
-def measures(settled_mm: float, back_s: float | None = 0.5) -> Measures:
+def measures(settled_mm: float, back_s: float | None = 0.5, times_as_long: float = 1.0) -> Measures:
     return Measures(
         floor_mm=0.26,
         first_mm=2.0 * settled_mm,
@@ -71,6 +72,7 @@ def measures(settled_mm: float, back_s: float | None = 0.5) -> Measures:
         ],
         effort_per_m=6.0,
         acceleration_per_s2=0.7,
+        times_as_long=times_as_long,
     )
 
 
@@ -137,6 +139,32 @@ def test_who_failed_in_half_of_the_runs_is_the_worst(file: StudyFile) -> None:
     assert [one.failed for one in cell.figures] == [True, False, True]
     assert in_cell(cell, "ours").trouble == "1 failed"
     assert in_cell(cell, "ours").ratio == inf
+
+
+def test_who_slows_the_path_wins_nothing_by_it_and_is_told_with_its_time(file: StudyFile) -> None:
+    kept: Errors = {CELLS[0]: {"ours": [0.5, 0.5], "plain": [0.7, 0.7]}}
+    late = [
+        msgspec.structs.replace(one, measures=measures(0.3, times_as_long=1.4))
+        for one in outcomes(CELLS[0], "other", [0.3, 0.3])
+    ]
+    found = Findings(
+        study="small",
+        planned=6,
+        commits=[],
+        summaries=[],
+        aims=[],
+        runs=[*runs(kept), *late],
+    )
+    (cell,) = cell_findings(file, found.runs)
+    assert cell.best is in_cell(cell, "ours")
+    assert [one.within_noise for one in cell.figures] == [True, False, False]
+    assert in_cell(cell, "other").ratio == pytest.approx(0.6)
+    assert said_of(file, [cell]).best == 1
+    winners, *_ = bench_tables(file, found)
+    assert winners.sections[0].rows[0][3] == "0.30 (0.40) × 1.40"
+    with styled():
+        made = bench_figure(file, [cell])
+    assert [text.get_text() for text in made.axes[0].texts] == ["0.50", "0.70", "0.30 × 1.4"]
 
 
 def test_a_cell_that_all_refuse_counts_for_nobody(file: StudyFile) -> None:

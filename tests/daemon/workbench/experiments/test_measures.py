@@ -22,6 +22,7 @@ def series(error_mm: Array, cycle: Array | None = None, u: Array | None = None) 
     off = np.stack([0.0 * t_s, error_mm, 0.0 * t_s], axis=1)
     return StepSeries(
         t_s=t_s,
+        clock_s=t_s.copy(),
         cycle=np.zeros(len(t_s)) if cycle is None else cycle,
         reference_mm=reference,
         tip_mm=reference + off,
@@ -59,6 +60,23 @@ def test_a_tip_is_back_when_it_stays() -> None:
     (recovery,) = found.recoveries
     assert recovery.back_s == pytest.approx(0.75, abs=1.5 * DT_S)
     assert (recovery.peak_mm, recovery.overshoot_mm, recovery.load_g) == (10.0, 0.0, 30.0)
+
+
+def test_where_a_path_is_slowed_a_tip_is_back_by_everybody_s_clock() -> None:
+    slowed = series(pushed(0.75))
+    slowed.clock_s[:] *= 1.6
+    found = measured(slowed, 10.0, [LoadChange(2.0, 30.0)])
+    assert found is not None
+    assert found.recoveries[0].back_s == pytest.approx(1.6 * 0.75, abs=3.0 * DT_S)
+    assert found.times_as_long == pytest.approx(1.6)
+
+
+def test_where_the_robot_stood_is_no_time_that_a_path_took() -> None:
+    held = series(np.full(400, 0.3))
+    held.clock_s[200:] += 30.0
+    found = measured(held, 10.0, [])
+    assert found is not None
+    assert found.times_as_long == pytest.approx(1.0)
 
 
 def test_the_bodys_own_tip_is_back_when_it_is_and_never_where_nobody_knows_it() -> None:

@@ -37,6 +37,6 @@ def test_a_circle_is_followed_with_nine_frames_in_a_second(tmp_path: Path) -> No
     (tmp_path / "run").mkdir()
     result = carry_out_in_virtual_time(load_experiment(path), 1, tmp_path / "run", lambda _: None)
     assert result.holds == 0
-    steps = np.load(tmp_path / "run" / "steps.npz")["t_s"]
+    steps = np.load(tmp_path / "run" / "steps.npz")["clock_s"]
     assert 0.09 < float(np.median(np.diff(steps))) < 0.14
     assert [cycle.mean_mm < 2.0 for cycle in result.cycles] == [True, True]

@@ -28,6 +28,7 @@ def series(
     tip = reference + np.outer(error_mm, [1.0, 0.0, 0.0])
     return StepSeries(
         t_s=t_s,
+        clock_s=t_s,
         cycle=np.floor(t_s / cycle_s),
         reference_mm=reference,
         tip_mm=more.get("tip_mm", tip),

@@ -125,6 +125,7 @@ def leave_steps(root: Path, of: Outcome, error_mm: float = 1.0) -> None:
     folder.mkdir(parents=True)
     StepSeries(
         t_s=steps,
+        clock_s=steps,
         cycle=np.floor(steps / 10.0),
         reference_mm=reference,
         tip_mm=tip,
