@@ -81,8 +81,8 @@ class TipFollowing(ProportionalLaw):
 
     slow_above_mm: Positive | None = 1.0
     """With `lead`: where the tip is expected to be farther off than this (root mean square, by what
-    it was off by lately), a trajectory is followed more slowly than it says, as far as that helps.
-    None: it keeps its time, however far off the tip is."""
+    it was off by lately), a trajectory is followed more slowly than it says, as far as that helps
+    and down to a quarter. None: it keeps its time, however far off the tip is."""
 
     @property
     def leads(self) -> bool:

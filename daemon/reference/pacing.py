@@ -20,11 +20,6 @@ class Pacing:
         self._agreed: deque[tuple[float, float]] = deque()
         """What comes next, in its order: seconds, and the pace. Empty: all as it is asked."""
 
-    @property
-    def now(self) -> float:
-        """The pace of this moment."""
-        return self._agreed[0][1] if self._agreed else self.asked
-
     def ask(self, pace: float) -> None:
         """Go on so fast, above 0, after what is agreed."""
         if pace != self.asked and not self._agreed:

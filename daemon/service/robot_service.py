@@ -54,6 +54,8 @@ AT_REST_WITHIN_S: Final = 3.5
 """More than `power.py` gives the drives to stop and to switch off, one after the other: 2.5 s."""
 _LOOK_EVERY_S: Final = 0.002
 _NOBODY_COUNTS: Final = "this robot has no model of its body, and nothing counts with obstacles"
+_SLOWED_BELOW: Final = 0.95
+"""Of a path's own speed: less is told as an event, and all of it again."""
 _CHECKS_WITHIN_S: Final = 3.0
 """Some fifteen objects of each drive, all drives at once; the slowest take 0.1 s for each."""
 
@@ -125,6 +127,7 @@ class RobotService:
         self.at_rest: list[Callable[[], None]] = [self.relax]
         """Called whenever the drives have come to rest and are off."""
         self._was_at_rest = True
+        self._slowed = False
         self._status_due_ns = self._loop_due_ns = self._ahead_due_ns = 0
         self._synced_ns = 0
         self._healthy = True
@@ -288,7 +291,9 @@ class RobotService:
         if now_ns >= self._status_due_ns:
             self._status_due_ns = now_ns + _STATUS_EVERY_NS
             self.monitors.look_at_recorder()
-            self.publish(self.status())
+            status = self.status()
+            self._tell_when_slowed(status)
+            self.publish(status)
 
     def _check_for_rest(self) -> None:
         at_rest = self.supervisor.power.at_rest and not self.supervisor.energised
@@ -311,6 +316,20 @@ class RobotService:
             self.dependencies.recorder.urgent()
         self.events.state(before, after, worst)
         self.publish(self.status())
+
+    def _tell_when_slowed(self, status: Status) -> None:
+        """That a path begins to be followed more slowly than it says, and that it is over."""
+        followed = status.reference
+        slower_than = 1.0 if self._slowed else _SLOWED_BELOW
+        slowed = followed is not None and followed.pace < slower_than
+        if slowed == self._slowed:
+            return
+        self._slowed = slowed
+        text = "the path has its own time again"
+        if slowed and followed is not None:
+            text = f"the {followed.trajectory} is followed more slowly than it says"
+        detail = f"{status.expected_mm:.1f} mm off are expected" if status.expected_mm else ""
+        self.events.tell("note", "slowed", text, subject="path", present=slowed, detail=detail)
 
     def _body_snapped(self, times: int) -> None:
         text = f"the emulated body has snapped to another shape, for the {times}. time"

@@ -80,13 +80,14 @@ def case_of(number: int) -> dict[str, Any]:
             "lead": True,
             "gain_per_s": float(uniform(1.5, 8.0)),
             "max_tip_speed_mm_s": 80.0,
+            "slow_above_mm": (1.0, None)[number % 2],
         },
         "pretraining": {"waypoints": 80, "plant": {}, "seed": 1},
         "risk": False,
         "blend_speed_mm_s": 20.0,
         "tip_load_g": before_g,
         "happenings": [{"at_s": 0.4 * LASTS_S, "tip_load_g": after_g}],
-        "longest_s": 120.0,
+        "longest_s": 600.0,
     }
 
 
@@ -146,6 +147,7 @@ def _in_short(case: dict[str, Any]) -> dict[str, Any]:
         "gain_per_s": round(controller["gain_per_s"], 2),
         "kind": controller["kind"],
         "learning": controller["learning"],
+        "slow_above_mm": controller["slow_above_mm"],
         "speed_mm_s": round(
             2.0 * np.pi * case["trajectory"]["radius_mm"] / case["trajectory"]["cycle_s"], 1
         ),

@@ -22,6 +22,9 @@ _MEMORY_S: Final = 6.0
 """Then a third is left of what was seen."""
 _ANY_SPEED_MM: Final = 3.0
 """s₀: with the usual ρ it makes an error as small as a tracker's noise."""
+_LEAST_PACE: Final = 0.25
+"""Some errors do not become less, of axes at their ends or a body that gives way: a path comes to
+its end all the same."""
 _SLOWER_PER_S, _FASTER_PER_S = 0.5, 0.2
 """How fast the pace changes: a path that becomes slower is led as one that turns."""
 
@@ -55,7 +58,8 @@ class ExpectedError:
             return
         bearable_mm = self._tolerated_mm / max(self._share, 1e-9)
         slowed_mm = sqrt(max(bearable_mm**2 - _ANY_SPEED_MM**2, _ANY_SPEED_MM**2))
-        wanted = min(slowed_mm / max(self._way_mm(speed_mm_s, lag_s), slowed_mm), 1.0)
+        wanted = slowed_mm / max(self._way_mm(speed_mm_s, lag_s), slowed_mm)
+        wanted = min(max(wanted, _LEAST_PACE), 1.0)
         slower, faster = self.pace - _SLOWER_PER_S * dt_s, self.pace + _FASTER_PER_S * dt_s
         self.pace = min(max(wanted, slower), faster)
 

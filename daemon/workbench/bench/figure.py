@@ -109,7 +109,7 @@ def _look(cell: CellFindings, one: Figures | None) -> tuple[object, str, bool]:
     if one.failed or not isfinite(one.ratio):
         return _FAILED, one.trouble.partition(" ")[2] or "failed", True
     share = min(max(log(one.ratio), 0.0) / log(_MOST_RATIO), 1.0)
-    text = f"{one.settled_mm:.2f}" + ("" if one.in_time else f" × {one.times_as_long:.1f}")
+    text = f"{one.settled_mm:.2f}" + ("" if one.in_time else f" × {one.times_as_long:.2f}")
     return mpl.colormaps[_COLOURS](share), text, share > _DARK_ABOVE
 
 

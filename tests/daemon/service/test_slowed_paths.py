@@ -57,6 +57,10 @@ def test_a_path_is_slowed_as_far_as_that_helps_and_everybody_is_told() -> None:
     assert len(expected) > 100
     assert all(one > 0.0 for one in expected)
     assert all(status.expected_mm is not None for status in told[:-1])
+    events = [event for event in rig.told_events if event.name == "slowed"]
+    assert [event.present for event in events] == [True, False]
+    assert events[0].text == "the circle is followed more slowly than it says"
+    assert events[0].detail.endswith("mm off are expected")
 
 
 @pytest.mark.parametrize("slow_above_mm", [None, 50.0])
@@ -65,6 +69,7 @@ def test_whoever_does_not_want_that_has_the_path_in_its_time(slow_above_mm: floa
     assert lasted_s(rig) == pytest.approx(2.0 * CYCLE_S, abs=0.1)
     assert paces(told) == {1.0}
     assert expected
+    assert not any(event.name == "slowed" for event in rig.told_events)
 
 
 def test_who_does_not_lead_expects_nothing() -> None:

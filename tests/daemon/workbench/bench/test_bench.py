@@ -164,7 +164,7 @@ def test_who_slows_the_path_wins_nothing_by_it_and_is_told_with_its_time(file: S
     assert winners.sections[0].rows[0][3] == "0.30 (0.40) × 1.40"
     with styled():
         made = bench_figure(file, [cell])
-    assert [text.get_text() for text in made.axes[0].texts] == ["0.50", "0.70", "0.30 × 1.4"]
+    assert [text.get_text() for text in made.axes[0].texts] == ["0.50", "0.70", "0.30 × 1.40"]
 
 
 def test_a_cell_that_all_refuse_counts_for_nobody(file: StudyFile) -> None:
