@@ -19,7 +19,7 @@ from daemon.control.jacobian_estimate import FIRST_STD_MM, JacobianEstimate
 from daemon.control.lag.body_lag import BodyLag, LaggedAxes
 from daemon.control.task import POSE, POSITION, points, task_of
 from daemon.control.tip_following import TipFollower, step_time
-from daemon.controllers.fixed_model_file import load_model, model_metadata, save_model
+from daemon.controllers.model_files import load_model, model_metadata, save_model
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
 

@@ -15,159 +15,25 @@ import numpy as np
 from config.paths import named_model
 from config.robot import Robot
 from config.tasks.controllers import Learner
-from config.tasks.exploration import MotorBabbling
 from daemon.array_files import Arrays, ModelError
 from daemon.control.axis_speeds import Foresight
 from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.control.lag.body_lag import LaggedAxes
 from daemon.control.task import POSITION, points
-from daemon.control.tip_following import TipFollower, step_time
-from daemon.controllers.exploration.random_motion import WaypointWalk
-from daemon.controllers.learning_file import LearntFile, load_learnt, save_learnt
+from daemon.control.tip_following import TipFollower
+from daemon.controllers.exploration.motor_babbling import Babbling
+from daemon.controllers.learning_samples import LearningSamples, sampling_with
 from daemon.controllers.learnt_jacobian import (
     LearntJacobian,
-    PointingJacobian,
     TipJacobian,
     learnt_foresight,
 )
+from daemon.controllers.model_files import LearntFile, load_learnt, save_learnt
+from daemon.controllers.pointing_jacobian import PointingJacobian
 from daemon.learning.forward.pretrained_model import PretrainedModel
 from daemon.learning.samples.motion import MotionSample
-from daemon.learning.samples.motion_samples import MotionSampler, SamplingSettings
-from daemon.robot.axes import AxisRanges
+from daemon.learning.samples.motion_samples import SamplingSettings
 from drivers.pose import Vector
-
-# Which motions a controller may learn from while it works.
-#
-# The sampler leaves out what cannot have been a motion of the axes. Here is asked besides whether
-# what was seen has anything to do with what the axes did: a load that is hung on, a push, a tip
-# that sticks, a tracker that repeats itself all move the tip otherwise than any Jacobian near the
-# known one would.
-
-
-_MOST_DIFFERENT = 0.85
-"""Share of the tip's motion, seen or expected, whichever is more, by which both may differ: a
-Jacobian turned by 50°, or one that is six times too large or too small."""
-_AGREE_AFTER = 10
-"""So many in a row that are doubted are believed: then it is the Jacobian that is wrong."""
-
-
-class LearningSamples:
-    """Takes frames, gives samples to learn from."""
-
-    def __init__(
-        self, sampling: SamplingSettings, travel: Vector, noise_mm: float, jacobian: TipJacobian
-    ) -> None:
-        """noise_mm: of one coordinate of a motion. jacobian: what is expected of a motion."""
-        self._sampler = MotionSampler(sampling, travel)
-        self._noise_mm = noise_mm
-        self._jacobian = jacobian
-        self._doubted_in_a_row = 0
-        self.doubted = 0
-        """How many samples were left out."""
-
-    def break_off(self) -> None:
-        """What comes next has nothing to do with what came before."""
-        self._sampler.break_off()
-
-    def add(self, observation: Observation) -> MotionSample | None:
-        """Take a frame; a sample if one is ready."""
-        if not observation.believed:
-            self._sampler.break_off()
-            return None
-        sample = self._sampler.add(observation.t_ns, observation.tip_mm, observation.u)
-        if sample is None or not self._jacobian.modelled:
-            # Without a model there is only what the last motions have told. Who believes those
-            # that agree with it, and no others, stays wrong where the Jacobian changes.
-            return sample
-        if self._plausible(sample):
-            self._doubted_in_a_row = 0
-            return sample
-        self.doubted += 1
-        self._doubted_in_a_row += 1
-        return sample if self._doubted_in_a_row > _AGREE_AFTER else None
-
-    def _plausible(self, sample: MotionSample) -> bool:
-        seen = sample.delta_tip_mm
-        expected = self._jacobian.at(sample.tip_mm, sample.u) @ sample.delta_u
-        moved_mm = max(float(np.linalg.norm(seen)), float(np.linalg.norm(expected)))
-        differs_mm = float(np.linalg.norm(seen - expected))
-        return differs_mm <= _MOST_DIFFERENT * max(moved_mm, 2.0 * self._noise_mm)
-
-
-def sampling_with(base: SamplingSettings, options: Learner) -> SamplingSettings:
-    """`base`, but with motions as long as `options` say."""
-    return replace(
-        base,
-        tip_mm=options.sample_tip_mm,
-        travel_share=options.sample_travel_share,
-        longest_s=options.sample_longest_s,
-        lag_s=base.lag_s if options.lag_s is None else options.lag_s,
-    )
-
-
-# Motor babbling: small random motions round where the axes are, to learn a first model from.
-#
-# A learning controller uses it as long as it knows nothing, and takes samples of it as of any
-# other motion.
-
-
-_DRAWN_AT_MOST = 60
-"""Until one is inside coupled limits: of a box round a corner of five of them one in 32 is."""
-
-
-class Babbling:
-    """Proposes the steps until it has lasted as long as it should, pauses not counted."""
-
-    def __init__(self, options: MotorBabbling, axes: AxisRanges, seed: int) -> None:
-        self._options = options
-        self._axes = axes
-        self._random = np.random.default_rng(seed)
-        self._walk = WaypointWalk(options, axes, self._random)
-        self._home: Vector | None = None
-        self._goal = np.zeros(axes.count)
-        self._elapsed_s = 0.0
-
-    @property
-    def done(self) -> bool:
-        return self._elapsed_s >= self._options.duration_s
-
-    @property
-    def note(self) -> str:
-        """What it is doing; empty when it is done."""
-        if self.done:
-            return ""
-        return f"tries small motions: {self._elapsed_s:.0f} of {self._options.duration_s:.0f} s"
-
-    def reset(self) -> None:
-        """Motion begins again, perhaps from elsewhere."""
-        self._walk.reset()
-        self._home = None
-
-    def propose(self, observation: Observation) -> Vector:
-        """(m,) the next step; none when it is done."""
-        if self.done:
-            return np.zeros(self._axes.count)
-        self._elapsed_s += step_time(observation)
-        if self._home is None:
-            self._home = observation.targets.copy()
-            self._goal = self._draw(self._home)
-        elif self._walk.arrived(self._goal, observation):
-            self._goal = self._draw(self._home)
-        return self._walk.step(self._goal, observation)
-
-    def _draw(self, home: Vector) -> Vector:
-        """(m,) near home. Where there is no room on one side, the other has all of it."""
-        axes = self._axes
-        reach = self._options.reach_share * axes.scale
-        lowest = np.clip(home - reach, axes.lowest, axes.highest - 2.0 * reach)
-        for _ in range(_DRAWN_AT_MOST):
-            goal = lowest + 2.0 * reach * self._random.uniform(0.0, 1.0, axes.count)
-            if axes.tendons:
-                goal = home + axes.less_together(goal - home, self._options.together_share)
-            if axes.coupled.way_inside(home, goal):
-                return np.asarray(goal)
-        return home
-
 
 _UNKNOWN_BODY = SamplingSettings(lag_s=0.1)
 _SAMPLES_PER_AXIS = 3

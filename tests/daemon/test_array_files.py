@@ -9,8 +9,14 @@ import pytest
 
 from config.loader import load_robot
 from daemon.array_files import ArrayFile, ModelError, misfit_of, read_as, whose
-from daemon.controllers.fixed_model_file import load_model, model_metadata, save_model
-from daemon.controllers.learning_file import LearntFile, load_learnt, save_learnt
+from daemon.controllers.model_files import (
+    LearntFile,
+    load_learnt,
+    load_model,
+    model_metadata,
+    save_learnt,
+    save_model,
+)
 from daemon.learning.samples.dataset import Dataset, DatasetError
 from tests import SHIPPED_ROBOTS
 from tests.daemon.learning.frames_of_arm import ROBOT, arm_dataset

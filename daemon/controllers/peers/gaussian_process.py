@@ -15,7 +15,7 @@ from config.robot import Robot
 from config.tasks.controllers import Learner
 from config.tasks.peers import GaussianProcess
 from daemon.array_files import prefixed, stripped
-from daemon.controllers.jacobian_controller import JacobianController
+from daemon.controllers.forward_jacobian import JacobianController
 from daemon.controllers.peers.motion_process import Covariance, MotionProcess, most_likely
 from daemon.learning.forward.pretrained_model import PretrainedModel
 from daemon.learning.forward.stop_operators import HeldBack

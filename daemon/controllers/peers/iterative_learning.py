@@ -14,7 +14,7 @@ from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.control.lag.body_lag import parts
 from daemon.control.task import within
 from daemon.control.tip_following import step_time
-from daemon.controllers.jacobian_controller import JacobianController
+from daemon.controllers.forward_jacobian import JacobianController
 from daemon.controllers.peers.cycle_learning import ClosedLoop, CycleLearning
 from daemon.controllers.peers.identified_jacobian import IdentifiedJacobian
 from drivers.pose import Vector

@@ -24,7 +24,7 @@ from daemon.control.jacobian_kernels import in_rows
 from daemon.control.lag.body_lag import parts
 from daemon.control.task import within
 from daemon.control.tip_following import step_time
-from daemon.controllers.jacobian_controller import JacobianController
+from daemon.controllers.forward_jacobian import JacobianController
 from daemon.controllers.peers import horizon_kernels as kernels
 from daemon.controllers.peers.identified_jacobian import IdentifiedJacobian
 from drivers.pose import Vector

@@ -6,7 +6,7 @@ import pytest
 from config.loader import load_robot
 from config.tasks.exploration import MotorBabbling
 from daemon.control.controller import Observation
-from daemon.controllers.learning_controller import Babbling
+from daemon.controllers.exploration.motor_babbling import Babbling
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
 from tests import SHIPPED_ROBOTS

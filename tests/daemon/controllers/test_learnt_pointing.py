@@ -11,8 +11,8 @@ from config.tasks.controllers import ForwardJacobian, load_controller_options
 from daemon.control.controller import ControllerError, Observation, steers_direction
 from daemon.control.task import angle_between
 from daemon.controllers.learning_controller import LearningController
-from daemon.controllers.learnt_jacobian import PointingJacobian
 from daemon.controllers.make_controller import make_controller
+from daemon.controllers.pointing_jacobian import PointingJacobian
 from daemon.learning.forward.pose_kinematics import PoseKinematics
 from drivers.pose import Vector
 from safety.states import OperatingState

@@ -1,8 +1,4 @@
-"""What a controller has learnt, on disk: the model it began with, and all that came since.
-
-One npz and in it a JSON text. A file that pre-training made is read as well: one from which nothing
-was learnt yet.
-"""
+"""Models of controllers on disk: one npz and in it a JSON text, that says whose model it is."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -28,6 +24,47 @@ from daemon.learning.lwpr.model import Lwpr
 from daemon.learning.lwpr.settings import LwprSettings
 from daemon.learning.samples.motion import MotionTable
 from daemon.learning.samples.motion_samples import SamplingSettings
+from drivers.pose import Vector
+
+# Models of a fixed shape.
+
+
+def model_metadata(controller: str, robot: Robot) -> dict[str, Any]:
+    """Whose model it is: a file is loaded again only where all of this is the same."""
+    return {"controller": controller, **whose(robot)}
+
+
+def save_model(path: Path, metadata: Mapping[str, Any], arrays: Mapping[str, Vector]) -> None:
+    """Write a model; a reader sees the old file or the whole new one. Raises OSError."""
+    ArrayFile(dict(metadata), dict(arrays)).save(path)
+
+
+def load_model(
+    path: Path, metadata: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]]
+) -> dict[str, Vector]:
+    """Arrays of these shapes from a model with this metadata.
+
+    Raises ModelError that names what does not fit, OSError for a file that cannot be opened.
+    """
+    with read_as(path, "a model of this kind"):
+        file = ArrayFile.load(path)
+    for key, expected in metadata.items():
+        actual = file.about.get(key)
+        if actual != expected:
+            raise ModelError(f"{path} does not fit: its {key} is {actual!r}, not {expected!r}")
+    with read_as(path, "a model of this kind"):
+        arrays = {name: np.asarray(file.arrays[name], dtype=np.float64) for name in shapes}
+    for name, shape in shapes.items():
+        if arrays[name].shape != shape:
+            raise ModelError(f"{path} does not fit: {name} is {arrays[name].shape}, not {shape}")
+        if not np.isfinite(arrays[name]).all():
+            raise ModelError(f"{path} is damaged: {name} is not finite")
+    return arrays
+
+
+# What a controller that goes on learning has: the model it began with, and all that came since. A
+# file that pre-training made is read as well: one from which nothing was learnt yet.
+
 
 KIND = "tentacled learnt controller/1"
 _WHAT = "what a controller has learnt"
