@@ -36,6 +36,9 @@ for the next. A slow body's rectangle settles at 1.1 mm without, at 0.84 with tw
 with four times. On the way to a path this would show in what is found of the body: the tip goes a
 little with axes that should not move it, and nobody told it to."""
 
+_AT_ZERO = 0.02
+"""Of an axis' range: so near to zero a body is where it rests."""
+
 _FORESEEN_S = 0.025
 """A step of the tracker's, as the law is asked for it before anything moves."""
 
@@ -82,6 +85,8 @@ class TipFollower:
     def reset(self, observation: Observation) -> None:
         """Motion begins: the posture may be the one of this moment."""
         self.leading.begin()
+        if (np.abs(observation.targets) <= _AT_ZERO * self.axes.scale).all():
+            self.leading.rest_mm = observation.tip_mm
         self._jumps = self.leading.jumps
         self._told = None
         if self._hysteresis is not None:

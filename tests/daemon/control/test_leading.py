@@ -379,12 +379,13 @@ def test_a_load_is_caught_within_a_second_and_is_not_there_in_the_next_cycle(
 ON_S, OFF_S = 8.0, 16.0
 
 
-def off_under_a_load(lag_s: float, seed: int, softer: float) -> Vector:
+def off_under_a_load(lag_s: float, seed: int, softer: float, rest_known: bool = False) -> Vector:
     """(n,) mm off, step by step, of a body that a load makes go so many times as far for `ON_S` to
     `OFF_S`, and for four seconds after it."""
     rest_mm, speed_mm_s = np.array([0.0, 0.0, 210.0]), 80.0
     leading, random = Leading(gain_per_s=7.0, by_cycles=False), np.random.default_rng(seed)
     leading.lag.lag_s = lag_s
+    leading.rest_mm = rest_mm if rest_known else None
     reference = make_trajectory(circle(10.0, 2), Path())
     told = shown = reference.at(0.0)[0] - rest_mm
     dead_s, first_order_s = parts(lag_s)
@@ -419,6 +420,19 @@ def test_what_the_way_back_told_of_a_loaded_body_leads_it_until_gains_do() -> No
     assert np.sqrt((after**2).mean()) < 0.25
 
 
+@pytest.mark.parametrize("softer", [1.3, 1.5])
+def test_who_knows_where_a_body_rests_is_told_by_the_jump_what_a_load_made_of_it(
+    softer: float,
+) -> None:
+    """Once it is back it swings less."""
+    unknown, known = (
+        np.array([off_under_a_load(0.1, seed, softer, rest_known) for seed in range(5)])
+        for rest_known in (False, True)
+    )
+    back = slice(round((ON_S + 0.7) / DT_S), round((ON_S + 1.5) / DT_S))
+    assert known[:, back].mean() < 0.9 * unknown[:, back].mean()
+
+
 @pytest.mark.parametrize("lag_s", [0.1, 0.3, 0.7])
 def test_a_load_that_is_taken_off_again_leaves_what_was_known_before(
     lag_s: float, monkeypatch: pytest.MonkeyPatch
@@ -430,7 +444,7 @@ def test_a_load_that_is_taken_off_again_leaves_what_was_known_before(
     assert max(known) < 2.0 * lag_s + 0.4
 
 
-@pytest.mark.parametrize("body", ["as_made", "worn"])
+@pytest.mark.parametrize("body", ["as_made", "worn", "mismatched"])
 def test_a_tip_that_is_pushed_aside_comes_back_without_going_far_beyond(
     body: str, model: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

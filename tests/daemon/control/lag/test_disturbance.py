@@ -111,3 +111,27 @@ def test_a_force_that_changes_no_gain_is_undone_by_its_opposite() -> None:
     assert released.undoes(pushed, 1.01)
     assert not aside.undoes(pushed, 1.01)
     assert not pushed.undoes(pushed, 1.01)
+
+
+@pytest.mark.parametrize("turns", [0.0, 0.3, 0.7])
+@pytest.mark.parametrize("ratio", [0.7, 0.9, 1.2, 1.5])
+def test_a_jump_along_the_way_from_rest_tells_two_thirds_of_what_a_load_makes_of_it(
+    ratio: float, turns: float
+) -> None:
+    jump = scaled(on_a_circle(turns), ratio - 1.0)
+    told = jump.times_as_far(REST_MM)
+    assert (told - 1.0) * (ratio - 1.0) > 0.0
+    assert told == pytest.approx(1.0 + 0.65 * (ratio - 1.0))
+
+
+def test_what_is_told_of_a_load_has_its_limits() -> None:
+    far = scaled(on_a_circle(0.0), 8.0)
+    assert far.times_as_far(REST_MM) == 1.6
+    assert Jump(far.from_mm, -far.by_mm).times_as_far(REST_MM) == pytest.approx(1.0 / 1.6)
+
+
+def test_a_push_aside_and_a_tip_at_rest_tell_nothing_of_a_load() -> None:
+    across = np.cross(on_a_circle(0.0) - REST_MM, [0.0, 0.0, 1.0])
+    assert Jump(on_a_circle(0.0), across).times_as_far(REST_MM) == 1.0
+    at_rest = Jump(REST_MM, np.array([12.0, 0.0, 0.0]))
+    assert at_rest.times_as_far(REST_MM) == 1.0
