@@ -149,9 +149,10 @@ class Leading:
         jump = self._disturbance.add(t_s, off_mm, arrived_mm, self.lag.lag_s)
         if jump is not None:
             self.jumps += 1
+            self._answer.begin()
             self.lag.break_off()
-            # What goes on of the same one tells nothing more.
-            self._answer.begin(1.0 if on_its_way else self._body_changed(jump))
+            if not on_its_way:  # else it is the same one, going on
+                self._body_changed(jump)
         straight = self._disturbance.just_jumped(t_s)
         memory_s = ON_THE_WAY_BACK_S if straight else ON_A_PATH_S
         lag_s = self.lag.lag_s
@@ -160,10 +161,11 @@ class Leading:
         self.gains = self.gains + share * (self.lag.gains - self.gains)
         self.lag.add(t_s, dt_s, self._told_mm, observation.tip_mm)
 
-    def _body_changed(self, jump: Jump) -> float:
-        """How many times as far as told it goes from now on, as far as the jump tells that: where a
-        load is taken off again it leaves the body as it was before, and what was known then is
-        known now."""
+    def _body_changed(self, jump: Jump) -> None:
+        """A load that is taken off again leaves the body as it was before: what was known then is
+        known now. Otherwise the jump tells how much further a prompt body goes; a late one is told
+        most of its way back before it shows any of that, and is caught later by who asks for less.
+        """
         if self._unloaded_gains is None:
             self._unloaded_gains = self.gains
         before, self._before = self._before, (jump, self.gains, self.lag.gain_memory())
@@ -172,10 +174,11 @@ class Leading:
             if jump.undoes(last, float((self.gains / gains).mean())):
                 self.gains = gains
                 self.lag.recall_gains(memory)
-                return 1.0
-        if self.rest_mm is None:
-            return 1.0
-        return 1.0 + (1.0 - self.predicted) * (jump.times_as_far(self.rest_mm) - 1.0)
+                return
+        if self.rest_mm is not None:
+            times = 1.0 + (1.0 - self.predicted) * (jump.times_as_far(self.rest_mm) - 1.0)
+            self.gains = times * self.gains
+            self.lag.scale_gains(times)
 
     def see_probe(self, observation: Observation, dt_s: float, moved_mm: Vector) -> None:
         """(3,) was told since the last step, to see how late the body is."""

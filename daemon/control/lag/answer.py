@@ -6,7 +6,7 @@ so what is under way counts with what it will come to, by what the last tenths o
 Motions s of the tip over a short span are held against those x of the told motion that arrived in
 it: the matrix that explains them best, close to the identity where they tell nothing,
 
-    M = (Σ s xᵀ + λ M₀) (Σ x xᵀ + λ I)⁻¹
+    M = (Σ s xᵀ + λ I) (Σ x xᵀ + λ I)⁻¹
 
 with old ones forgotten: least squares with a prior. A prediction of some tenths of a second by a
 line through what the tip was off lately would know less: the path turns meanwhile, and what it is
@@ -62,9 +62,7 @@ class Answer:
         """Σ x xᵀ, mm²."""
         self._made = np.zeros((3, 3))
         """Σ s xᵀ, mm²."""
-        self._thought = _ONE
-        """(3, 3) M₀."""
-        self.matrix = _ONE
+        self.matrix = np.eye(3)
         """(3, 3) M."""
         self._foretold = np.zeros(4)
         """As `surely_right` has them, of motions that took a lag."""
@@ -74,14 +72,11 @@ class Answer:
         """How far M is to be gone by for what is under way, 0 to 1."""
         return min(max(surely_right(self._foretold, _DOUBT) / _RIGHT_ENOUGH, 0.0), 1.0)
 
-    def begin(self, times: float = 1.0) -> None:
-        """What comes next does not go on from here, and is another body's, which is thought to go
-        so many times as far as told: M₀ is that times I. How far it is to be foretold at all is
-        not forgotten."""
+    def begin(self) -> None:
+        """What comes next does not go on from here, and is another body's. How far it is to be
+        foretold at all is not forgotten."""
         self._lately.clear()
-        self._told, self._made = np.zeros((3, 3)), np.zeros((3, 3))
-        self._thought = times * _ONE
-        self.matrix = self._thought
+        self._told, self._made, self.matrix = np.zeros((3, 3)), np.zeros((3, 3)), np.eye(3)
 
     def add(
         self,
@@ -103,8 +98,8 @@ class Answer:
         kept = exp(-dt_s / memory_s)
         self._told = kept * self._told + np.outer(due, due)
         self._made = kept * self._made + np.outer(came, due)
-        made, told = self._made + _ONE_MM2 * self._thought, self._told + _ONE_MM2 * _ONE
-        self.matrix = _limited(made @ np.linalg.inv(told))
+        one = _ONE_MM2 * _ONE
+        self.matrix = _limited((self._made + one) @ np.linalg.inv(self._told + one))
 
     def _judge(
         self, t_s: float, dt_s: float, tip_mm: Vector, arrived_mm: Vector, within_s: float

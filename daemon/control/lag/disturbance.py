@@ -38,7 +38,7 @@ _ALIKE: Final = 0.05
 
 _ALONG: Final = 0.5
 """Cosine of the angle between a jump and the way from rest, from which on it is along that."""
-_BELIEVED: Final = 0.65
+_BELIEVED: Final = 0.5
 """Of what a jump alone tells. Loads of 30 g take soft arms off by 0.7 times their way from rest,
 and make them go 1.4 times as far."""
 _MOST_TIMES: Final = 1.6
@@ -72,7 +72,7 @@ class Jump(NamedTuple):
         """k, as this one alone tells it of a body whose place of rest p0, (3,), is known: a load
         that takes it off along p - p0 does so by k - 1 times that. 1: it tells nothing of it.
 
-        Two thirds of it are believed: a load draws the tip as well.
+        Half of it is believed: a load draws the tip as well.
         """
         from_rest = self.from_mm - rest_mm
         length = sqrt(float(self.by_mm @ self.by_mm))

@@ -213,12 +213,15 @@ def test_a_tip_that_is_not_a_number_is_an_error_and_no_step() -> None:
 def test_where_a_body_rests_is_seen_where_motion_begins_with_all_axes_at_zero() -> None:
     law = follower(lead=True, probe=False)
     bent, straight = np.array([20.0, 5.0, 180.0]), np.array([0.5, 0.0, 168.0])
-    law.reset(seen(targets=np.array([20.0, 0.0, 0.0, 0.0, 0.0, 0.0]), tip_mm=bent))
-    assert law.leading.rest_mm is None
-    law.reset(seen(targets=np.full(6, 0.3), tip_mm=straight))
-    law.reset(seen(targets=np.full(6, 20.0), tip_mm=bent))
-    assert law.leading.rest_mm is not None
-    assert law.leading.rest_mm.tolist() == straight.tolist()
+    known = []
+    for targets, tip_mm in (
+        (np.array([20.0, 0.0, 0.0, 0.0, 0.0, 0.0]), bent),
+        (np.full(6, 0.3), straight),
+        (np.full(6, 20.0), bent),
+    ):
+        law.reset(seen(targets=targets, tip_mm=tip_mm))
+        known.append(law.leading.rest_mm)
+    assert known == [None, straight, straight]
 
 
 def test_a_tip_that_is_not_a_number_teaches_a_path_that_is_repeated_nothing() -> None:
