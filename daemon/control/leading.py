@@ -22,7 +22,7 @@ import numpy as np
 
 from daemon.control.controller import Observation, Phase
 from daemon.control.lag.answer import ON_A_PATH_S, ON_THE_WAY_BACK_S, Answer
-from daemon.control.lag.body_lag import DEAD_SHARES, BodyLag, Underway, parts
+from daemon.control.lag.body_lag import DEAD_SHARES, GAINS, BodyLag, Underway, parts
 from daemon.control.lag.disturbance import Disturbance, Jump
 from daemon.control.lag.expected_error import ExpectedError
 from daemon.control.lag.persistence import Persistence
@@ -177,8 +177,8 @@ class Leading:
                 return
         if self.rest_mm is not None:
             times = 1.0 + (1.0 - self.predicted) * (jump.times_as_far(self.rest_mm) - 1.0)
-            self.gains = times * self.gains
-            self.lag.scale_gains(times)
+            before_it, self.gains = self.gains, np.clip(times * self.gains, *GAINS)
+            self.lag.scale_gains(self.gains / before_it)
 
     def see_probe(self, observation: Observation, dt_s: float, moved_mm: Vector) -> None:
         """(3,) was told since the last step, to see how late the body is."""

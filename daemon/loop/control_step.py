@@ -282,6 +282,7 @@ class ControlLoop:
     def _decide(self, sensed: Sensed, believed: bool) -> RequestedStep | None:
         """What the controller wants; None: to stand still."""
         controller, reference, tip = self.controller, self.reference, self.tip
+        self.expected_mm = None
         if controller is None or reference is None or tip is None:
             return None
         running = self._supervisor.running
@@ -327,7 +328,6 @@ class ControlLoop:
             controller.reset(observation)
             self._begun = True
         controller.observe(observation)
-        self.expected_mm = None
         if not running:
             return None
         proposal = controller.propose(observation)

@@ -325,7 +325,7 @@ class RobotService:
         if slowed == self._slowed:
             return
         self._slowed = slowed
-        text = "the path has its own time again"
+        text = "the path is not slowed any more"
         if slowed and followed is not None:
             text = f"the {followed.trajectory} is followed more slowly than it says"
         detail = f"{status.expected_mm:.1f} mm off are expected" if status.expected_mm else ""

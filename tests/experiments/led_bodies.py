@@ -2,11 +2,12 @@
 
 `python -m tests.experiments.led_bodies`. Every case is an arm that the controller's model does not
 know, with a lag of 0.05 to 0.8 s, a dead time of up to 0.25 s, hysteresis, play, creep and uneven
-chambers; a gain; a path at some speed; a load from the beginning, and another one hung on on the
-way. The monitor watches as it does always, and what it holds is resumed. A case is unstable where
-the tip is far from its path at the end, when the way back from the load is long over. Every case is
-one line in `--out` and is not done again; `--share 1/3` does a third of them. Prints one JSON; ends
-with exit code 1 where a case was unstable, or failed.
+chambers; a gain; a path at some speed, which every other one keeps and the rest may slow; a load
+from the beginning, and another one hung on on the way. The monitor watches as it does always, and
+what it holds is resumed. A case is unstable where the tip is far from its path at the end, when the
+way back from the load is long over. Every case is one line in `--out` and is not done again;
+`--share 1/3` does a third of them. Prints one JSON; ends with exit code 1 where a case was
+unstable, or failed.
 """
 
 import argparse

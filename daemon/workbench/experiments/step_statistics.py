@@ -67,6 +67,7 @@ class StepSeries:
         with np.load(path, allow_pickle=False) as stored:
             names = [one.name for one in fields(cls) if one.name in stored]
             arrays = {name: stored[name].astype(float) for name in names}
+            # A file without a clock is of paths that kept their time.
             return cls(**{"clock_s": arrays["t_s"], **arrays})
 
 

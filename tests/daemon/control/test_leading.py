@@ -433,6 +433,21 @@ def test_who_knows_where_a_body_rests_is_told_by_the_jump_what_a_load_made_of_it
     assert known[:, back].mean() < 0.9 * unknown[:, back].mean()
 
 
+def test_a_load_on_a_body_that_loads_made_soft_leaves_gains_that_a_body_can_have() -> None:
+    leading = Leading(gain_per_s=7.0, by_cycles=False)
+    leading.lag.lag_s, leading.rest_mm = 0.1, np.array([0.0, 0.0, 168.0])
+    leading.gains = np.array([1.9, 1.2, 1.0])
+    told, highest = np.array([30.0, 0.0, 185.0]), leading.gains
+    for k in range(60):
+        tip_mm = told + (30.0 if k >= 40 else 0.0) * np.array([1.0, 0.0, 0.0])
+        observation = observed(k * DT_S, tip_mm, told, lambda t_s: (told, np.zeros(3)))
+        leading.take_stock(observation, 1e-6, np.zeros(3))  # in no time gains change by jumps alone
+        highest = np.maximum(highest, leading.gains)
+    assert leading.jumps == 1
+    assert highest[0] == pytest.approx(2.0)
+    assert highest[1] > 1.4
+
+
 @pytest.mark.parametrize("lag_s", [0.1, 0.3, 0.7])
 def test_a_load_that_is_taken_off_again_leaves_what_was_known_before(
     lag_s: float, monkeypatch: pytest.MonkeyPatch
