@@ -22,8 +22,8 @@ import numpy as np
 
 from daemon.control.controller import Observation, Phase
 from daemon.control.lag.answer import ON_A_PATH_S, ON_THE_WAY_BACK_S, Answer
-from daemon.control.lag.body_lag import DEAD_SHARES, GAINS, BodyLag, Underway, parts
-from daemon.control.lag.disturbance import Disturbance, Jump
+from daemon.control.lag.body_lag import DEAD_SHARES, BodyLag, Underway, parts
+from daemon.control.lag.disturbance import Disturbance, Jump, Load
 from daemon.control.lag.expected_error import ExpectedError
 from daemon.control.lag.persistence import Persistence
 from daemon.control.repeated_path import CycleCorrection
@@ -44,12 +44,12 @@ _UNPREDICTED_GAIN_BY_LAG: Final = 1.0
 """... and where it is not: from π/2 on a loop that waits so long for its answer swings up."""
 _SHORTEST_LAG_S: Final = 0.1
 """That any body has, with its drives and the tracker."""
-_CATCHING: Final = 1.0
-"""So much more gain while a tip that was pushed or loaded is caught, where the body is prompt. Half
-as much again is hardly quicker, a fifth of it a tenth of a second slower (30 g, four bodies)."""
-_HURRY: Final = 0.35
+_CATCHING: Final = 1.6
+"""So much more gain while a tip that was pushed or loaded is caught, where the body is prompt. A
+fifth less is a few hundredths of a second slower (30 g, four bodies)."""
+_HURRY: Final = 0.8
 """... and so much more of what is missing is told at first than shall come of it, where the lag is
-long: what a first-order lag keeps back then comes sooner."""
+long: what a first-order lag keeps back then comes sooner. Half of it is 0.2 s slower (30 g)."""
 _GAIN_APPROACH_S: Final = 1.0
 """Time constant of the way to the gains that were found: nothing jumps."""
 
@@ -81,12 +81,14 @@ class Leading:
         self._answer = Answer()
         self._persistence = Persistence()
         self._expected = ExpectedError(gain_per_s, slow_above_mm)
-        self._before: tuple[Jump, Vector, Vector] | None = None
-        """The last jump, and what was known of the gains when it came."""
+        self.load = Load()
+        """What the last jump told of what hangs on the body, besides the gains."""
+        self._loaded = np.eye(3)
+        """(3, 3) how much more that lets come of what was told last."""
+        self._before: tuple[Jump, Vector, Vector, float] | None = None
+        """The last jump, and what was known of the gains and the load when it came."""
         self._unloaded_gains: Vector | None = None
         """What was known of them when the first jump since motion began came."""
-        self.rest_mm: Vector | None = None
-        """(3,) where the tip is with all axes at zero; None: nobody has seen it there."""
         self.jumps = 0
         """How often the tip was taken off at once: something was hung on, or pushed it."""
 
@@ -103,10 +105,11 @@ class Leading:
 
     @property
     def made_up_for(self) -> Vector:
-        """(3,) gains, besides which motions tell something of the body. After a load they are those
-        of before: motions tell what it changes sooner than the gains do, and better, for it is
-        another change at each place."""
-        return self.gains if self._unloaded_gains is None else self._unloaded_gains
+        """(3,) gains, besides which motions tell something of the body: what a load makes of it is
+        none of its own. After a load the others are those of before, for motions tell what it
+        changes besides sooner than the gains do, and better: it is another change at each place."""
+        gains = self.gains if self._unloaded_gains is None else self._unloaded_gains
+        return np.asarray(self.load.times * gains)
 
     @property
     def pace(self) -> float:
@@ -138,6 +141,7 @@ class Leading:
     def take_stock(self, observation: Observation, dt_s: float, moved_mm: Vector) -> None:
         """(3,) was told since the last step; the tip is seen to have made this of all before."""
         t_s = observation.t_ns * 1e-9
+        moved_mm = self._loaded @ moved_mm
         self._told_mm = self._told_mm + moved_mm
         moved_mm = self.gains * moved_mm
         self._underway.tell(t_s, dt_s, moved_mm, self.lag.lag_s, self.lag.dead_share)
@@ -163,22 +167,18 @@ class Leading:
 
     def _body_changed(self, jump: Jump) -> None:
         """A load that is taken off again leaves the body as it was before: what was known then is
-        known now. Otherwise the jump tells how much further a prompt body goes; a late one is told
-        most of its way back before it shows any of that, and is caught later by who asks for less.
-        """
+        known now. Otherwise the jump tells how much further the body goes."""
         if self._unloaded_gains is None:
             self._unloaded_gains = self.gains
-        before, self._before = self._before, (jump, self.gains, self.lag.gain_memory())
+        before, load = self._before, self.load
+        self._before = jump, self.gains, self.lag.gain_memory(), load.times
         if before is not None:
-            last, gains, memory = before
-            if jump.undoes(last, float((self.gains / gains).mean())):
-                self.gains = gains
+            last, gains, memory, times = before
+            if jump.undoes(last, float((self.gains / gains).mean()) * load.times / times):
+                self.gains, load.times = gains, times
                 self.lag.recall_gains(memory)
                 return
-        if self.rest_mm is not None:
-            times = 1.0 + (1.0 - self.predicted) * (jump.times_as_far(self.rest_mm) - 1.0)
-            before_it, self.gains = self.gains, np.clip(times * self.gains, *GAINS)
-            self.lag.scale_gains(self.gains / before_it)
+        load.hang(jump)
 
     def see_probe(self, observation: Observation, dt_s: float, moved_mm: Vector) -> None:
         """(3,) was told since the last step, to see how late the body is."""
@@ -218,7 +218,8 @@ class Leading:
             error = error + share * (hurry * late + further - (left - coming) - error)
         wanted = min(gain * dt_s, 1.0) * error + velocity * dt_s
         self._expect(observation, dt_s)
-        return np.asarray(np.linalg.solve(answer, wanted) / self.gains)
+        self._loaded = self.load.matrix_at(observation.tip_mm)
+        return np.asarray(np.linalg.solve(answer * self.gains @ self._loaded, wanted))
 
     def _expect(self, observation: Observation, dt_s: float) -> None:
         """What the tip is off by tells of what it will be; what takes it off at once does not."""

@@ -86,7 +86,7 @@ class TipFollower:
         """Motion begins: the posture may be the one of this moment."""
         self.leading.begin()
         if (np.abs(observation.targets) <= _AT_ZERO * self.axes.scale).all():
-            self.leading.rest_mm = observation.tip_mm
+            self.leading.load.rest_mm = observation.tip_mm
         self._jumps = self.leading.jumps
         self._told = None
         if self._hysteresis is not None:

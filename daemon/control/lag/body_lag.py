@@ -183,10 +183,6 @@ class BodyLag:
         """What the gains are told from, for `recall_gains`."""
         return self._gain_sums.copy()
 
-    def scale_gains(self, times: Vector) -> None:
-        """The body goes (3,) times as far along x, y and z as it did."""
-        self._gain_sums[1] *= times
-
     def recall_gains(self, memory: Vector) -> None:
         """The body is again as it was when `gain_memory` gave that."""
         self._gain_sums = memory.copy()

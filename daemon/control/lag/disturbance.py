@@ -1,4 +1,5 @@
-"""Whether the tip was taken off at once, by something that nobody told it.
+"""Whether the tip was taken off at once, by something that nobody told it; and what a load that did
+so makes of the body.
 
 A load that is hung on, or a push, takes the tip off at once. Most of its way back is then to be
 told before much of it is seen; the body answers otherwise from there on; and nothing of it is the
@@ -17,6 +18,8 @@ from collections import deque
 from math import sqrt
 from operator import itemgetter
 from typing import Final, NamedTuple
+
+import numpy as np
 
 from drivers.pose import Vector
 
@@ -38,11 +41,11 @@ _ALIKE: Final = 0.05
 
 _ALONG: Final = 0.5
 """Cosine of the angle between a jump and the way from rest, from which on it is along that."""
-_BELIEVED: Final = 0.5
-"""Of what a jump alone tells. Loads of 30 g take soft arms off by 0.7 times their way from rest,
-and make them go 1.4 times as far."""
-_MOST_TIMES: Final = 1.6
-"""... and the reciprocal: beyond, the body is another one."""
+_ONE: Final = np.eye(3)
+_TIMES: Final = 0.5, 2.0
+"""A load that makes more or less of the body leaves another one."""
+_AT_REST_MM: Final = 5.0
+"""No nearer than a few times this to its place of rest a way from there has a direction."""
 
 
 class Jump(NamedTuple):
@@ -70,17 +73,45 @@ class Jump(NamedTuple):
 
     def times_as_far(self, rest_mm: Vector) -> float:
         """k, as this one alone tells it of a body whose place of rest p0, (3,), is known: a load
-        that takes it off along p - p0 does so by k - 1 times that. 1: it tells nothing of it.
-
-        Half of it is believed: a load draws the tip as well.
-        """
+        that takes it off along p - p0 does so by k - 1 times that. 1: it tells nothing of it."""
         from_rest = self.from_mm - rest_mm
         length = sqrt(float(self.by_mm @ self.by_mm))
         along = float(from_rest @ self.by_mm) / length
         if abs(along) <= _ALONG * sqrt(float(from_rest @ from_rest)):
             return 1.0
-        times = 1.0 + _BELIEVED * length / along
-        return min(max(times, 1.0 / _MOST_TIMES), _MOST_TIMES)
+        return 1.0 + length / along
+
+
+class Load:
+    """What hangs on the body: it makes the tip go K times as far as it is told.
+
+    A load that makes a body soft takes its tip from p to p0 + k (p - p0), where p0 is its place of
+    rest. So across that way the tip goes k times as far as it did. Along it, where a body that is
+    bent further becomes stiffer, it goes less: soft arms go about √k times as far. With the way's
+    direction n
+
+        K = k I + (√k - k) n nᵀ
+    """
+
+    def __init__(self) -> None:
+        self.times = 1.0
+        """k. A body that nothing hangs on has 1."""
+        self.rest_mm: Vector | None = None
+        """(3,) p0, where the tip is with all axes at zero; None: nobody has seen it there."""
+
+    def hang(self, jump: Jump) -> None:
+        """Something was hung on, or taken off, that took the tip off so."""
+        if self.rest_mm is not None:
+            times = self.times * jump.times_as_far(self.rest_mm)
+            self.times = min(max(times, _TIMES[0]), _TIMES[1])
+
+    def matrix_at(self, tip_mm: Vector) -> Vector:
+        """(3, 3) K of a tip at (3,)."""
+        if self.times == 1.0 or self.rest_mm is None:
+            return _ONE
+        way = tip_mm - self.rest_mm
+        less = (sqrt(self.times) - self.times) / (float(way @ way) + _AT_REST_MM**2)
+        return np.asarray(self.times * _ONE + less * np.outer(way, way))
 
 
 class Disturbance:

@@ -220,7 +220,7 @@ def test_where_a_body_rests_is_seen_where_motion_begins_with_all_axes_at_zero() 
         (np.full(6, 20.0), bent),
     ):
         law.reset(seen(targets=targets, tip_mm=tip_mm))
-        known.append(law.leading.rest_mm)
+        known.append(law.leading.load.rest_mm)
     assert known == [None, straight, straight]
 
 

@@ -7,7 +7,7 @@ from filterpy.kalman import KalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daemon.estimation.pose_filter import ConstantVelocity
+from daemon.estimation.constant_velocity import ConstantVelocity
 
 NOISE, ACCELERATION, RATE = 0.04, 2500.0, 900.0
 

@@ -8,13 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from config.control import PoseFilterSettings
-from daemon.estimation.pose_filter import (
-    FRAMES_FOR_QUALITY,
-    PoseFilter,
-    TipEstimate,
-    from_rotation_vector,
-    rotation_vector,
-)
+from daemon.estimation.constant_velocity import from_rotation_vector, rotation_vector
+from daemon.estimation.pose_filter import FRAMES_FOR_QUALITY, PoseFilter, TipEstimate
 from drivers.pose import Pose, Vector, conjugate, multiply
 
 SETTINGS = PoseFilterSettings()
@@ -208,6 +203,22 @@ def test_a_tip_that_was_pushed_is_not_lost_while_it_is_led_back() -> None:
         pose = led_back((now_ns - begun_ns) * 1e-9)
         assert pose_filter.update(now_ns, pose)
         assert np.linalg.norm(there(pose_filter, now_ns).position_mm - pose.position_mm) < 1.0
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("by_mm", np.arange(1.0, 9.0, 0.5).tolist())
+def test_no_jump_is_taken_for_speed(by_mm: float, seed: int) -> None:
+    """However far: one that may be believed after some frames, for by then the tip may be anywhere,
+    lets no estimate fly past it."""
+    pose_filter, now_ns = following(resting, 60, seed)
+    generator, last = np.random.default_rng(seed + 100), 0.0
+    for _ in range(2 * START):
+        now_ns += PERIOD_NS
+        believed = pose_filter.update(now_ns, noisy(moved(resting(), by_mm), generator))
+        last = float((there(pose_filter, now_ns).position_mm - resting().position_mm)[0])
+        assert last < by_mm + 0.8
+        assert believed or last < 0.8
+    assert last > by_mm - 0.8
 
 
 def test_what_would_be_lost_is_an_outlier_again_when_the_tip_is_back() -> None:

@@ -6,7 +6,7 @@ from filterpy.common import Q_discrete_white_noise
 from numpy.typing import NDArray
 
 from config.control import PoseFilterSettings
-from daemon.estimation.pose_filter import PositionFilter
+from daemon.estimation.constant_velocity import PositionFilter
 from daemon.estimation.recorded_path import first_state, motion_model, recorded_path
 from drivers.pose import Vector
 

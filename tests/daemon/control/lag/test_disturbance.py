@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from daemon.control.lag.disturbance import Disturbance, Jump
+from daemon.control.lag.disturbance import Disturbance, Jump, Load
 from drivers.pose import Vector
 
 DT_S = 0.025
@@ -113,21 +113,44 @@ def test_a_force_that_changes_no_gain_is_undone_by_its_opposite() -> None:
     assert not pushed.undoes(pushed, 1.01)
 
 
+def loaded(*jumps: Jump) -> Load:
+    load = Load()
+    load.rest_mm = REST_MM
+    for jump in jumps:
+        load.hang(jump)
+    return load
+
+
 @pytest.mark.parametrize("turns", [0.0, 0.3, 0.7])
 @pytest.mark.parametrize("ratio", [0.7, 0.9, 1.2, 1.5])
-def test_a_jump_along_the_way_from_rest_tells_half_of_what_a_load_makes_of_it(
+def test_a_jump_along_the_way_from_rest_tells_what_a_load_makes_of_it(
     ratio: float, turns: float
 ) -> None:
-    jump = scaled(on_a_circle(turns), ratio - 1.0)
-    told = jump.times_as_far(REST_MM)
-    assert (told - 1.0) * (ratio - 1.0) > 0.0
-    assert told == pytest.approx(1.0 + 0.5 * (ratio - 1.0))
+    assert scaled(on_a_circle(turns), ratio - 1.0).times_as_far(REST_MM) == pytest.approx(ratio)
 
 
-def test_what_is_told_of_a_load_has_its_limits() -> None:
+@pytest.mark.parametrize("ratio", [0.7, 1.2, 1.5])
+def test_a_load_counts_in_full_across_the_way_from_rest_and_less_along_it(ratio: float) -> None:
+    load, way = loaded(scaled(on_a_circle(0.0), ratio - 1.0)), on_a_circle(0.3) - REST_MM
+    along = way / np.linalg.norm(way)
+    across = np.cross(along, [0.0, 0.0, 1.0])
+    matrix = load.matrix_at(on_a_circle(0.3))
+    np.testing.assert_allclose(matrix @ across, ratio * across, atol=1e-12)
+    np.testing.assert_allclose(matrix @ along, np.sqrt(ratio) * along, rtol=0.03)
+    np.testing.assert_allclose(load.matrix_at(REST_MM), ratio * np.eye(3))
+
+
+@pytest.mark.parametrize("turns", [0.0, 0.4])
+def test_a_load_that_is_taken_off_leaves_the_body_as_it_was(turns: float) -> None:
+    on = scaled(on_a_circle(0.0), 0.4)
+    off = scaled(REST_MM + 1.4 * (on_a_circle(turns) - REST_MM), 1.0 / 1.4 - 1.0)
+    assert loaded(on, off).times == pytest.approx(1.0)
+
+
+def test_what_is_told_of_loads_has_its_limits() -> None:
     far = scaled(on_a_circle(0.0), 8.0)
-    assert far.times_as_far(REST_MM) == 1.6
-    assert Jump(far.from_mm, -far.by_mm).times_as_far(REST_MM) == pytest.approx(1.0 / 1.6)
+    assert loaded(far).times == loaded(far, far).times == 2.0
+    assert loaded(Jump(far.from_mm, -far.by_mm)).times == 0.5
 
 
 def test_a_push_aside_and_a_tip_at_rest_tell_nothing_of_a_load() -> None:
@@ -135,3 +158,9 @@ def test_a_push_aside_and_a_tip_at_rest_tell_nothing_of_a_load() -> None:
     assert Jump(on_a_circle(0.0), across).times_as_far(REST_MM) == 1.0
     at_rest = Jump(REST_MM, np.array([12.0, 0.0, 0.0]))
     assert at_rest.times_as_far(REST_MM) == 1.0
+
+
+def test_nobody_is_told_of_a_load_who_has_not_seen_the_body_at_rest() -> None:
+    load = Load()
+    load.hang(scaled(on_a_circle(0.0), 0.4))
+    np.testing.assert_array_equal(load.matrix_at(on_a_circle(0.0)), np.eye(3))
