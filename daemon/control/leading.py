@@ -45,11 +45,11 @@ _UNPREDICTED_GAIN_BY_LAG: Final = 1.0
 _SHORTEST_LAG_S: Final = 0.1
 """That any body has, with its drives and the tracker."""
 _CATCHING: Final = 1.6
-"""So much more gain while a tip that was pushed or loaded is caught, where the body is prompt. A
-fifth less is a few hundredths of a second slower (30 g, four bodies)."""
+"""So much more gain while a tip that was pushed or loaded is caught, where the body is prompt. With
+1.0 it takes some hundredths of a second longer (30 g, four bodies)."""
 _HURRY: Final = 0.8
 """... and so much more of what is missing is told at first than shall come of it, where the lag is
-long: what a first-order lag keeps back then comes sooner. Half of it is 0.2 s slower (30 g)."""
+long: what a first-order lag keeps back then comes sooner. With half of it that takes 0.2 to 0.3 s longer."""
 _GAIN_APPROACH_S: Final = 1.0
 """Time constant of the way to the gains that were found: nothing jumps."""
 
@@ -82,7 +82,7 @@ class Leading:
         self._persistence = Persistence()
         self._expected = ExpectedError(gain_per_s, slow_above_mm)
         self.load = Load()
-        """What the last jump told of what hangs on the body, besides the gains."""
+        """What jumps told of what hangs on the body."""
         self._loaded = np.eye(3)
         """(3, 3) how much more that lets come of what was told last."""
         self._before: tuple[Jump, Vector, Vector, float] | None = None

@@ -56,7 +56,7 @@ and noise are as large as ever."""
 _CLEARER, _AT_LEAST = 0.05, 2e-3
 """Share of what the best delay leaves unexplained, and of all motion, by which it must be better.
 So a slow circle does not tell a tenth of a second, which there makes no difference either."""
-GAINS: Final = 0.5, 2.0
+_GAINS: Final = 0.5, 2.0
 """Beyond these the Jacobian is wrong otherwise than by a gain."""
 _ONE_MM2 = 50.0
 """As much motion with a gain of 1 as is taken for seen before anything is: 0.3 mm of noise and
@@ -177,7 +177,7 @@ class BodyLag:
         xx, xy = self._gain_sums[:, here]
         whole = (xy.sum() + _ONE_MM2) / (xx.sum() + _ONE_MM2)
         alike = _ONE_MM2 + _ALIKE * xx.sum()
-        return np.asarray(np.clip((xy + alike * whole) / (xx + alike), *GAINS))
+        return np.asarray(np.clip((xy + alike * whole) / (xx + alike), *_GAINS))
 
     def gain_memory(self) -> Vector:
         """What the gains are told from, for `recall_gains`."""

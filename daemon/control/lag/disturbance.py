@@ -1,5 +1,5 @@
-"""Whether the tip was taken off at once, by something that nobody told it; and what a load that did
-so makes of the body.
+"""Whether the tip was taken off at once, by something that nobody told it; and what a load makes of
+the body that does so.
 
 A load that is hung on, or a push, takes the tip off at once. Most of its way back is then to be
 told before much of it is seen; the body answers otherwise from there on; and nothing of it is the
@@ -43,9 +43,9 @@ _ALONG: Final = 0.5
 """Cosine of the angle between a jump and the way from rest, from which on it is along that."""
 _ONE: Final = np.eye(3)
 _TIMES: Final = 0.5, 2.0
-"""A load that makes more or less of the body leaves another one."""
+"""Least and most k: beyond these a body is another one, whatever hangs on it."""
 _AT_REST_MM: Final = 5.0
-"""No nearer than a few times this to its place of rest a way from there has a direction."""
+"""A way from rest has a direction where it is some times as long as this."""
 
 
 class Jump(NamedTuple):

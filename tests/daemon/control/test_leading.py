@@ -433,6 +433,12 @@ def test_who_knows_where_a_body_rests_is_told_by_the_jump_what_a_load_made_of_it
     assert known[:, back].mean() < 0.9 * unknown[:, back].mean()
 
 
+def test_what_a_load_makes_of_the_body_is_not_learnt_of_it() -> None:
+    leading = Leading(gain_per_s=7.0, by_cycles=False)
+    leading.gains, leading.load.times = np.array([1.1, 1.0, 0.9]), 1.5
+    np.testing.assert_allclose(leading.made_up_for, [1.65, 1.5, 1.35])
+
+
 @pytest.mark.parametrize("lag_s", [0.1, 0.3, 0.7])
 def test_a_load_that_is_taken_off_again_leaves_what_was_known_before(
     lag_s: float, monkeypatch: pytest.MonkeyPatch
