@@ -49,7 +49,8 @@ _CATCHING: Final = 1.6
 1.0 it takes some hundredths of a second longer (30 g, four bodies)."""
 _HURRY: Final = 0.8
 """... and so much more of what is missing is told at first than shall come of it, where the lag is
-long: what a first-order lag keeps back then comes sooner. With half of it that takes 0.2 to 0.3 s longer."""
+long: what a first-order lag keeps back then comes sooner. With half of it that takes
+0.2 to 0.3 s longer."""
 _GAIN_APPROACH_S: Final = 1.0
 """Time constant of the way to the gains that were found: nothing jumps."""
 
