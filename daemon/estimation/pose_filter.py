@@ -73,6 +73,8 @@ class PoseFilter:
 
     def __init__(self, settings: PoseFilterSettings) -> None:
         self._settings = settings
+        self._gate = settings.outlier_sigma**2
+        """A squared Mahalanobis distance beyond it is not believed."""
         self._position = PositionFilter(
             settings.position_noise_mm, settings.acceleration_mm_s2, self._restart_speed
         )
@@ -151,10 +153,9 @@ class PoseFilter:
             self._believed_ns = None
             return self._begin(t_ns, pose, self._settings.outliers_in_a_row)
         innovation = self._compare(t_ns, pose)
-        gate = self._settings.outlier_sigma**2
         if not (
-            self._position.surprise(innovation.position_mm, innovation.ahead_s) <= gate
-            and self._orientation.surprise(innovation.turn_rad, innovation.ahead_s) <= gate
+            self._position.surprise(innovation.position_mm, innovation.ahead_s) <= self._gate
+            and self._orientation.surprise(innovation.turn_rad, innovation.ahead_s) <= self._gate
         ):
             return self._begin_elsewhere(t_ns, pose, innovation, self._settings.outliers_in_a_row)
         if self._goes_on_elsewhere(t_ns, pose, innovation):
@@ -179,11 +180,16 @@ class PoseFilter:
     def _goes_on_elsewhere(self, t_ns: int, pose: Pose, innovation: _Innovation) -> bool:
         """Whether a measurement that may be believed belongs to those that were not. It may, for
         the longer none is believed the less is known of the tip; but corrected by it a filter takes
-        a jump for speed, and loses the tip that goes no further."""
+        a jump for speed, and loses the tip that goes no further. A tip that did take up speed is
+        off by more, the longer it goes."""
         if not self._candidates or not self._agree(self._candidates[-1], (t_ns, pose)):
             return False
-        from_last_mm = pose.position_mm - self._candidates[-1][1].position_mm
-        return float(np.linalg.norm(from_last_mm)) < hypot(*innovation.position_mm)
+        first_s = (self._candidates[0][0] - self._state_ns) / _NS_PER_S
+        if self._position.surprise(innovation.position_mm, first_s) <= self._gate:
+            return False
+        went_on_mm = hypot(*_minus(innovation.position_mm, self._left_mm))
+        with_speed_mm = hypot(*self._left_mm) * (innovation.ahead_s / first_s - 1.0)
+        return went_on_mm < _GOES_ON * with_speed_mm
 
     def _begin_elsewhere(
         self, t_ns: int, pose: Pose, innovation: _Innovation, in_a_row: int
@@ -236,6 +242,10 @@ class PoseFilter:
         may_turn = hypot(sqrt(2) * settings.orientation_noise_rad, _TURN_RAD_S * dt_s)
         near = settings.outlier_sigma
         return float(np.linalg.norm(moved)) <= near * may_move and turned <= near * may_turn
+
+
+def _minus(one: Triple, other: Triple) -> Triple:
+    return one[0] - other[0], one[1] - other[1], one[2] - other[2]
 
 
 def _sound(pose: Pose) -> bool:

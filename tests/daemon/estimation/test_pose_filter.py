@@ -221,6 +221,22 @@ def test_no_jump_is_taken_for_speed(by_mm: float, seed: int) -> None:
     assert last > by_mm - 0.8
 
 
+@pytest.mark.parametrize("after_mm", [0.8, 1.2])
+def test_an_outlier_and_a_little_more_noise_are_no_jump(after_mm: float) -> None:
+    """What would have been believed in the outlier's place is nothing that began elsewhere."""
+
+    def passing(t_s: float) -> Pose:
+        return moved(resting(), 8.0 * t_s)
+
+    pose_filter, now_ns = following(passing, 60)
+    for off_mm in (2.5, after_mm):
+        now_ns += PERIOD_NS
+        believed = pose_filter.update(now_ns, moved(passing(now_ns * 1e-9), off_mm))
+        assert believed == (off_mm == after_mm)
+        assert pose_filter.jumped_mm == 0.0
+    assert there(pose_filter, now_ns).velocity_mm_s[0] > 0.0
+
+
 def test_what_would_be_lost_is_an_outlier_again_when_the_tip_is_back() -> None:
     pose_filter, now_ns = following(resting, 60)
     pushed = moved(resting(), 20.0)
