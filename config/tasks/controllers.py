@@ -24,9 +24,10 @@ class AxisUse(KindOptions):
     """Where the axes are drawn without moving the tip: the middle of their travel, where they were
     when the motion began, or the given positions (mm or rad, one per axis)."""
 
-    posture_gain_per_s: NotNegative = 0.1
+    posture_gain_per_s: NotNegative | None = None
     """Share of the way to the posture per second; where a repeated path is led and corrected by its
-    cycles four times as much, to 0.4, unless axes turn round. 0: redundant axes are left alone."""
+    cycles four times as much, to 0.4, unless axes turn round. 0: redundant axes are left alone.
+    None: 0.1, and 1.0 where tendons pull against each other."""
 
     axis_weights: Annotated[tuple[Positive, ...], Field(min_length=1, strict=False)] | None = None
     """How dear the motion of each axis is, counted in shares of its range: the diagonal of N of
@@ -45,10 +46,11 @@ class ProportionalLaw(AxisUse):
     gain_per_s: Positive = 3.0
     """Share of the tip's error that is asked for per second (K_P of Ho 2018, eq. 14)."""
 
-    damping_mm: Positive = 8.0
+    damping_mm: Positive | None = None
     """Damped least squares. Where the tip moves less than this in some direction while an axis goes
     through its range (its travel; a radian of what turns), that direction is given up gently
-    instead of with huge steps."""
+    instead of with huge steps. None: 8 mm, and where tendons pull against each other half of how
+    far all of them move it: what only they together would do takes tension, or leaves one slack."""
 
     feed_forward: bool = True
     """Whether the reference's own motion is asked for as well as a share of the error."""
@@ -131,9 +133,9 @@ class Broyden(TipFollowing):
     explore_speed_share: Share = 0.5
     """Their speed as a share of the axis' highest."""
 
-    explore_together: bool = True
-    """Whether all axes go out together once as well. Not where they pull against each other, as
-    tendons do."""
+    explore_together: bool | None = None
+    """Whether all axes go out together once as well. None: they do, unless they are tendons, which
+    pull against each other."""
 
     settle_s: Positive = 0.6
     """Waiting for the body after each of them. The second half of it is measured."""

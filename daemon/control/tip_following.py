@@ -19,6 +19,7 @@ from daemon.control.lag import body_lag
 from daemon.control.lag.hysteresis import Hysteresis
 from daemon.control.lag.probing import Probing
 from daemon.control.leading import Leading
+from daemon.control.redundancy import Redundancy
 from daemon.control.task import POSITION, points, turn_between, within
 from daemon.learning.forward import stop_operators
 from daemon.learning.forward.stop_operators import HeldBack
@@ -51,9 +52,8 @@ class TipFollower:
     def __init__(self, options: TipFollowing, robot: Robot) -> None:
         self.axes = AxisRanges.of(robot)
         self._options = options
-        self._posture = self._fixed_posture()
-        self.unit = self.axes.scale / np.sqrt(self._weights())
-        """(m,) how far each axis goes for the price of 1."""
+        self.redundancy = Redundancy(options, self.axes)
+        self._posture = self.redundancy.posture
         self._turns = bool(self.axes.period.any())
         """Whether axes turn round: then far ways come of little, the body can snap on them, and the
         middle of their travel is no better than another place."""
@@ -261,7 +261,7 @@ class TipFollower:
 
     def drawn(self, observation: Observation, times: float = 1.0) -> Vector:
         """(m,) change of the targets that the posture asks for, with so many times its gain."""
-        share = min(times * self._options.posture_gain_per_s * step_time(observation), 1.0)
+        share = min(times * self.redundancy.posture_gain_per_s * step_time(observation), 1.0)
         return np.asarray(share * (self._posture - observation.targets))
 
     def drawn_further(self, observation: Observation) -> Vector:
@@ -299,10 +299,10 @@ class TipFollower:
                 in_rows(jacobian),
                 in_rows(tip_step),
                 kernels.StepBounds(in_rows(near), lowest / each, highest / each),
-                self.unit,
+                self.redundancy.unit,
                 self.axes.max_velocity / each,
                 dt_s,
-                self._options.damping_mm,
+                self.redundancy.damping_mm(jacobian),
                 self._lets_go,
             )
         )
@@ -315,23 +315,25 @@ class TipFollower:
     def axis_velocity(self, jacobian: Matrix, tip_velocity: Vector, u: Vector) -> Vector:
         """(m,) per second that this law asks of axes at (m,) for (3,) mm/s of the tip, however
         fast they are; where they are not fast enough, spread over them. jacobian: (3, m)."""
-        options, scaled = self._options, in_rows(jacobian * self.unit)
+        unit, damping = self.redundancy.unit, self.redundancy.damping_mm(jacobian)
+        scaled = in_rows(jacobian * unit)
         lowest, highest = self.axes.step_range(u)
-        drawn = options.posture_gain_per_s * _FORESEEN_S * (self._posture - u) / self.unit
-        lowest, highest = lowest / self.unit, highest / self.unit
-        wanted, damping = _FORESEEN_S * tip_velocity, options.damping_mm
+        drawn = self.redundancy.posture_gain_per_s * _FORESEEN_S * (self._posture - u) / unit
+        lowest, highest = lowest / unit, highest / unit
+        wanted = _FORESEEN_S * tip_velocity
         step = bounded_step(scaled, wanted, drawn, lowest, highest, damping, self._lets_go)
-        fastest = _FORESEEN_S * self.axes.max_velocity / self.unit
+        fastest = _FORESEEN_S * self.axes.max_velocity / unit
         if (np.abs(step) > fastest).any():
             bounds = kernels.StepBounds(drawn, lowest, highest)
             step = kernels.least_hurried_step(scaled, step, bounds, fastest, damping)
-        return np.asarray(step * self.unit / _FORESEEN_S)
+        return np.asarray(step * unit / _FORESEEN_S)
 
     def axes_nearer(self, jacobian: Matrix, missing_mm: Vector, u: Vector) -> Vector:
         """(m,) axes within their travel, nearest to (m,) `u`, that bring the tip (3,) mm further.
         jacobian: (3, m)."""
-        step = damped_solution(jacobian * self.unit, missing_mm, self._options.damping_mm)
-        return np.clip(u + self.unit * step, self.axes.lowest, self.axes.highest)
+        unit = self.redundancy.unit
+        step = damped_solution(jacobian * unit, missing_mm, self.redundancy.damping_mm(jacobian))
+        return np.clip(u + unit * step, self.axes.lowest, self.axes.highest)
 
     def within_limits(self, step: Vector, observation: Observation) -> Vector:
         """(m,) a step as far as travel and speed of each axis let it be."""
@@ -339,30 +341,10 @@ class TipFollower:
         return self.axes.slowed(np.clip(step, lowest, highest), step_time(observation))
 
     def _drawn_further_per_s(self) -> float:
-        options, gain_per_s = self._options, self._options.posture_gain_per_s
+        options, gain_per_s = self._options, self.redundancy.posture_gain_per_s
         if self._turns or not (self._leads and options.by_cycles):
             return 0.0
         return max(min(_BY_CYCLES * gain_per_s, _BY_CYCLES_PER_S) - gain_per_s, 0.0)
-
-    def _weights(self) -> Vector:
-        weights = self._options.axis_weights
-        if weights is None:
-            return np.ones(self.axes.count)
-        if len(weights) != self.axes.count:
-            raise ControllerError(
-                f"axis_weights are {len(weights)}, and the robot has {self.axes.count} axes"
-            )
-        return np.asarray(np.array(weights) / np.mean(weights))
-
-    def _fixed_posture(self) -> Vector:
-        posture, axes = self._options.posture, self.axes
-        if isinstance(posture, str):
-            return np.asarray(0.5 * (axes.lowest + axes.highest))
-        if len(posture) != axes.count:
-            raise ControllerError(
-                f"posture has {len(posture)} positions, and the robot {axes.count} axes"
-            )
-        return np.asarray(np.clip(np.array(posture), axes.lowest, axes.highest))
 
 
 def step_time(observation: Observation) -> float:

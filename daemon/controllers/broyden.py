@@ -60,7 +60,10 @@ class Exploration:
         self._amplitude = options.explore_share * axes.scale
         self._speed = options.explore_speed_share * axes.max_velocity
         self._plan = list(np.eye(axes.count))
-        if options.explore_together and axes.count > 1:
+        together = options.explore_together
+        if together is None:
+            together = len(axes.tendons) < 2
+        if together and axes.count > 1:
             self._plan.append(np.ones(axes.count))
         self._made: list[Vector] = []
         self._effects: list[Vector] = []

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from config.tasks.controllers import RewardWeighted
+from daemon.control.redundancy import Redundancy
 from daemon.control.tip_following import damped_solution
 from daemon.learning.forward.pretrained_model import PretrainedModel
 from daemon.learning.inverse.engines import make_local_controllers
@@ -39,10 +40,12 @@ class LocalInverses(NamedTuple):
     """(f, m, 3)"""
 
     @classmethod
-    def of(cls, jacobians: Vector, unit: Vector, damping_mm: float) -> "LocalInverses":
-        """By damped least squares. unit: (m,) how far each axis goes for the price of 1."""
+    def of(cls, jacobians: Vector, redundancy: Redundancy) -> "LocalInverses":
+        """By damped least squares."""
         inverses = np.zeros(jacobians.transpose(0, 2, 1).shape)
+        unit = redundancy.unit
         for jacobian, inverse in zip(jacobians, inverses, strict=True):
+            damping_mm = redundancy.damping_mm(jacobian)
             for column, direction in zip(inverse.T, np.eye(3), strict=True):
                 column[:] = unit * damped_solution(jacobian * unit, direction, damping_mm)
         return cls(jacobians, inverses)
@@ -126,14 +129,10 @@ _WINDOW = ("tip_mm", "u", "delta_u", "delta_tip_mm")
 class LocalLaw:
     """Makes local controllers with one controller's options for one robot."""
 
-    def __init__(
-        self, options: RewardWeighted, axes: AxisRanges, unit: Vector, damping_mm: float
-    ) -> None:
-        """unit: (m,) how far each axis goes for the price of 1."""
+    def __init__(self, options: RewardWeighted, axes: AxisRanges, redundancy: Redundancy) -> None:
         self._options = options
-        self._unit = unit
-        self._damping_mm = damping_mm
-        self.settings = _settings(options, axes)
+        self._redundancy = redundancy
+        self.settings = _settings(options, axes, redundancy.posture_gain_per_s)
 
     def on_model(self, model: PretrainedModel, posture: Vector) -> LocalControllers:
         """On the fields of a forward model, before any sample. Raises ValueError."""
@@ -151,7 +150,7 @@ class LocalLaw:
         self, fields: ReceptiveFields, jacobians: Vector, posture: Vector
     ) -> LocalControllers:
         """On fields in which (f, 3, m) Jacobians are known. Raises ValueError."""
-        local = LocalInverses.of(jacobians, self._unit, self._damping_mm)
+        local = LocalInverses.of(jacobians, self._redundancy)
         return self._made(fields, posture, ImaginedPrior(fields, self.settings, local, posture))
 
     def _made(
@@ -180,14 +179,16 @@ def window_samples(arrays: Mapping[str, Vector]) -> list[MotionSample]:
     return [MotionSample(*row) for row in zip(*columns, strict=True)]
 
 
-def _settings(options: RewardWeighted, axes: AxisRanges) -> LocalControllerSettings:
+def _settings(
+    options: RewardWeighted, axes: AxisRanges, posture_gain_per_s: float
+) -> LocalControllerSettings:
     """Steps count in the controller's own samples, axes in shares of their travel."""
     weights = np.ones(axes.count) if options.axis_weights is None else options.axis_weights
     return LocalControllerSettings(
         tip_step_mm=options.sample_tip_mm,
         axis_steps=_TYPICAL_STEP_SHARE * axes.scale,
         weighting=np.array(weights) / np.sum(weights),
-        attractor_gain=min(options.posture_gain_per_s * options.motion_s, 0.9),
+        attractor_gain=min(posture_gain_per_s * options.motion_s, 0.9),
         attractor_steps=options.attractor_steps,
         sigma_rule=options.sigma_rule,
         kappa=options.kappa,

@@ -210,7 +210,7 @@ class RewardWeightedController(LearningController):
         self, model: PretrainedModel | None, jacobian: TipJacobian, learnt: Arrays
     ) -> None:
         options = self._law_options
-        law = LocalLaw(options, self._follower.axes, self._follower.unit, options.damping_mm)
+        law = LocalLaw(options, self._follower.axes, self._follower.redundancy)
         posture = self._follower.posture
         if model is None:
             growing = GrowingControllers(

@@ -129,7 +129,7 @@ class ModelPredictiveController(JacobianController):
             learning=options.model is None,
         )
         super().__init__(frame, robot, seed)
-        self._scale = self._follower.unit
+        self._scale = self._follower.redundancy.unit
         n = options.intervals
         self._ends_s = options.horizon_s / n * np.arange(1.0, n + 1.0)
         self._tip: LaggedTip | None = None
@@ -208,7 +208,7 @@ class ModelPredictiveController(JacobianController):
     def _resting(self, observation: Observation) -> Vector:
         """(m,) shares per second to the posture."""
         away = self._follower.posture - observation.targets
-        return np.asarray(self._mpc.posture_gain_per_s * away / self._scale)
+        return np.asarray(self._follower.redundancy.posture_gain_per_s * away / self._scale)
 
 
 def warm_up() -> None:

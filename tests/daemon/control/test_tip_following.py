@@ -397,10 +397,10 @@ def test_across_a_long_lag_axes_that_were_set_to_their_ends_stay_there(lag_s: fl
     law = follower(lead=True, posture_gain_per_s=0.0, damping_mm=1.0)
     law.leading.lag.lag_s = lag_s
     targets = np.where(low == 0.0, law.axes.lowest, np.where(high == 0.0, law.axes.highest, 25.0))
-    little = 0.002 * wanted  # which no axis has to hurry for
-    step = law.axis_step(jacobian / law.unit, little, seen(targets=targets)) / law.unit
+    unit, little = law.redundancy.unit, 0.002 * wanted  # which no axis has to hurry for
+    step = law.axis_step(jacobian / unit, little, seen(targets=targets)) / unit
     lowest, highest = law.axes.step_range(targets)
-    lowest, highest, prompt = lowest / law.unit, highest / law.unit, lag_s < 0.2
+    lowest, highest, prompt = lowest / unit, highest / unit, lag_s < 0.2
     same = bounded_step(jacobian, little, NONE, lowest, highest, 1.0, prompt)
     other = bounded_step(jacobian, little, NONE, lowest, highest, 1.0, not prompt)
     np.testing.assert_allclose(step, same, atol=1e-9)

@@ -19,14 +19,7 @@ from tests.daemon.service.rig import Rig, on_a_rig
 TENDON_ARM = SHIPPED_ROBOTS / "tendon_arm.yaml"
 S = OperatingState
 
-CONTROLLER: dict[str, Any] = {
-    "kind": "broyden",
-    "explore_together": False,
-    "explore_share": 0.02,
-    "settle_s": 0.3,
-    "damping_mm": 200.0,
-    "posture_gain_per_s": 1.0,
-}
+CONTROLLER: dict[str, Any] = {"kind": "broyden", "explore_share": 0.02, "settle_s": 0.3}
 CIRCLE: dict[str, Any] = {
     "kind": "circle",
     "center_mm": [0.0, 0.0, 198.5],
