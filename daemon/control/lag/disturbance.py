@@ -39,10 +39,14 @@ _UNDONE: Final = 0.7
 _ALIKE: Final = 0.05
 """Nearer to one than this a ratio of gains tells nothing."""
 
-_ALONG: Final = 0.5
-"""Cosine of the angle between a jump and the way from rest, from which on it is along that."""
+_ALIKE_SIZE: Final = 1.7
+"""... and so many times as long, or as short, at most: another load is another one."""
+
+_ALONG: Final = 0.8
+"""Cosine of the angle between a jump and the way from straight, from which on it is along that."""
 _ONE: Final = np.eye(3)
-_TIMES: Final = 0.5, 2.0
+_Z: Final = np.array([0.0, 0.0, 1.0])
+_TIMES: Final = 0.25, 4.0
 """Least and most k: beyond these a body is another one, whatever hangs on it."""
 _AT_REST_MM: Final = 5.0
 """A way from rest has a direction where it is some times as long as this."""
@@ -68,18 +72,27 @@ class Jump(NamedTuple):
         if abs(ratio - 1.0) > _ALIKE:
             from_rest = last.by_mm / (ratio - 1.0) + self.from_mm - last.from_mm
             expected = (1.0 / ratio - 1.0) * from_rest
-        length = sqrt(float(expected @ expected) * float(self.by_mm @ self.by_mm))
-        return float(expected @ self.by_mm) >= _UNDONE * length
+        expected_mm, by_mm = _size(expected), _size(self.by_mm)
+        if not expected_mm / _ALIKE_SIZE <= by_mm <= expected_mm * _ALIKE_SIZE:
+            return False
+        return float(expected @ self.by_mm) >= _UNDONE * expected_mm * by_mm
 
     def times_as_far(self, rest_mm: Vector) -> float:
-        """k, as this one alone tells it of a body whose place of rest p0, (3,), is known: a load
-        that takes it off along p - p0 does so by k - 1 times that. 1: it tells nothing of it."""
-        from_rest = self.from_mm - rest_mm
-        length = sqrt(float(self.by_mm @ self.by_mm))
-        along = float(from_rest @ self.by_mm) / length
-        if abs(along) <= _ALONG * sqrt(float(from_rest @ from_rest)):
-            return 1.0
-        return 1.0 + length / along
+        """k, as this one alone tells it of a body whose place of rest, (3,), is known.
+
+        A load that pulls along a straight body bends it k times as far: it takes the tip off,
+        across the body, by k - 1 times the way from where it would be straight. That is where it
+        rests; or, where chambers that differ bend it as it rests, on the base frame's z axis. Which
+        of them, the jump shows by where it points. 1: along neither, and it tells nothing of k.
+        """
+        along, times = _ALONG, 1.0
+        lines = (rest_mm, rest_mm / max(_size(rest_mm), 1.0)), (np.zeros(3), _Z)
+        for straight_mm, axis in lines:
+            bent, by = _across(self.from_mm - straight_mm, axis), _across(self.by_mm, axis)
+            bent_mm, by_mm, both = _size(bent), _size(by), float(bent @ by)
+            if abs(both) > along * bent_mm * by_mm:
+                along, times = abs(both) / (bent_mm * by_mm), 1.0 + by_mm * by_mm / both
+        return times
 
 
 class Load:
@@ -159,3 +172,12 @@ class Disturbance:
     def jumped(self, t_s: float) -> bool:
         """Whether the tip was taken off at once, and may still be on its way back."""
         return t_s < self._on_its_way_s
+
+
+def _size(vector: Vector) -> float:
+    return sqrt(vector @ vector)
+
+
+def _across(vector: Vector, axis: Vector) -> Vector:
+    """(3,) without what is along (3,) of unit length."""
+    return np.asarray(vector - float(axis @ vector) * axis)

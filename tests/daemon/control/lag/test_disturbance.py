@@ -149,8 +149,30 @@ def test_a_load_that_is_taken_off_leaves_the_body_as_it_was(turns: float) -> Non
 
 def test_what_is_told_of_loads_has_its_limits() -> None:
     far = scaled(on_a_circle(0.0), 8.0)
-    assert loaded(far).times == loaded(far, far).times == 2.0
-    assert loaded(Jump(far.from_mm, -far.by_mm)).times == 0.5
+    assert loaded(far).times == loaded(far, far).times == 4.0
+    assert loaded(Jump(far.from_mm, -far.by_mm)).times == 0.25
+
+
+BENT_AT_REST_MM = np.array([-8.0, 9.0, 168.0])
+
+
+@pytest.mark.parametrize("ratio", [0.6, 1.7, 2.5])
+@pytest.mark.parametrize("rest_mm", [REST_MM, BENT_AT_REST_MM])
+def test_how_far_a_body_is_stretched_does_not_count_nor_that_it_rests_bent(
+    rest_mm: Vector, ratio: float
+) -> None:
+    """A load bends it further, away from where it would be straight, and hardly stretches it."""
+    for turns in (0.1, 0.4, 0.8):
+        place = np.array([15.0, 15.0, 195.0]) * on_a_circle(turns) / [30.0, 30.0, 185.0]
+        by_mm = (ratio - 1.0) * place * [1.0, 1.0, 0.0] + [0.0, 0.0, -2.0]
+        assert Jump(place, by_mm).times_as_far(rest_mm) == pytest.approx(ratio)
+
+
+def test_a_heavier_load_is_not_the_one_that_was_taken_off_before() -> None:
+    off = scaled(on_a_circle(0.0), 1.0 / 1.7 - 1.0)
+    again, heavier = scaled(on_a_circle(0.4), 0.7), scaled(on_a_circle(0.4), 2.0)
+    assert again.undoes(off, 1.0 / 1.7)
+    assert not heavier.undoes(off, 1.0 / 1.7)
 
 
 def test_a_push_aside_and_a_tip_at_rest_tell_nothing_of_a_load() -> None:
