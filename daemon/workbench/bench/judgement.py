@@ -53,6 +53,8 @@ class Figures(msgspec.Struct, frozen=True, kw_only=True):
     acceleration_per_s2: float | None
     times_as_long: float = 1.0
     """As the trajectory says: more than 1 where the path was slowed."""
+    against_expected: float | None = None
+    """Errors by what the controller itself expected; None: it says nothing of that."""
     ratio: float = inf
     """To the best settled error of the cell."""
     within_noise: bool = False
@@ -217,6 +219,7 @@ def _figures(variant: str, outcomes: Sequence[Outcome], study: Study) -> Figures
         effort_per_m=_known(sound, lambda one: one.effort_per_m),
         acceleration_per_s2=_known(sound, lambda one: one.acceleration_per_s2),
         times_as_long=_known(sound, lambda one: one.times_as_long) or 1.0,
+        against_expected=_known(sound, lambda one: one.against_expected),
     )
 
 

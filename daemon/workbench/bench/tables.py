@@ -36,8 +36,10 @@ _ALL: Final = (
     "second, the slowest of all changes (∞: not before the next one). Over: how far the tip then "
     "went to the other side. Effort: way of all axes together, in travels, per metre of the "
     "reference's path. Acceleration: of all axes, root mean square by second differences, in "
-    "travels per s²: the less the smoother. Time: in times of what the path says. Ratio: of the "
-    "settled error to the cell's best."
+    "travels per s²: the less the smoother. Expected: errors by what the controller itself "
+    "expected, both root mean square, without the seconds after a load's change; about 1 where it "
+    "knows how sure it may be. Time: in times of what the path says. Ratio: of the settled error "
+    "to the cell's best."
 )
 
 
@@ -147,7 +149,7 @@ def _behind(file: StudyFile, cells: Sequence[CellFindings], said: Verdict) -> Ta
 
 _COLUMNS: Final = (
     *("", "settled", "first", "worst", "back s", "over mm", "effort", "acceleration"),
-    *("time", "ratio", "runs"),
+    *("expected", "time", "ratio", "runs"),
 )
 
 
@@ -176,6 +178,7 @@ def _whole_row(label: str, one: Figures) -> list[str]:
         number(one.overshoot_mm),
         number(one.effort_per_m, 1),
         number(one.acceleration_per_s2),
+        number(one.against_expected),
         number(one.times_as_long),
         number(one.ratio) + (" ✓" if one.within_noise else ""),
         f"{one.runs}: {one.trouble}" if one.trouble else str(one.runs),
@@ -185,7 +188,7 @@ def _whole_row(label: str, one: Figures) -> list[str]:
 _CSV_COLUMNS: Final = (
     *("settled_mm", "first_mm", "worst_mm", "true_settled_mm", "true_first_mm", "true_worst_mm"),
     *("floor_mm", "recovery_s", "true_recovery_s", "overshoot_mm", "effort_per_m"),
-    *("acceleration_per_s2", "times_as_long", "ratio"),
+    *("acceleration_per_s2", "against_expected", "times_as_long", "ratio"),
 )
 
 

@@ -3,6 +3,7 @@
 from array import array
 from collections.abc import Callable
 from dataclasses import replace
+from math import nan
 from pathlib import Path
 from typing import Final, Protocol
 
@@ -39,7 +40,7 @@ from safety.states import OperatingState
 
 
 _RUNNING: Final = OperatingState.RUNNING.value
-_UNKNOWN: Final = (float("nan"),) * 3
+_UNKNOWN: Final = (nan,) * 3
 
 
 class Truth(Protocol):
@@ -82,6 +83,7 @@ class Witness:
         self._reference, self._believed = array("d"), array("d")
         self._reading, self._true = array("d"), array("d")
         self._u = array("d")
+        self._expected = array("d")
 
     def hear_tip(self, tip: Tip) -> None:
         """Only what belongs to a step within a cycle counts."""
@@ -106,6 +108,7 @@ class Witness:
             reading_mm=_points(self._reading),
             true_mm=_points(self._true),
             u=(np.array(self._u).reshape(-1, len(travel)) - self._axes.lowest) / travel,
+            expected_mm=np.array(self._expected),
             **self._directions(),
         )
 
@@ -130,6 +133,7 @@ class Witness:
         self._reading.extend(tip.measured_mm or _UNKNOWN)
         self._true.extend(_UNKNOWN if self._truth is None else self._truth.tip_mm().tolist())
         self._u.extend(axes.actual)
+        self._expected.append(nan if tip.expected_mm is None else tip.expected_mm)
         measured = tip.measured_quaternion
         pointing = tip.reference_direction is not None
         self._aim.extend(tip.reference_direction or _UNKNOWN)

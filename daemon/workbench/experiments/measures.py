@@ -16,6 +16,8 @@ from daemon.workbench.experiments.step_statistics import Array, StepSeries, trac
 
 _RECOVERED_MM: Final = 1.0
 _FOR_S: Final = 1.0
+_DISTURBED_S: Final = 3.0
+"""So long after a load has changed, errors are of that, which nobody could expect."""
 """Below that for so long a tip is back."""
 _OVERSHOOT_WITHIN_S: Final = 5.0
 """After the farthest point of a push."""
@@ -70,6 +72,9 @@ class Measures(msgspec.Struct, frozen=True, kw_only=True):
     """Of all axes, root mean square, in travels per s²: the less the smoother."""
     times_as_long: float = 1.0
     """How long it took, in times of what the trajectory says: more than 1 where it was slowed."""
+    against_expected: float | None = None
+    """Errors by what the controller expected them to be, both root mean square, without the seconds
+    after a load has changed: about 1 where it knows how sure it may be. None: it does not say."""
 
 
 def measures_of(file: ExperimentFile, folder: Path) -> Measures | None:
@@ -139,6 +144,7 @@ def measured(series: StepSeries, duration_s: float, loads: Sequence[LoadChange])
         effort_per_m=_effort_per_m(series),
         acceleration_per_s2=_acceleration(series),
         times_as_long=_times_as_long(series),
+        against_expected=_against_expected(series, loads),
     )
 
 
@@ -147,6 +153,19 @@ def _errors(series: StepSeries, error_mm: Array) -> tuple[float, float, float]:
     means = [float(error_mm[series.cycle == number].mean()) for number in series.cycles]
     later = means[max(len(means) // 2, 1) :] or means
     return means[0], float(np.median(later)), float(error_mm.max())
+
+
+def _against_expected(series: StepSeries, loads: Sequence[LoadChange]) -> float | None:
+    if not len(series.expected_mm):
+        return None
+    counts = np.isfinite(series.expected_mm)
+    for change in loads:
+        after_s = series.t_s - change.at_s
+        counts &= (after_s < 0.0) | (after_s > _DISTURBED_S)
+    if not counts.any():
+        return None
+    error, expected = series.error_mm[counts], series.expected_mm[counts]
+    return float(np.sqrt((error @ error) / (expected @ expected)))
 
 
 def _recovery(

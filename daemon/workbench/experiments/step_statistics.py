@@ -45,6 +45,9 @@ class StepSeries:
     sensor_direction: Array = field(default_factory=lambda: np.zeros((0, 3)))
     """Of the tip's sensor, as the tracker gave it."""
     true_direction: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    expected_mm: Array = field(default_factory=lambda: np.zeros(0))
+    """(n,) error that the controller expected, root mean square; nan where it says nothing. (0,) in
+    files that were written before any did."""
 
     @property
     def error_mm(self) -> Array:

@@ -1,5 +1,7 @@
 """What a run comes to: made-up steps whose figures are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -44,6 +46,20 @@ def test_the_settled_error_is_that_of_the_later_half_of_the_cycles() -> None:
     alone = measured(series(np.full(200, 0.7)), 5.0, [])
     assert alone is not None
     assert alone.settled_mm == pytest.approx(0.7)
+
+
+def test_errors_are_held_against_what_was_expected_but_not_those_after_a_load() -> None:
+    error = np.where(np.arange(400) < 200, 0.6, 0.3)
+    error[100:180] = 20.0
+    expected = np.where(np.arange(400) < 200, 0.4, 0.2)
+    expected[:10] = np.nan
+    told = replace(series(error), expected_mm=expected)
+    found = measured(told, 10.0, [LoadChange(100 * DT_S, 30.0)])
+    assert found is not None
+    assert found.against_expected == pytest.approx(1.5)
+    silent = measured(replace(told, expected_mm=np.full(400, np.nan)), 10.0, [])
+    assert silent is not None
+    assert silent.against_expected is None
 
 
 def pushed(back_after_s: float, beyond_mm: float = 0.0, at_s: float = 2.0) -> Array:
