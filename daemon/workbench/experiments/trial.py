@@ -73,11 +73,13 @@ class Trial:
 
     async def run(self) -> None:
         """Raises TrialError; the robot is then left to `RobotService.rest`."""
+        self._progress.begin("getting ready", 0.0)
         await self._ready()
         await self._acquire()
         renewing = asyncio.create_task(self._keep_lease())
         try:
             await self._load()
+            await self._ready()  # in real time reading a model may have kept the loop waiting
             self._carried_out(await self._operator.handle(_USER, Arm(token=self._token)))
             self._operator.start(self._experiment.blend_speed_mm_s)
             async with asyncio.timeout(self._experiment.longest_s):
@@ -96,7 +98,6 @@ class Trial:
 
     async def _ready(self) -> None:
         supervisor = self._service.supervisor
-        self._progress.begin("getting ready", 0.0)
         try:
             async with asyncio.timeout(_READY_WITHIN_S):
                 while supervisor.state is not OperatingState.READY:

@@ -19,6 +19,7 @@ from daemon.workbench.experiments import in_virtual_time
 from daemon.workbench.experiments.experiment_file import load_experiment
 from daemon.workbench.experiments.in_virtual_time import carry_out_in_virtual_time
 from daemon.workbench.experiments.step_statistics import StepSeries
+from daemon.workbench.experiments.trial import Trial
 from safety.risk_source import RiskReading
 from tests.daemon.recording.schemas import recording_contradictions
 
@@ -152,6 +153,20 @@ class Wall:
 
     def clearance(self, u: object, risk: float) -> None:
         return None
+
+
+def test_nobody_arms_before_a_loop_that_waited_for_a_model_is_on_time_again(
+    lab: TestLab, file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    load = Trial._load
+
+    async def keeps_the_loop_waiting(trial: Trial) -> None:
+        await load(trial)
+        service = trial._service
+        service.supervisor.cycle(service.dependencies.clock.now_ns(), 0.3, "a model was read")
+
+    monkeypatch.setattr(Trial, "_load", keeps_the_loop_waiting)
+    assert lab.run(file).cycle(2).samples > 0
 
 
 def test_who_is_held_again_and_again_gives_up_and_says_why(
