@@ -14,7 +14,7 @@ does not wait for the body.
 
 from bisect import bisect_right
 from collections import deque
-from math import exp, sqrt
+from math import exp
 from operator import itemgetter
 from typing import Final
 
@@ -26,7 +26,8 @@ from daemon.control.lag.body_lag import DEAD_SHARES, BodyLag, Underway, parts
 from daemon.control.lag.disturbance import Disturbance, Jump, Load
 from daemon.control.lag.expected_error import ExpectedError
 from daemon.control.lag.persistence import Persistence
-from daemon.control.repeated_path import CycleCorrection
+from daemon.control.lag.repeated_path import CycleCorrection
+from daemon.control.task import size
 from drivers.pose import Vector
 
 _SHORT_S, _LONG_S = 0.2, 0.4
@@ -49,8 +50,8 @@ _CATCHING: Final = 1.3
 1.6 it takes some hundredths of a second less, with 1.0 more (30 g, four bodies)."""
 _HURRY: Final = 0.8
 """... and so much more of what is missing is told at first than shall come of it, where the lag is
-long: what a first-order lag keeps back then comes sooner. With half of it that takes
-0.2 to 0.3 s longer."""
+long: what a first-order lag keeps back then comes sooner. With half of it the way back takes 0.2 to
+0.3 s longer."""
 _GAIN_APPROACH_S: Final = 1.0
 """Time constant of the way to the gains that were found: nothing jumps."""
 
@@ -119,7 +120,7 @@ class Leading:
 
     def expected_mm(self, observation: Observation) -> float:
         """How far off the tip is expected to be, root mean square, at the reference's speed."""
-        speed_mm_s = _size(observation.reference_velocity_mm_s)
+        speed_mm_s = size(observation.reference_velocity_mm_s)
         return self._expected.at(speed_mm_s, self.lag.lag_s)
 
     @property
@@ -228,8 +229,8 @@ class Leading:
         if observation.ahead is None:
             return
         if observation.believed and not self._disturbance.jumped(observation.t_ns * 1e-9):
-            error_mm = _size(observation.reference_mm - observation.tip_mm)
-            speed_mm_s = _size(observation.reference_velocity_mm_s)
+            error_mm = size(observation.reference_mm - observation.tip_mm)
+            speed_mm_s = size(observation.reference_velocity_mm_s)
             expected.add(dt_s, error_mm, speed_mm_s, lag_s)
         if observation.own_speed_mm_s is not None:
             expected.look_ahead(dt_s, observation.own_speed_mm_s, lag_s)
@@ -309,7 +310,3 @@ class Leading:
         velocity = following[1] + first_order_s * acceleration
         velocity = told[1] + self.predicted * (velocity - told[1])
         return velocity, due[0], first_order_s * mean_velocity
-
-
-def _size(vector: Vector) -> float:
-    return sqrt(vector @ vector)

@@ -30,7 +30,6 @@ class Redundancy:
         """Raises ControllerError where the options do not fit the axes."""
         self._options = options
         self._axes = axes
-        self._opposed = len(axes.tendons) > 1
         self.unit = axes.scale / np.sqrt(self._weights())
         """(m,) how far each axis goes for the price of 1."""
         self.posture = self._posture()
@@ -44,7 +43,7 @@ class Redundancy:
         stated = self._options.damping_mm
         if stated is not None:
             return stated
-        if not self._opposed:
+        if not self._axes.opposed:
             return _DAMPING_MM
         size_mm = float(np.linalg.norm(jacobian[:3] * self.unit))
         return max(_TENDONS_DAMPING * size_mm, _DAMPING_MM)
@@ -53,7 +52,7 @@ class Redundancy:
         stated = self._options.posture_gain_per_s
         if stated is not None:
             return stated
-        return _TENDONS_POSTURE_PER_S if self._opposed else _POSTURE_PER_S
+        return _TENDONS_POSTURE_PER_S if self._axes.opposed else _POSTURE_PER_S
 
     def _weights(self) -> Vector:
         weights, axes = self._options.axis_weights, self._axes

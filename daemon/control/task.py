@@ -56,10 +56,15 @@ def turn_between(one: Vector, other: Vector) -> Vector:
     return np.asarray(aside * (float(np.arctan2(sine, along)) / sine if sine > 1e-12 else 1.0))
 
 
+def size(vector: Vector) -> float:
+    """How long a vector is. Of three numbers numpy's own norm would be slower."""
+    return sqrt(vector @ vector)
+
+
 def within(vector: Vector, most: float) -> Vector:
     """The vector, as a whole no longer than `most`."""
-    length = sqrt(vector @ vector)
-    return vector if length <= most else np.asarray(vector * (most / length))
+    long = size(vector)
+    return vector if long <= most else np.asarray(vector * (most / long))
 
 
 def angle_between(one: Vector, other: Vector) -> float:

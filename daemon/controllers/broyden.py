@@ -62,7 +62,7 @@ class Exploration:
         self._plan = list(np.eye(axes.count))
         together = options.explore_together
         if together is None:
-            together = len(axes.tendons) < 2
+            together = not axes.opposed
         if together and axes.count > 1:
             self._plan.append(np.ones(axes.count))
         self._made: list[Vector] = []

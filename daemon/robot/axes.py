@@ -67,10 +67,15 @@ class AxisRanges:
         """(m,) lowest and highest step within the travel; an axis outside may only come back."""
         return np.minimum(self.lowest - targets, 0.0), np.maximum(self.highest - targets, 0.0)
 
+    @property
+    def opposed(self) -> bool:
+        """Whether there are tendons that pull against each other."""
+        return len(self.tendons) > 1
+
     def less_together(self, motion: Vector, share: float) -> Vector:
         """(m,) the motion with no more than `share` of what all tendons do together in it: that
         bends no body, but slackens or tears it."""
-        if len(self.tendons) < 2:
+        if not self.opposed:
             return motion
         pulling = list(self.tendons)
         parted = motion.copy()

@@ -28,7 +28,6 @@ from daemon.workbench.pretraining.model_cache import with_model
 from tests import SHIPPED_ROBOTS
 
 LOAD_STEP: Final = SHIPPED_ROBOTS.parent / "experiments" / "load_step.yaml"
-_CHANGES_AT_S: Final = (6.0, 13.0, 20.0, 27.0)
 _PROMPT_LIMIT_S: Final = 0.7
 
 Case = tuple[str, float, int]
@@ -44,20 +43,16 @@ def cases(bodies: Sequence[str], loads_g: Sequence[float], seeds: int) -> Iterat
 def file_of(case: Case) -> ExperimentFile:
     """The experiment of this case, without its model."""
     body, load_g, _ = case
-    hung_g = (load_g, 0.0, load_g, 0.0)
-    changes: dict[str, Any] = {
-        "plant": {"body": body},
-        "happenings": [
-            {"at_s": at_s, "tip_load_g": now_g}
-            for at_s, now_g in zip(_CHANGES_AT_S, hung_g, strict=True)
-        ],
-    }
-    return load_experiment(LOAD_STEP, changes)
+    shipped = load_experiment(LOAD_STEP).experiment.happenings
+    changed = [
+        {"at_s": one.at_s, "tip_load_g": load_g if one.tip_load_g else 0.0} for one in shipped
+    ]
+    return load_experiment(LOAD_STEP, {"plant": {"body": body}, "happenings": changed})
 
 
 def limit_s(file: ExperimentFile) -> float:
-    """Dead time, two lags and 0.4 s: nobody sees sooner what comes of the way back. What a load
-    does to a prompt body is seen at once."""
+    """Dead time, two lags and 0.4 s, for nobody sees sooner what comes of the way back; at least
+    0.7 s, which the axes need for it."""
     emulation = file.robot.emulation
     assert emulation is not None
     plant = emulation.plant

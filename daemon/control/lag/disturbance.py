@@ -21,6 +21,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from daemon.control.task import size
 from drivers.pose import Vector
 
 _JUMP_S: Final = 0.3
@@ -36,12 +37,10 @@ _AFTER_JUMP_LAGS: Final = 2.0
 takes most of it back; and until it follows the path again."""
 _UNDONE: Final = 0.7
 """Cosine of the angle between a jump and the one that would undo the last."""
+_UNDONE_TIMES: Final = 1.7
+"""... and so many times as long, or as short, it is at most: another load is another one."""
 _ALIKE: Final = 0.05
 """Nearer to one than this a ratio of gains tells nothing."""
-
-_ALIKE_SIZE: Final = 1.7
-"""... and so many times as long, or as short, at most: another load is another one."""
-
 _ALONG: Final = 0.8
 """Cosine of the angle between a jump and the way from straight, from which on it is along that."""
 _ONE: Final = np.eye(3)
@@ -72,8 +71,8 @@ class Jump(NamedTuple):
         if abs(ratio - 1.0) > _ALIKE:
             from_rest = last.by_mm / (ratio - 1.0) + self.from_mm - last.from_mm
             expected = (1.0 / ratio - 1.0) * from_rest
-        expected_mm, by_mm = _size(expected), _size(self.by_mm)
-        if not expected_mm / _ALIKE_SIZE <= by_mm <= expected_mm * _ALIKE_SIZE:
+        expected_mm, by_mm = size(expected), size(self.by_mm)
+        if not expected_mm / _UNDONE_TIMES <= by_mm <= expected_mm * _UNDONE_TIMES:
             return False
         return float(expected @ self.by_mm) >= _UNDONE * expected_mm * by_mm
 
@@ -86,10 +85,10 @@ class Jump(NamedTuple):
         of them, the jump shows by where it points. 1: along neither, and it tells nothing of k.
         """
         along, times = _ALONG, 1.0
-        lines = (rest_mm, rest_mm / max(_size(rest_mm), 1.0)), (np.zeros(3), _Z)
+        lines = (rest_mm, rest_mm / max(size(rest_mm), 1.0)), (np.zeros(3), _Z)
         for straight_mm, axis in lines:
             bent, by = _across(self.from_mm - straight_mm, axis), _across(self.by_mm, axis)
-            bent_mm, by_mm, both = _size(bent), _size(by), float(bent @ by)
+            bent_mm, by_mm, both = size(bent), size(by), float(bent @ by)
             if abs(both) > along * bent_mm * by_mm:
                 along, times = abs(both) / (bent_mm * by_mm), 1.0 + by_mm * by_mm / both
         return times
@@ -172,10 +171,6 @@ class Disturbance:
     def jumped(self, t_s: float) -> bool:
         """Whether the tip was taken off at once, and may still be on its way back."""
         return t_s < self._on_its_way_s
-
-
-def _size(vector: Vector) -> float:
-    return sqrt(vector @ vector)
 
 
 def _across(vector: Vector, axis: Vector) -> Vector:

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -94,6 +95,13 @@ def test_a_frame_without_a_reading_still_counts(witness: Witness) -> None:
     witness.hear_axes(axes(1))
     assert np.isnan(witness.series().reading_mm).all()
     assert witness.series().error_mm.tolist() == [1.0]
+
+
+def test_what_the_controller_expects_is_kept_and_that_it_says_nothing(witness: Witness) -> None:
+    for number, expected_mm in enumerate((0.4, None)):
+        witness.hear_tip(msgspec.structs.replace(tip(number), expected_mm=expected_mm))
+        witness.hear_axes(axes(number))
+    assert witness.series().expected_mm.tolist() == pytest.approx([0.4, np.nan], nan_ok=True)
 
 
 def test_steps_are_saved_and_found_again(witness: Witness, tmp_path: Path) -> None:
