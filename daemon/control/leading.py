@@ -26,9 +26,8 @@ from daemon.control.lag.body_lag import DEAD_SHARES, BodyLag, Underway, parts
 from daemon.control.lag.disturbance import Disturbance, Jump, Load
 from daemon.control.lag.expected_error import ExpectedError
 from daemon.control.lag.persistence import Persistence
-from daemon.control.lag.repeated_path import CycleCorrection
-from daemon.control.task import size
-from drivers.pose import Vector
+from daemon.control.repeated_path import CycleCorrection
+from drivers.pose import Vector, length
 
 _SHORT_S, _LONG_S = 0.2, 0.4
 """Up to the one a lag is led by the reference alone, from the other on by prediction alone."""
@@ -120,7 +119,7 @@ class Leading:
 
     def expected_mm(self, observation: Observation) -> float:
         """How far off the tip is expected to be, root mean square, at the reference's speed."""
-        speed_mm_s = size(observation.reference_velocity_mm_s)
+        speed_mm_s = length(observation.reference_velocity_mm_s)
         return self._expected.at(speed_mm_s, self.lag.lag_s)
 
     @property
@@ -229,8 +228,8 @@ class Leading:
         if observation.ahead is None:
             return
         if observation.believed and not self._disturbance.jumped(observation.t_ns * 1e-9):
-            error_mm = size(observation.reference_mm - observation.tip_mm)
-            speed_mm_s = size(observation.reference_velocity_mm_s)
+            error_mm = length(observation.reference_mm - observation.tip_mm)
+            speed_mm_s = length(observation.reference_velocity_mm_s)
             expected.add(dt_s, error_mm, speed_mm_s, lag_s)
         if observation.own_speed_mm_s is not None:
             expected.look_ahead(dt_s, observation.own_speed_mm_s, lag_s)

@@ -5,13 +5,12 @@ multiplied by a length: what turning by one radian counts for, in mm. Three numb
 are two degrees of freedom: a change along the direction itself does not exist.
 """
 
-from math import sqrt
 from typing import Final
 
 import numpy as np
 
 from daemon.control.controller import Observation
-from drivers.pose import Vector
+from drivers.pose import Vector, length
 
 POSITION: Final = 3
 """Coordinates of a task without a direction ..."""
@@ -56,14 +55,9 @@ def turn_between(one: Vector, other: Vector) -> Vector:
     return np.asarray(aside * (float(np.arctan2(sine, along)) / sine if sine > 1e-12 else 1.0))
 
 
-def size(vector: Vector) -> float:
-    """How long a vector is. Of three numbers numpy's own norm would be slower."""
-    return sqrt(vector @ vector)
-
-
 def within(vector: Vector, most: float) -> Vector:
     """The vector, as a whole no longer than `most`."""
-    long = size(vector)
+    long = length(vector)
     return vector if long <= most else np.asarray(vector * (most / long))
 
 

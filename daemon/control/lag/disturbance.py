@@ -21,8 +21,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from daemon.control.task import size
-from drivers.pose import Vector
+from drivers.pose import Vector, length
 
 _JUMP_S: Final = 0.3
 _JUMP_MM: Final = 4.0
@@ -71,7 +70,7 @@ class Jump(NamedTuple):
         if abs(ratio - 1.0) > _ALIKE:
             from_rest = last.by_mm / (ratio - 1.0) + self.from_mm - last.from_mm
             expected = (1.0 / ratio - 1.0) * from_rest
-        expected_mm, by_mm = size(expected), size(self.by_mm)
+        expected_mm, by_mm = length(expected), length(self.by_mm)
         if not expected_mm / _UNDONE_TIMES <= by_mm <= expected_mm * _UNDONE_TIMES:
             return False
         return float(expected @ self.by_mm) >= _UNDONE * expected_mm * by_mm
@@ -85,10 +84,10 @@ class Jump(NamedTuple):
         of them, the jump shows by where it points. 1: along neither, and it tells nothing of k.
         """
         along, times = _ALONG, 1.0
-        lines = (rest_mm, rest_mm / max(size(rest_mm), 1.0)), (np.zeros(3), _Z)
+        lines = (rest_mm, rest_mm / max(length(rest_mm), 1.0)), (np.zeros(3), _Z)
         for straight_mm, axis in lines:
             bent, by = _across(self.from_mm - straight_mm, axis), _across(self.by_mm, axis)
-            bent_mm, by_mm, both = size(bent), size(by), float(bent @ by)
+            bent_mm, by_mm, both = length(bent), length(by), float(bent @ by)
             if abs(both) > along * bent_mm * by_mm:
                 along, times = abs(both) / (bent_mm * by_mm), 1.0 + by_mm * by_mm / both
         return times
