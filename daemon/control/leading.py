@@ -92,6 +92,8 @@ class Leading:
         """What was known of them when the first jump since motion began came."""
         self.jumps = 0
         """How often the tip was taken off at once: something was hung on, or pushed it."""
+        self._put_off: tuple[float, float, Vector, Vector] | None = None
+        """Of the last step, what the lag is to be told from."""
 
     @property
     def predicted(self) -> float:
@@ -129,6 +131,7 @@ class Leading:
 
     def begin(self) -> None:
         """Motion begins: everything has arrived."""
+        self._put_off = None
         self.lag.break_off()
         self._underway.begin()
         self._disturbance.begin()
@@ -140,7 +143,9 @@ class Leading:
             self._cycles.break_off()
 
     def take_stock(self, observation: Observation, dt_s: float, moved_mm: Vector) -> None:
-        """(3,) was told since the last step; the tip is seen to have made this of all before."""
+        """(3,) was told since the last step; the tip is seen to have made this of all before. What
+        that tells of the lag is found by `work_off`, at the latest before the next one."""
+        self.work_off()
         t_s = observation.t_ns * 1e-9
         moved_mm = self._loaded @ moved_mm
         self._told_mm = self._told_mm + moved_mm
@@ -164,7 +169,13 @@ class Leading:
         self._answer.add(t_s, dt_s, observation.tip_mm, arrived_mm, lag_s, memory_s)
         share = 1.0 - exp(-dt_s / _GAIN_APPROACH_S)
         self.gains = self.gains + share * (self.lag.gains - self.gains)
-        self.lag.add(t_s, dt_s, self._told_mm, observation.tip_mm)
+        self._put_off = t_s, dt_s, self._told_mm, observation.tip_mm
+
+    def work_off(self) -> None:
+        """Find what the last step tells of the lag: not while a frame waits for its own."""
+        if self._put_off is not None:
+            self.lag.add(*self._put_off)
+            self._put_off = None
 
     def _body_changed(self, jump: Jump) -> None:
         """A load that is taken off again leaves the body as it was before: what was known then is

@@ -70,6 +70,8 @@ class TipFollower:
         self._hysteresis: Hysteresis | None = None
         self._jumps = 0
         """Of the tip, before motion began."""
+        self._put_off: tuple[Observation, float] | None = None
+        """The last step, from which hysteresis is still to be learnt."""
 
     @property
     def posture(self) -> Vector:
@@ -88,7 +90,7 @@ class TipFollower:
         if (np.abs(observation.targets) <= _AT_ZERO * self.axes.scale).all():
             self.leading.load.rest_mm = observation.tip_mm
         self._jumps = self.leading.jumps
-        self._told = None
+        self._told = self._put_off = None
         if self._hysteresis is not None:
             self._hysteresis.break_off()
         if self._probing is not None:
@@ -99,7 +101,7 @@ class TipFollower:
     def expect_hysteresis(self, held_back: HeldBack | None) -> None:
         """A model's body holds so much back where axes turn. If nobody knows, play alone is looked
         for. It counts where the body is led, and no axis turns round."""
-        self._hysteresis = None
+        self._hysteresis = self._put_off = None
         if held_back is not None and self._leads and not self._turns:
             self._hysteresis = Hysteresis(held_back)
 
@@ -228,10 +230,19 @@ class TipFollower:
 
     def _take_stock(self, observation: Observation, dt_s: float) -> None:
         """What was told since the last step, and what the tip made of all before."""
+        self.work_off()
         moved_mm = self._moved_mm(observation)
         if moved_mm is not None:
             self.leading.take_stock(observation, dt_s, moved_mm)
-            self._learn_hysteresis(observation, dt_s)
+            self._put_off = observation, dt_s
+
+    def work_off(self) -> None:
+        """What the last step tells of the body's lag and hysteresis: a moment with nothing else to
+        do is for it, and else the next step."""
+        self.leading.work_off()
+        if self._put_off is not None:
+            self._learn_hysteresis(*self._put_off)
+            self._put_off = None
 
     def _learn_hysteresis(self, observation: Observation, dt_s: float) -> None:
         """Until something is hung on: its creep looks like friction, and of a slow body's twelve

@@ -312,7 +312,8 @@ class BroydenController:
         )
 
     def learn(self) -> None:
-        """What the first motions tell of the body's lag, a little at a time."""
+        """What motions tell of the body's lag, of the first ones a little at a time."""
+        self._follower.work_off()
         for _ in range(min(_LAG_FRAMES_AT_ONCE, len(self._seen))):
             t_s, u, seen = self._seen.popleft()
             told_mm = self._first[:POSITION] @ (u / self._scale)

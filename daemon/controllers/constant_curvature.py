@@ -319,7 +319,8 @@ class ArcController:
         """The model is fixed."""
 
     def learn(self) -> None:
-        """The model is fixed."""
+        """The model is fixed, and the body's lag is not."""
+        self._follower.work_off()
 
     def save(self, path: Path) -> None:
         """Whose it is: there is nothing else to keep."""

@@ -99,6 +99,7 @@ class LearnedKinematicsController:
 
     def learn(self) -> None:
         """A sample is worked in when it is seen: it takes some tens of microseconds."""
+        self._follower.work_off()
 
     def save(self, path: Path) -> None:
         PoseModel(self.learnt.lwpr, self._model.metadata).save(path)

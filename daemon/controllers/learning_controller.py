@@ -70,6 +70,8 @@ class LearningController(ABC):
         self._model: PretrainedModel | None = None
         self._samples = self._sampler(_UNKNOWN_BODY)
         self._waiting: deque[MotionSample] = deque()
+        self._unseen: Observation | None = None
+        """The last one, of which nothing is learnt yet."""
         self._axes = LaggedAxes()
         self._was_late = False
         self._jumps = 0
@@ -109,6 +111,7 @@ class LearningController(ABC):
         self._posture_changed()
 
     def reset(self, observation: Observation) -> None:
+        self._unseen = None
         self._samples.break_off()
         self._axes.break_off()
         self._pointing.break_off()
@@ -122,8 +125,21 @@ class LearningController(ABC):
             self._posture_changed()
 
     def observe(self, observation: Observation) -> None:
-        if self._learnt and not (self._options.learning and self._follower.probed):
-            return
+        """Learnt from when there is time, at the latest with the next one: a frame waits for its
+        step, and one tells little of the body."""
+        self._work_off()
+        if not self._learnt or (self._options.learning and self._follower.probed):
+            self._unseen = observation
+
+    def _work_off(self) -> bool:
+        """What was put off. Whether anything was."""
+        observation, self._unseen = self._unseen, None
+        self._follower.work_off()
+        if observation is not None:
+            self._take_in(observation)
+        return observation is not None
+
+    def _take_in(self, observation: Observation) -> None:
         if self._options.leads and observation.believed:
             lag = self._follower.leading.lag
             t_s = observation.t_ns * 1e-9
@@ -162,6 +178,8 @@ class LearningController(ABC):
 
     def learn(self) -> None:
         """One sample, or a little of what else can wait: counted, whatever a clock would say."""
+        if self._work_off():
+            return
         if self._waiting:
             self._work_in_next()
         elif self._jacobian.known:
@@ -170,6 +188,7 @@ class LearningController(ABC):
     def save(self, path: Path) -> None:
         if not self._jacobian.known:
             raise ModelError("there is nothing to save: nothing is learnt yet")
+        self._work_off()
         while self._waiting:
             self._work_in_next()
         known = {**self._jacobian.to_arrays(), **self._pointing.to_arrays()}

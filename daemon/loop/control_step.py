@@ -149,8 +149,8 @@ class ControlLoop:
         requested = self._turned_aside(self._decide(sensed, believed), sensed)
         decision = self._pass_the_gate(sensed, requested)
         self._act(decision)
-        self._judge(sensed, believed, requested, decision)
         on_bus_ns = self._clock.now_ns()
+        self._judge(sensed, believed, requested, decision)
         self._publish(sensed, believed, requested, decision)
         self._timekeeping.step_ended(frame.received_ns, on_bus_ns, self._clock.now_ns())
 

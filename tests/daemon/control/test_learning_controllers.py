@@ -20,6 +20,7 @@ from daemon.learning.inverse.local_controllers import InverseAnswer
 from daemon.learning.samples.motion import MotionSample
 from daemon.reference.trajectories import make_trajectory
 from drivers.pose import Vector
+from tests.daemon.control import closed_loop
 from tests.daemon.control.closed_loop import (
     DT_S,
     NOISE_MM,
@@ -317,6 +318,46 @@ def assert_alike(loop: ClosedLoop, other: LearningController) -> None:
         np.testing.assert_array_equal(ours, theirs)
         loop.targets = loop.targets + ours
         loop.measure()
+
+
+def led(
+    model: str, learns: bool, learn_calls: int, monkeypatch: pytest.MonkeyPatch
+) -> tuple[LearningController, ClosedLoop]:
+    """To the start of a path, with so much time between frames."""
+    monkeypatch.setattr(closed_loop, "LEARN_CALLS", learn_calls)
+    controller = made_learner("forward_jacobian", model=model, lead=True, learning=learns)
+    return controller, started(controller, START_MM)
+
+
+def test_steps_are_the_same_whether_or_not_there_was_time_between_frames(
+    model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What a step tells of lag and hysteresis is put off, and not left out."""
+    _, without = led(model, False, 0, monkeypatch)
+    controller, with_time = led(model, False, 3, monkeypatch)
+    assert controller._follower.leading.lag.lag_s > 0.0
+    np.testing.assert_array_equal(without.targets, with_time.targets)
+
+
+@pytest.mark.parametrize(("learn_calls", "put_off"), [(0, 1), (3, 0)])
+def test_a_frame_is_learnt_from_when_there_is_time_and_else_with_the_next_one(
+    learn_calls: int, put_off: int, model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    controller, loop = led(model, True, learn_calls, monkeypatch)
+    seen: list[int] = []
+    samples = controller._samples
+    add = samples.add
+
+    def added(observation: Observation) -> MotionSample | None:
+        seen.append(observation.t_ns)
+        return add(observation)
+
+    monkeypatch.setattr(samples, "add", added)
+    frames = []
+    for _ in range(20):
+        loop.step(START_MM, np.zeros(3))
+        frames.append(loop.t_ns)
+    assert seen[put_off:] == frames[: len(frames) - put_off]
 
 
 @both
