@@ -23,7 +23,7 @@ import numpy as np
 from daemon.control.controller import Observation, Phase
 from daemon.control.lag.answer import ON_A_PATH_S, ON_THE_WAY_BACK_S, Answer
 from daemon.control.lag.body_lag import DEAD_SHARES, BodyLag, Underway, parts
-from daemon.control.lag.disturbance import Disturbance, Jump, Load
+from daemon.control.lag.disturbance import Disturbance, Hung, Jump, Load
 from daemon.control.lag.expected_error import ExpectedError
 from daemon.control.lag.persistence import Persistence
 from daemon.control.repeated_path import CycleCorrection
@@ -86,7 +86,7 @@ class Leading:
         """What jumps told of what hangs on the body."""
         self._loaded = np.eye(3)
         """(3, 3) how much more that lets come of what was told last."""
-        self._before: tuple[Jump, Vector, Vector, float] | None = None
+        self._before: tuple[Jump, Vector, Vector, Hung] | None = None
         """The last jump, and what was known of the gains and the load when it came."""
         self._unloaded_gains: Vector | None = None
         """What was known of them when the first jump since motion began came."""
@@ -112,7 +112,7 @@ class Leading:
         none of its own. After a load the others are those of before, for motions tell what it
         changes besides sooner than the gains do, and better: it is another change at each place."""
         gains = self.gains if self._unloaded_gains is None else self._unloaded_gains
-        return np.asarray(self.load.times * gains)
+        return np.asarray(self.load.hung.times * gains)
 
     @property
     def pace(self) -> float:
@@ -183,11 +183,12 @@ class Leading:
         if self._unloaded_gains is None:
             self._unloaded_gains = self.gains
         before, load = self._before, self.load
-        self._before = jump, self.gains, self.lag.gain_memory(), load.times
+        self._before = jump, self.gains, self.lag.gain_memory(), load.hung
         if before is not None:
-            last, gains, memory, times = before
-            if jump.undoes(last, float((self.gains / gains).mean()) * load.times / times):
-                self.gains, load.times = gains, times
+            last, gains, memory, hung = before
+            grown = float((self.gains / gains).mean()) * load.hung.times / hung.times
+            if jump.undoes(last, grown):
+                self.gains, load.hung = gains, hung
                 self.lag.recall_gains(memory)
                 return
         load.hang(jump)
@@ -230,7 +231,7 @@ class Leading:
             error = error + share * (hurry * late + further - (left - coming) - error)
         wanted = min(gain * dt_s, 1.0) * error + velocity * dt_s
         self._expect(observation, dt_s)
-        self._loaded = self.load.matrix_at(observation.tip_mm)
+        self._loaded = self.load.matrix_at(observation.tip_mm + left)  # where it is to come
         return np.asarray(np.linalg.solve(answer * self.gains @ self._loaded, wanted))
 
     def _expect(self, observation: Observation, dt_s: float) -> None:

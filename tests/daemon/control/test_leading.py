@@ -13,7 +13,7 @@ from config.tasks.controllers import ForwardJacobian
 from config.tasks.trajectory import Circle, Rectangle, Star
 from daemon.control.controller import Observation, Phase
 from daemon.control.lag.body_lag import parts
-from daemon.control.lag.disturbance import Jump
+from daemon.control.lag.disturbance import Hung, Jump
 from daemon.control.leading import Leading
 from daemon.control.repeated_path import CycleCorrection
 from daemon.controllers.forward_jacobian import ForwardJacobianController
@@ -435,7 +435,7 @@ def test_who_knows_where_a_body_rests_is_told_by_the_jump_what_a_load_made_of_it
 
 def test_what_a_load_makes_of_the_body_is_not_learnt_of_it() -> None:
     leading = Leading(gain_per_s=7.0, by_cycles=False)
-    leading.gains, leading.load.times = np.array([1.1, 1.0, 0.9]), 1.5
+    leading.gains, leading.load.hung = np.array([1.1, 1.0, 0.9]), Hung(1.5)
     np.testing.assert_allclose(leading.made_up_for, [1.65, 1.5, 1.35])
 
 
