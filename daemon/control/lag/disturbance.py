@@ -160,8 +160,8 @@ class Load:
 
 def _turned_rad(tip_mm: Vector, rest_mm: Vector) -> float:
     """α of a tip at (3,), of a body that bends evenly: twice the angle that its base sees."""
-    aside = length(np.cross(rest_mm, tip_mm))
-    return 2.0 * atan2(aside, float(rest_mm @ tip_mm))
+    axis = rest_mm / max(length(rest_mm), 1.0)
+    return 2.0 * atan2(length(_across(tip_mm, axis)), float(axis @ tip_mm))
 
 
 class Disturbance:

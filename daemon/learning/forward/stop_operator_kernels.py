@@ -57,6 +57,21 @@ def follow(
 
 
 @_kernel
+def follow_by_share(
+    free: FloatArray,
+    stops: FloatArray,
+    u: FloatArray,
+    shares: FloatArray,
+    reaches: FloatArray,
+    together: float,
+    stiffening: float,
+) -> None:
+    """The same for each of (k,) `shares`: (k, m) `free` and (k, n, m) `stops`."""
+    for number in range(shares.shape[0]):
+        follow(free[number], stops[number], u, shares[number], reaches, together, stiffening)
+
+
+@_kernel
 def walk(
     places: FloatArray, share: float, reaches: FloatArray, together: float, stiffening: float
 ) -> FloatArray:

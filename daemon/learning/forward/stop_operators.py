@@ -69,9 +69,8 @@ class StopOperators:
         if self._free is None:
             self._free = np.tile(u, (len(self._shares), 1))
             self._stops = np.zeros((len(self._shares), len(_REACHES), len(u)))
-        for number, share in enumerate(self._shares):
-            free, stops = self._free[number], self._stops[number]
-            kernels.follow(free, stops, u, share, _REACHES, _TOGETHER, _STIFFENING)
+        settings = self._shares, _REACHES, _TOGETHER, _STIFFENING
+        kernels.follow_by_share(self._free, self._stops, u, *settings)
         return self._free.copy()
 
     def needed(self, forth: Vector, number: int) -> Vector:

@@ -174,7 +174,7 @@ def test_what_pre_training_told_nothing_of_is_not_looked_for() -> None:
 
 def test_nothing_is_compiled_when_a_body_is_followed() -> None:
     tip_following.warm_up()
-    compiled: list[Any] = [kernels.follow, kernels.needed, kernels.walk]
+    compiled: list[Any] = [kernels.follow_by_share, kernels.needed, kernels.walk]
     known = [len(kernel.signatures) for kernel in compiled]
     assert min(known) > 0
     hysteresis = expected(0.4)
