@@ -189,8 +189,7 @@ class TITLEController:
 
     def propose(self, observation):
         if self.ready:
-            step = self.law.tip_step(observation)
-            step = self.law.axis_step(self.jacobian, step, observation)
+            step = self.law.axis_step(self.jacobian, self.law.tip_step(observation), observation)
             return self.law.proposal(step, observation)
         return Proposal(self.next_probe(observation), f"axis {self.axis + 1} of {len(self.probe)}")
 
