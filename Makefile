@@ -16,7 +16,7 @@ help:
 	@echo "make run          emulated lab, daemon and a client: once round a rectangle, live"
 	@echo "make quick        lint, types and cheap tests of every package, after each change"
 	@echo "make test         lint, types and tests"
-	@echo "make hil          the daemon as processes, through every fault: ten minutes of real time"
+	@echo "make hil          the daemon as processes, through every fault: a quarter of an hour"
 	@echo "make page         the operator's page in a real Chromium, with its pictures"
 	@echo "make oracles      the planner and its distances beside OMPL and coal, which it installs"
 	@echo "make docs         the documentation as a site, in build/docs; a dead link is an error"

@@ -14,6 +14,7 @@ from config.loader import RobotFile
 from daemon.commands.outcome.exit_codes import EXIT_CONFIGURATION, EXIT_OK, EXIT_USAGE
 from daemon.commands.terminal.command_line import main
 from daemon.host.processes import Share
+from daemon.workbench.body_model.clouds import parallel_collection
 from daemon.workbench.body_model.clouds.centreline_fit import (
     FittedCentreline,
     VisibleSurface,
@@ -88,8 +89,9 @@ def test_all_that_was_wanted_is_there(collected: Collected) -> None:
 
 @pytest.mark.long
 def test_shares_of_two_machines_put_together_are_the_same_data_set(
-    collected: Collected, tmp_path: Path, worker: Executor
+    collected: Collected, tmp_path: Path, worker: Executor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(parallel_collection, "_PART", 8)  # of 16: one for each
     folders = [tmp_path / "one", tmp_path / "other"]
 
     def round_of_both() -> list[CloudDataset | None]:
