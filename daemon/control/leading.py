@@ -23,8 +23,9 @@ import numpy as np
 from daemon.control.controller import Observation, Phase
 from daemon.control.lag.answer import ON_A_PATH_S, ON_THE_WAY_BACK_S, Answer
 from daemon.control.lag.body_lag import DEAD_SHARES, BodyLag, Underway, parts
-from daemon.control.lag.disturbance import Disturbance, Hung, Jump, Load
+from daemon.control.lag.disturbance import Disturbance, Jump
 from daemon.control.lag.expected_error import ExpectedError
+from daemon.control.lag.load import Hung, Load
 from daemon.control.lag.persistence import Persistence
 from daemon.control.repeated_path import CycleCorrection
 from drivers.pose import Vector, length

@@ -13,7 +13,8 @@ from config.tasks.controllers import ForwardJacobian
 from config.tasks.trajectory import Circle, Rectangle, Star
 from daemon.control.controller import Observation, Phase
 from daemon.control.lag.body_lag import parts
-from daemon.control.lag.disturbance import Hung, Jump
+from daemon.control.lag.disturbance import Jump
+from daemon.control.lag.load import Hung
 from daemon.control.leading import Leading
 from daemon.control.repeated_path import CycleCorrection
 from daemon.controllers.forward_jacobian import ForwardJacobianController
