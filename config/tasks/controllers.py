@@ -25,9 +25,9 @@ class AxisUse(KindOptions):
     when the motion began, or the given positions (mm or rad, one per axis)."""
 
     posture_gain_per_s: NotNegative | None = None
-    """Share of the way to the posture per second; where a repeated path is led and corrected by its
-    cycles four times as much, to 0.4, unless axes turn round. 0: redundant axes are left alone.
-    None: 0.1, and 1.0 where tendons pull against each other."""
+    """Share of the way to the posture per second; where the body is led four times as much, to 0.4,
+    unless axes turn round. 0: redundant axes are left alone. None: 0.1, and 1.0 where tendons pull
+    against each other."""
 
     axis_weights: Annotated[tuple[Positive, ...], Field(min_length=1, strict=False)] | None = None
     """How dear the motion of each axis is, counted in shares of its range: the diagonal of N of
@@ -84,7 +84,8 @@ class TipFollowing(ProportionalLaw):
     slow_above_mm: Positive | None = 1.0
     """With `lead`: where the tip is expected to be farther off than this (root mean square, by what
     it was off by lately), a trajectory is followed more slowly than it says, as far as that helps
-    and down to a quarter. None: it keeps its time, however far off the tip is."""
+    and down to a quarter. What axes at their ends, or in a direction that they hardly move, can do
+    nothing about does not count. None: it keeps its time, however far off the tip is."""
 
     @property
     def leads(self) -> bool:

@@ -359,9 +359,10 @@ def axis_step(
     dt_s: float,
     damping: float,
     lets_go: bool,
-) -> FloatArray:
+) -> tuple[FloatArray, FloatArray]:
     """(m,) the bounded step of axes that are measured in `unit`, (m,); where an axis would have to
-    be faster than it may be, what comes nearest to it."""
+    be faster than it may be, what comes nearest to it. And (r,) what would have come of it if none
+    were too slow for it."""
     drawn, lowest, highest = bounds
     rows, count = jacobian.shape
     scaled, toward = np.empty((rows, count)), np.empty(count)
@@ -372,7 +373,7 @@ def axis_step(
         toward[k] = drawn[k] / unit[k]
         low[k], high[k] = lowest[k] / unit[k], highest[k] / unit[k]
     step = bounded_step(scaled, wanted, toward, low, high, damping, lets_go)
-    hurried = False
+    made, hurried = _made(scaled, step), False
     for k in range(count):
         fastest = max_velocity[k] * dt_s / unit[k]
         hurried = hurried or abs(step[k]) > fastest
@@ -381,7 +382,7 @@ def axis_step(
         step = step_within(scaled, step, low, high, damping)
     for k in range(count):
         step[k] *= unit[k]
-    return step
+    return step, made
 
 
 @_kernel

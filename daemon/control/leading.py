@@ -52,6 +52,9 @@ _HURRY: Final = 0.8
 """... and so much more of what is missing is told at first than shall come of it, where the lag is
 long: what a first-order lag keeps back then comes sooner. With half of it the way back takes 0.2 to
 0.3 s longer."""
+_LEFT_SHARE: Final = 0.1
+"""Of a wanted motion: what axes leave of it, at their ends or in a direction that they hardly move,
+is more than rounding. A tendon arm whose path is 2 mm too high leaves a third."""
 _GAIN_APPROACH_S: Final = 1.0
 """Time constant of the way to the gains that were found: nothing jumps."""
 
@@ -91,6 +94,9 @@ class Leading:
         """The last jump, and what was known of the gains and the load when it came."""
         self._unloaded_gains: Vector | None = None
         """What was known of them when the first jump since motion began came."""
+        self._out_of_reach = np.zeros(3)
+        """(3,) unit vector: what was wanted last along it the axes have left, however slow it was;
+        none where they left nothing."""
         self.jumps = 0
         """How often the tip was taken off at once: something was hung on, or pushed it."""
         self._put_off: tuple[float, float, Vector, Vector] | None = None
@@ -205,6 +211,13 @@ class Leading:
         self.lag.settle()
         self.lag.break_off()
 
+    def leave(self, wanted_mm: Vector, made_mm: Vector) -> None:
+        """Of (3,) that were wanted in this step the axes make (3,), if none is too slow."""
+        left_mm = wanted_mm - made_mm
+        size_mm = length(left_mm)
+        much = size_mm > _LEFT_SHARE * length(wanted_mm)
+        self._out_of_reach = left_mm / size_mm if much else np.zeros(3)
+
     def step(self, observation: Observation, dt_s: float) -> Vector:
         """(3,) mm to ask for in this step."""
         error = observation.reference_mm - observation.tip_mm
@@ -241,9 +254,11 @@ class Leading:
         if observation.ahead is None:
             return
         if observation.believed and not self._disturbance.jumped(observation.t_ns * 1e-9):
-            error_mm = length(observation.reference_mm - observation.tip_mm)
+            error_mm = observation.reference_mm - observation.tip_mm
+            beyond_mm = float(error_mm @ self._out_of_reach)
             speed_mm_s = length(observation.reference_velocity_mm_s)
-            expected.add(dt_s, error_mm, speed_mm_s, lag_s)
+            within_mm = length(error_mm - beyond_mm * self._out_of_reach)
+            expected.add(dt_s, within_mm, speed_mm_s, lag_s, beyond_mm)
         if observation.own_speed_mm_s is not None:
             expected.look_ahead(dt_s, observation.own_speed_mm_s, lag_s)
 

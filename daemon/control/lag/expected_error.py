@@ -23,8 +23,8 @@ _MEMORY_S: Final = 6.0
 _ANY_SPEED_MM: Final = 3.0
 """s₀: with the usual ρ it makes an error as small as a tracker's noise."""
 _LEAST_PACE: Final = 0.25
-"""Some errors do not become less, of axes at their ends or a body that gives way: a path comes to
-its end all the same."""
+"""Some errors do not become less, of a body that gives way: a path comes to its end all the
+same."""
 _SLOWER_PER_S, _FASTER_PER_S = 0.5, 0.2
 """How fast the pace changes: a path that becomes slower is led as one that turns."""
 
@@ -40,17 +40,24 @@ class ExpectedError:
         self._tolerated_mm = tolerated_mm
         self._ways = _USUAL_S * _ANY_SPEED_MM**2
         self._squared = _USUAL**2 * self._ways
+        self._beyond = 0.0
+        """Mean square of what was out of reach."""
 
-    def add(self, dt_s: float, error_mm: float, speed_mm_s: float, lag_s: float) -> None:
-        """The tip was measured so far from a reference of that speed."""
+    def add(
+        self, dt_s: float, error_mm: float, speed_mm_s: float, lag_s: float, beyond_mm: float = 0.0
+    ) -> None:
+        """The tip was measured so far from a reference of that speed, and so far across to that
+        where the axes can do nothing about it."""
         kept = exp(-dt_s / _MEMORY_S)
+        self._beyond = kept * self._beyond + (1.0 - kept) * beyond_mm**2
         self._squared = kept * self._squared + dt_s * error_mm**2
         way_mm = self._way_mm(speed_mm_s, lag_s)
         self._ways = kept * self._ways + dt_s * (way_mm**2 + _ANY_SPEED_MM**2)
 
     def at(self, speed_mm_s: float, lag_s: float) -> float:
         """mm, root mean square, with a reference of that speed."""
-        return self._share * hypot(self._way_mm(speed_mm_s, lag_s), _ANY_SPEED_MM)
+        within_mm = self._share * hypot(self._way_mm(speed_mm_s, lag_s), _ANY_SPEED_MM)
+        return hypot(within_mm, sqrt(self._beyond))
 
     def look_ahead(self, dt_s: float, speed_mm_s: float, lag_s: float) -> None:
         """Where a pace that is asked for now will count, the path's own speed is that."""

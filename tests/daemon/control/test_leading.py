@@ -472,3 +472,14 @@ def test_a_tip_that_is_pushed_aside_comes_back_without_going_far_beyond(
     along = np.array(off[at:]) @ pushed / np.linalg.norm(pushed)
     assert along.min() > -1.8
     assert np.linalg.norm(off[at + 80 :], axis=1).mean() < 1.0
+
+
+def test_a_path_beyond_what_axes_reach_is_not_slowed_and_its_error_is_expected(
+    model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loop = loop_on("as_made", model, monkeypatch)
+    too_high = circle(20.0, 3).model_copy(update={"center_mm": (0.0, 0.0, 238.0)})
+    *_, last = loop.follow_at_its_pace(too_high)
+    assert last.errors_mm.mean() > 3.0  # the axes are at their upper ends
+    assert len(last.errors_mm) == pytest.approx(too_high.cycle_s / DT_S, rel=0.05)
+    assert loop.proposal.expected_mm == pytest.approx(last.errors_mm.mean(), rel=0.4)

@@ -92,3 +92,15 @@ def test_whoever_keeps_the_time_is_never_slowed() -> None:
     seen(expected, 30.0, 20.0, 0.8, for_s=10.0)
     assert settled_pace(expected, 20.0, 0.8) == 1.0
     assert expected.at(20.0, 0.8) > 25.0
+
+
+def test_what_axes_can_do_nothing_about_is_expected_at_any_speed_and_slows_nothing() -> None:
+    expected, plain = ExpectedError(GAIN_PER_S, 1.0), ExpectedError(GAIN_PER_S, 1.0)
+    for _ in range(2000):
+        expected.add(DT_S, 0.3, 20.0, 0.1, beyond_mm=-4.0)
+    seen(plain, 0.3, 20.0, 0.1, for_s=50.0)
+    assert settled_pace(expected, 20.0, 0.1) == settled_pace(plain, 20.0, 0.1) == 1.0
+    for speed_mm_s in (0.0, 20.0):
+        assert expected.at(speed_mm_s, 0.1) == pytest.approx(4.0, rel=0.01)
+    seen(expected, 0.3, 20.0, 0.1, for_s=60.0)  # it is within reach again
+    assert expected.at(20.0, 0.1) < 0.4
