@@ -52,9 +52,9 @@ _HURRY: Final = 0.8
 """... and so much more of what is missing is told at first than shall come of it, where the lag is
 long: what a first-order lag keeps back then comes sooner. With half of it the way back takes 0.2 to
 0.3 s longer."""
-_LEFT_SHARE: Final = 0.1
-"""Of a wanted motion: what axes leave of it, at their ends or in a direction that they hardly move,
-is more than rounding. A tendon arm whose path is 2 mm too high leaves a third."""
+_UNMADE_SHARE: Final = 0.1
+"""Of a wanted motion: so much that axes do not make of it, at their ends or in a direction in which
+they hardly move the tip, is more than rounding."""
 _GAIN_APPROACH_S: Final = 1.0
 """Time constant of the way to the gains that were found: nothing jumps."""
 
@@ -95,8 +95,8 @@ class Leading:
         self._unloaded_gains: Vector | None = None
         """What was known of them when the first jump since motion began came."""
         self._out_of_reach = np.zeros(3)
-        """(3,) unit vector: what was wanted last along it the axes have left, however slow it was;
-        none where they left nothing."""
+        """(3,) unit vector along which axes did not make what was wanted last, however slow that
+        was; zeros where they made it all."""
         self.jumps = 0
         """How often the tip was taken off at once: something was hung on, or pushed it."""
         self._put_off: tuple[float, float, Vector, Vector] | None = None
@@ -211,12 +211,12 @@ class Leading:
         self.lag.settle()
         self.lag.break_off()
 
-    def leave(self, wanted_mm: Vector, made_mm: Vector) -> None:
-        """Of (3,) that were wanted in this step the axes make (3,), if none is too slow."""
-        left_mm = wanted_mm - made_mm
-        size_mm = length(left_mm)
-        much = size_mm > _LEFT_SHARE * length(wanted_mm)
-        self._out_of_reach = left_mm / size_mm if much else np.zeros(3)
+    def see_made(self, wanted_mm: Vector, made_mm: Vector) -> None:
+        """Of (3,) that were wanted in this step the axes make (3,), if none is too slow for it."""
+        unmade_mm = wanted_mm - made_mm
+        size_mm = length(unmade_mm)
+        much = size_mm > _UNMADE_SHARE * length(wanted_mm)
+        self._out_of_reach = unmade_mm / size_mm if much else np.zeros(3)
 
     def step(self, observation: Observation, dt_s: float) -> Vector:
         """(3,) mm to ask for in this step."""

@@ -314,7 +314,8 @@ class TipFollower:
             self.redundancy.damping_mm(jacobian),
             self._lets_go,
         )
-        self.leading.leave(tip_step[:POSITION], made[:POSITION])
+        if self._leads:
+            self.leading.see_made(tip_step[:POSITION], made[:POSITION])
         if hysteresis is None:
             return np.asarray(step)
         fastest = self.axes.max_velocity * dt_s

@@ -15,7 +15,7 @@ import json
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from concurrent.futures import as_completed
 from pathlib import Path
 from typing import Any, Final
@@ -95,16 +95,20 @@ def case_of(number: int) -> dict[str, Any]:
 def carried_out(number: int) -> dict[str, Any]:
     """One line for the file."""
     case = case_of(number)
-    line: dict[str, Any] = {"case": number, **_in_short(case)}
+    return {"case": number, **_in_short(case), **came_of(CIRCLE, case, number)}
+
+
+def came_of(experiment: Path, case: dict[str, Any], seed: int) -> dict[str, Any]:
+    """What became of a case, for a line of the file: of an experiment that is changed by it."""
     with tempfile.TemporaryDirectory() as name:
         try:
-            file = with_model(load_experiment(CIRCLE, case), number, _nobody)
-            result = carry_out_in_virtual_time(file, number, Path(name), _nobody)
+            file = with_model(load_experiment(experiment, case), seed, _nobody)
+            result = carry_out_in_virtual_time(file, seed, Path(name), _nobody)
         except TrialError as error:
-            return {**line, "verdict": _refused_or_failed(str(error)), "why": str(error)[:300]}
+            return {"verdict": _refused_or_failed(str(error)), "why": str(error)[:300]}
         tips = RunReader(Path(name) / RUN_FILE).messages([TOPICS[Tip]])
         errors = errors_mm(json.loads(tip.data) for tip in tips)
-    return {**line, **_of(result, errors)}
+    return _of(result, errors)
 
 
 def errors_mm(tips: Iterable[dict[str, Any]]) -> Vector:
@@ -122,7 +126,8 @@ def worst_at_the_end_mm(errors: Vector) -> float:
 
 
 def _refused_or_failed(why: str) -> str:
-    return "refused" if "can be followed: let a cycle take" in why else "failed"
+    refused = ("can be followed: let a", "mm beyond the workspace")
+    return "refused" if any(words in why for words in refused) else "failed"
 
 
 def _of(result: Result, errors: Vector) -> dict[str, Any]:
@@ -182,13 +187,14 @@ def _spread(values: list[float]) -> dict[str, float]:
     return {name: round(float(np.percentile(values, at)), 3) for name, at in shares.items()}
 
 
-def main() -> int:
-    """Prints one JSON."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cases", type=int, default=1000, metavar="N")
+def carry_out_all(carry_out: Callable[[int], dict[str, Any]], words: str, cases: int) -> int:
+    """Cases that the command line asks for, as many by default; prints one JSON."""
+    parser = argparse.ArgumentParser(description=words)
+    out_by_default = Path("runs") / f"{Path(sys.argv[0]).stem}.jsonl"
+    parser.add_argument("--cases", type=int, default=cases, metavar="N")
     parser.add_argument("--share", type=share, default=WHOLE, metavar="K/N")
     parser.add_argument("--processes", type=int, default=2, metavar="N")
-    parser.add_argument("--out", type=Path, default=Path("runs/led_bodies.jsonl"))
+    parser.add_argument("--out", type=Path, default=out_by_default)
     arguments = parser.parse_args()
     arguments.out.parent.mkdir(parents=True, exist_ok=True)
     lines: list[dict[str, Any]] = []
@@ -196,15 +202,20 @@ def main() -> int:
         lines = [json.loads(line) for line in arguments.out.read_text().splitlines()]
     done = {line["case"] for line in lines}
     left = [n for n in range(arguments.cases) if arguments.share.has(n) and n not in done]
-    with_model(load_experiment(CIRCLE, case_of(0)), 0, _nobody)  # made once, and then found
     with worker_processes(arguments.processes) as workers, arguments.out.open("a") as out:
-        for task in as_completed([workers.submit(carried_out, number) for number in left]):
+        for task in as_completed([workers.submit(carry_out, number) for number in left]):
             lines.append(task.result())
             out.write(json.dumps(lines[-1]) + "\n")
             out.flush()
     figures = figures_of(lines)
     print(json.dumps(figures, indent=2))
     return 1 if figures["unstable"] or figures["failed"] else 0
+
+
+def main() -> int:
+    """Prints one JSON."""
+    with_model(load_experiment(CIRCLE, case_of(0)), 0, _nobody)  # made once, and then found
+    return carry_out_all(carried_out, __doc__ or "", 1000)
 
 
 if __name__ == "__main__":

@@ -1,10 +1,11 @@
-"""What `python -m tests.experiments.led_bodies` asks, and how it judges what comes of it."""
+"""What `led_bodies` and `led_paths` ask, and how they judge what comes of it."""
 
 from typing import Any
 
 import numpy as np
 
 from daemon.workbench.experiments.experiment_file import load_experiment
+from tests.experiments import led_paths
 from tests.experiments.led_bodies import (
     CIRCLE,
     LASTS_S,
@@ -69,3 +70,11 @@ def test_what_is_judged_is_the_path_and_not_the_way_to_it() -> None:
     held = {"t_ns": 1, "state": "hold", "cycle": 0, "error_mm": 30.0}
     path = {"t_ns": 2_000_000_000, "state": "running", "cycle": 0, "error_mm": 0.5}
     assert errors_mm([way, held, path]).tolist() == [[2.0, 0.5]]
+
+
+def test_paths_are_sound_experiments_of_every_kind_that_repeat_themselves() -> None:
+    cases = [led_paths.case_of(number) for number in range(60)]
+    assert cases == [led_paths.case_of(number) for number in range(60)]
+    kinds = {load_experiment(led_paths.SOFT_ARM, case).experiment.trajectory.kind for case in cases}
+    assert kinds == {"circle", "rectangle", "star", "lissajous", "helix", "random_smooth"}
+    assert all(case["trajectory"]["cycles"] >= 2 for case in cases)
