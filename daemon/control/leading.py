@@ -146,6 +146,7 @@ class Leading:
         self._persistence.begin()
         self._before = self._unloaded_gains = None
         self._passed.clear()
+        self._out_of_reach = np.zeros(3)
         if self._cycles is not None:
             self._cycles.break_off()
 

@@ -36,7 +36,8 @@ a repeated path their way is soon the same in every cycle, and what one teaches 
 a slow body's rectangle settles at 1.1 mm without, at 0.84 with twice as much, at 0.75 with four
 times. On the way to a path an arm that rests with its axes at their ends comes to its posture
 before it is there: else those that stay behind bend it into an S, along which its model is wrong.
-Of thirty arms with lags of 0.35 to 1 s two never came to their path without."""
+Of thirty arms with lags of 0.35 to 1 s one never came to its path without, and one was held on it
+again and again."""
 
 _AT_ZERO = 0.02
 """Of an axis' range: so near to zero a body is where it rests."""

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from tests import SHIPPED_ROBOTS
-from tests.experiments.led_bodies import LASTS_S, came_of, carry_out_all
+from tests.experiments.led_bodies import LASTS_S, came_of, carry_out_all, random_plant
 
 SOFT_ARM: Final = SHIPPED_ROBOTS.parent / "experiments" / "bench_soft_arm.yaml"
 _KINDS: Final = ("circle", "rectangle", "star", "lissajous", "helix", "random_smooth")
@@ -29,17 +29,7 @@ def case_of(number: int) -> dict[str, Any]:
     cycles = max(2, round(LASTS_S / cycle_s))
     stiffer, lag_s = uniform(0.8, 1.25), float(np.exp(uniform(np.log(0.05), np.log(0.8))))
     return {
-        "plant": {
-            "bending_stiffness_n_mm2": 8.0e3 * stiffer,
-            "axial_stiffness_n": 130.0 * stiffer,
-            "mass_g": uniform(38.0, 55.0),
-            "chamber_area_ratios": uniform(0.8, 1.2, 6).tolist(),
-            "hysteresis": uniform(0.1, 0.45),
-            "creep": uniform(0.02, 0.25),
-            "pneumatic_lag_s": lag_s,
-            "dead_time_s": uniform(0.0, 0.25),
-            "backlash_mm": uniform(0.0, 0.15),
-        },
+        "plant": random_plant(random, stiffer, lag_s),
         "trajectory": {**path, "cycle_s": cycle_s, "cycles": cycles},
         "controller": {"lead": True, "slow_above_mm": (1.0, None)[number % 2]},
         "risk": False,
