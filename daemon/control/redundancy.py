@@ -2,13 +2,15 @@
 
 Where options leave it open the robot decides. Tendons pull against each other: what only all of
 them together would do for the tip takes tension, or leaves one of them slack, so it is given up
-sooner than with other axes, and tendons are drawn to their posture faster.
+sooner than with other axes, and tendons are drawn to their posture faster. The same is what keeps
+them tight: it takes up what pretension an arm has lost, and leaves its tip alone.
 """
 
 from typing import Final
 
 import numpy as np
 
+from config.robot import Robot
 from config.tasks.controllers import TipFollowing
 from daemon.control.controller import ControllerError
 from daemon.robot.axes import AxisRanges
@@ -21,6 +23,12 @@ tendons and a helical one that is between 290, 270 and 14 mm: what bends it, and
 """
 _POSTURE_PER_S: Final = 0.1
 _TENDONS_POSTURE_PER_S: Final = 1.0
+_SPARED: Final = 0.05
+"""Of the weakest tendon's range of tensions, that all keep at either end. Friction lets a tension
+fall at once where a tendon turns round: within twice of this one moves there ever more slowly."""
+_BACK: Final = 0.2
+"""Of their speed, with which all tendons are pulled, or released, where one has lost all of what is
+spared. With 5 N/mm, which tendons of 0.2 m have, and a delay of 0.25 s it does not swing."""
 
 
 class Redundancy:
@@ -73,3 +81,57 @@ class Redundancy:
                 f"posture has {len(posture)} positions, and the robot {axes.count} axes"
             )
         return np.asarray(np.clip(np.array(posture), axes.lowest, axes.highest))
+
+
+class TensionKeeping:
+    """Keeps tendons from going slack or tearing while they lead a tip.
+
+    What is nearly slack is let go of no further, and the others make the tip's step; and all of
+    them are pulled together, which bends no body. What a tip asks of all of them, to be higher or
+    lower than it can, comes second.
+    """
+
+    def __init__(self, robot: Robot, axes: AxisRanges) -> None:
+        ranges_n = [axis.tension_range_n for axis in robot.axes if axis.tension_range_n is not None]
+        self._lowest_n, self._highest_n = np.array(ranges_n, np.float64).T
+        self._spared_n = _SPARED * float(np.min(self._highest_n - self._lowest_n))
+        self._tendons = list(axes.tendons)
+        self._speeds = axes.max_velocity[self._tendons]
+
+    def bounds(
+        self, tensions_n: Vector, lowest: Vector, highest: Vector, dt_s: float
+    ) -> tuple[Vector, Vector]:
+        """(m,) lowest and highest step, of those given, that neither slackens a tendon nor tears
+        it. Zero is still between them.
+
+        tensions_n: (m,) as measured. No number: nobody knows, and the gate lets nothing through.
+        """
+        released, pulled = self._speeds_left(tensions_n)
+        lowest, highest, tendons = lowest.copy(), highest.copy(), self._tendons
+        lowest[tendons] = np.maximum(lowest[tendons], -dt_s * np.maximum(released, 0.0))
+        highest[tendons] = np.minimum(highest[tendons], dt_s * np.maximum(pulled, 0.0))
+        return lowest, highest
+
+    def evened(self, step: Vector, tensions_n: Vector, dt_s: float) -> Vector:
+        """(m,) a step with so much more of all tendons together, or less, that none gets slacker
+        that is nearly slack, and none tighter that is nearly torn, which counts first."""
+        released, pulled = self._speeds_left(tensions_n)
+        mean = float(step[self._tendons].mean())
+        may = min(max(mean, -dt_s * float(released.min())), dt_s * float(pulled.min()))
+        if may == mean:
+            return step
+        step = step.copy()
+        step[self._tendons] += may - mean
+        return step
+
+    def _speeds_left(self, tensions_n: Vector) -> tuple[Vector, Vector]:
+        """How fast each tendon may be released, and pulled; below zero: it has to go back."""
+        pulls_n = tensions_n[self._tendons]
+        over_slack = (pulls_n - self._lowest_n) / self._spared_n - 1.0
+        to_torn = (self._highest_n - pulls_n) / self._spared_n - 1.0
+        return self._speed(over_slack), self._speed(to_torn)
+
+    def _speed(self, left: Vector) -> Vector:
+        """left: (tendons,) of what is spared."""
+        share = np.where(left < 0.0, _BACK * np.maximum(left, -1.0), left)
+        return np.where(left < 1.0, share * self._speeds, np.inf)

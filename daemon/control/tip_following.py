@@ -19,7 +19,7 @@ from daemon.control.lag import body_lag
 from daemon.control.lag.hysteresis import Hysteresis
 from daemon.control.lag.probing import Probing
 from daemon.control.leading import Leading
-from daemon.control.redundancy import Redundancy
+from daemon.control.redundancy import Redundancy, TensionKeeping
 from daemon.control.task import POSITION, points, turn_between, within
 from daemon.learning.forward import stop_operators
 from daemon.learning.forward.stop_operators import HeldBack
@@ -55,6 +55,7 @@ class TipFollower:
         self.axes = AxisRanges.of(robot)
         self._options = options
         self.redundancy = Redundancy(options, self.axes)
+        self._tension_keeping = TensionKeeping(robot, self.axes) if self.axes.opposed else None
         self._posture = self.redundancy.posture
         self._turns = bool(self.axes.period.any())
         """Whether axes turn round: then far ways come of little, the body can snap on them, and the
@@ -302,6 +303,9 @@ class TipFollower:
         if near is None:
             near = self.drawn(observation) + self.drawn_further(observation)
         lowest, highest = self.axes.step_range(observation.targets)
+        keeping, tensions_n = self._tension_keeping, observation.tensions_n
+        if keeping is not None and tensions_n is not None:
+            lowest, highest = keeping.bounds(tensions_n, lowest, highest, dt_s)
         # The body's free axes are what the Jacobian is of, and what is to stay near the posture.
         needed = np.eye(self.axes.count) if hysteresis is None else hysteresis.needed
         each = np.diag(needed)
@@ -317,11 +321,12 @@ class TipFollower:
         )
         if self._leads:
             self.leading.see_made(tip_step[:POSITION], made[:POSITION])
-        if hysteresis is None:
-            return np.asarray(step)
+        if hysteresis is not None:
+            step = hysteresis.with_what_is_lost(needed @ step)
+        if keeping is not None and tensions_n is not None:
+            step = keeping.evened(step, tensions_n, dt_s)
         fastest = self.axes.max_velocity * dt_s
-        step = np.clip(hysteresis.with_what_is_lost(needed @ step), lowest, highest)
-        return np.asarray(np.clip(step, -fastest, fastest))
+        return np.asarray(np.clip(np.clip(step, lowest, highest), -fastest, fastest))
 
     def axis_velocity(self, jacobian: Matrix, tip_velocity: Vector, u: Vector) -> Vector:
         """(m,) per second that this law asks of axes at (m,) for (3,) mm/s of the tip, however

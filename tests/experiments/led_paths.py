@@ -24,7 +24,7 @@ def case_of(number: int) -> dict[str, Any]:
     random = np.random.default_rng([number, 77])
     uniform = random.uniform
     speed_mm_s = float(np.exp(uniform(np.log(5.0), np.log(25.0))))
-    path, length_mm = _path(random)
+    path, length_mm = path_of(random)
     cycle_s = length_mm / speed_mm_s
     cycles = max(2, round(LASTS_S / cycle_s))
     stiffer, lag_s = uniform(0.8, 1.25), float(np.exp(uniform(np.log(0.05), np.log(0.8))))
@@ -38,7 +38,7 @@ def case_of(number: int) -> dict[str, Any]:
     }
 
 
-def _path(random: np.random.Generator) -> tuple[dict[str, Any], float]:
+def path_of(random: np.random.Generator) -> tuple[dict[str, Any], float]:
     """A trajectory without its time, and about how long a round of it is, mm."""
     uniform, kind = random.uniform, str(random.choice(_KINDS))
     radius_mm, other_mm, high_mm = uniform(8.0, 28.0), uniform(8.0, 25.0), uniform(0.0, 5.0)

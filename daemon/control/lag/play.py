@@ -13,8 +13,9 @@ Six axes that turn at once, as where a load is hung on, keep back some millimetr
 Small motions to and fro, before anything is followed, tell b: by least squares over short spans,
 with a gain along each axis of space, since J is never exact, and a shift in time, since play looks
 like lag: 0.12 mm of it like 0.02 s of a prompt body's, and 0.15 mm like 0.05 s of a slow one's,
-whose axes go half as fast. Then the lag is looked for once more, without what play takes. About two
-thirds of b are found, and next to nothing where there is none.
+whose axes go half as fast. Then the lag is looked for once more, without what play takes, and so is
+how much of it is dead time, which play makes look like less. About two thirds of b are found, and
+next to nothing where there is none.
 """
 
 from collections.abc import Sequence
@@ -22,7 +23,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from daemon.control.lag.body_lag import BodyLag, Underway
+from daemon.control.lag.body_lag import DEAD_SHARES, BodyLag, Underway
 from drivers.pose import Vector
 
 _LOOKED_FOR: Final = 3e-3
@@ -102,9 +103,9 @@ class Play:
         if found is None or not found > 0.0:
             return
         self.share = min(found, _MOST)
-        lag_s = _lag_without(motions, self.share / _LOOKED_FOR, lag.dead_share)
-        if lag_s is not None:
-            lag.lag_s = min(lag.lag_s, lag_s)
+        without = _lag_without(motions, self.share / _LOOKED_FOR)
+        if without is not None:
+            lag.lag_s, lag.dead_share = min(lag.lag_s, without.lag_s), without.dead_share
 
 
 def _stopped(place: Vector, reach: Vector) -> Vector:
@@ -138,14 +139,14 @@ def _found(told: Sequence[SmallMotion], lag: BodyLag) -> float | None:
     return _LOOKED_FOR * float(-solution[3]) / gain
 
 
-def _lag_without(told: Sequence[SmallMotion], times: float, dead_share: float) -> float | None:
-    """Seconds, by small motions without so many times what is within the play that is looked for.
-    None: they tell nothing."""
-    lag, sum_mm = BodyLag(dead_shares=(dead_share,)), np.zeros(3)
+def _lag_without(told: Sequence[SmallMotion], times: float) -> BodyLag | None:
+    """By small motions without so many times what is within the play that is looked for. None:
+    they tell nothing."""
+    lag, sum_mm = BodyLag(dead_shares=DEAD_SHARES), np.zeros(3)
     for one in told:
         sum_mm = sum_mm + one.told_mm - times * one.within_mm
         lag.add(one.t_s, one.dt_s, sum_mm, one.tip_mm)
-    return lag.lag_s if lag.settle() else None
+    return lag if lag.settle() else None
 
 
 def _arrived(told: Sequence[SmallMotion], moved_mm: Sequence[Vector], lag: BodyLag) -> Vector:

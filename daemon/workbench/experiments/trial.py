@@ -181,4 +181,6 @@ class Trial:
 
     def _why(self) -> str:
         reasons = self._service.supervisor.reasons
-        return "; ".join(f"{r.cause.value} ({r.subject}): {r.detail}" for r in reasons) or "?"
+        told = [(r.cause, r.subject, r.detail or r.cause.text) for r in reasons]
+        words = [f"{cause.value} ({subject}): {text}" for cause, subject, text in told]
+        return "; ".join(words) or "?"

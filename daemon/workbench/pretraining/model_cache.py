@@ -162,7 +162,8 @@ def _model(
     tell: Tell,
     progress: Progress | None,
 ) -> Path:
-    """Of this experiment's body, or of the one that it says is known, with nothing at its tip."""
+    """Of this experiment's body, or of the one that it says is known, with nothing at its tip.
+    Where nobody is asked for the risk of the path, nobody is while it is explored."""
     # Most experiments have their model, or want none, and what learns is slow to come.
     from daemon.learning.forward.pretraining import PretrainingError
     from daemon.workbench.pretraining.model_cache import pretrained
@@ -173,7 +174,10 @@ def _model(
     if pretraining.plant is not None:
         plant = other_plant(original.plant, pretraining.plant)
         unloaded = unloaded.model_copy(update={"plant": plant})
-    robot_file = replace(file.file, robot=file.robot.model_copy(update={"emulation": unloaded}))
+    alone: dict[str, Any] = {"emulation": unloaded}
+    if not file.experiment.risk:
+        alone["risk"] = file.robot.risk.model_copy(update={"model": None})
+    robot_file = replace(file.file, robot=file.robot.model_copy(update=alone))
     try:
         return pretrained(robot_file, pretraining, seed, tell, progress=progress)
     except PretrainingError as error:

@@ -4,12 +4,14 @@ from functools import cache
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from config.loader import load_robot
 from config.robot import Robot
 from config.tasks.controllers import TipFollowing
 from daemon.control.controller import ControllerError
-from daemon.control.redundancy import Redundancy
+from daemon.control.redundancy import Redundancy, TensionKeeping
 from daemon.control.tip_following import damped_solution
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
@@ -64,3 +66,97 @@ def test_what_options_say_counts_for_tendons_too() -> None:
 def test_weights_for_another_robot_are_refused() -> None:
     with pytest.raises(ControllerError, match="axis_weights are 2, and the robot has 6 axes"):
         redundancy("soft_arm", axis_weights=[1.0, 2.0])
+
+
+LOWEST_N, HIGHEST_N, SPARED_N, STEP_S = 0.1, 9.7, 0.48, 0.025
+"""Of the tendon arm's straight tendons."""
+FASTEST_MM = 5.0 * STEP_S
+MOST_MM = 10.0
+
+
+@cache
+def keeping() -> TensionKeeping:
+    arm = robot("tendon_arm")
+    return TensionKeeping(arm, AxisRanges.of(arm))
+
+
+def bounds(tensions_n: list[float], most_mm: float = MOST_MM) -> tuple[Vector, Vector]:
+    """Of the tendon arm's step with these tensions."""
+    lowest, highest = np.full(4, -most_mm), np.full(4, most_mm)
+    return keeping().bounds(np.array(tensions_n), lowest, highest, STEP_S)
+
+
+def evened(step_mm: list[float], tensions_n: list[float]) -> Vector:
+    return keeping().evened(np.array(step_mm), np.array(tensions_n), STEP_S)
+
+
+STEP_MM = [0.01, -0.12, 0.1, -0.12]
+
+
+def test_tendons_as_tight_as_they_should_be_go_as_they_are_led() -> None:
+    tensions_n = [1.2, 8.0, 3.0, 4.0]
+    np.testing.assert_array_equal(bounds(tensions_n), np.outer([-MOST_MM, MOST_MM], np.ones(4)))
+    np.testing.assert_array_equal(evened(STEP_MM, tensions_n), STEP_MM)
+
+
+def test_a_nearly_slack_tendon_is_not_let_go_of() -> None:
+    lowest, highest = bounds([LOWEST_N + SPARED_N, 3.0, 3.0, 3.0])
+    np.testing.assert_allclose(lowest, [0.0, -MOST_MM, -MOST_MM, -MOST_MM], atol=1e-12)
+    np.testing.assert_allclose(highest, MOST_MM)
+
+
+def test_a_tendon_that_gets_slack_is_let_go_of_ever_more_slowly() -> None:
+    lowest, _ = bounds([LOWEST_N + 1.25 * SPARED_N, 3.0, 3.0, 3.0])
+    np.testing.assert_allclose(lowest[0], -0.25 * FASTEST_MM)
+
+
+def test_all_are_pulled_together_where_one_is_slack_whatever_the_tip_asks_of_them() -> None:
+    tight = evened(STEP_MM, [LOWEST_N, 3.0, 3.0, 3.0])
+    np.testing.assert_allclose(np.diff(tight), np.diff(STEP_MM), atol=1e-12)
+    np.testing.assert_allclose(tight.mean(), 0.2 * FASTEST_MM)
+
+
+def test_together_they_are_not_let_go_of_where_one_would_get_slack() -> None:
+    tight = evened([-0.1, -0.1, -0.1, -0.1], [LOWEST_N + SPARED_N, 3.0, 3.0, 3.0])
+    np.testing.assert_allclose(tight, 0.0, atol=1e-12)
+
+
+def test_a_nearly_torn_tendon_is_pulled_no_further_even_where_another_one_is_slack() -> None:
+    tensions_n = [0.0, HIGHEST_N - SPARED_N, 3.0, 3.0]
+    lowest, highest = bounds(tensions_n)
+    np.testing.assert_allclose(highest, [MOST_MM, 0.0, MOST_MM, MOST_MM], atol=1e-12)
+    np.testing.assert_allclose(lowest, [0.0, -MOST_MM, -MOST_MM, -MOST_MM], atol=1e-12)
+    together = [0.1, 0.1, 0.1, 0.1]
+    np.testing.assert_allclose(evened(together, tensions_n), 0.0, atol=1e-12)
+
+
+def test_where_a_tension_is_not_known_nothing_is_done_about_it() -> None:
+    lowest, highest = bounds([np.nan, 3.0, 3.0, 3.0])
+    assert (lowest[0], highest[0]) == (-MOST_MM, MOST_MM)
+    np.testing.assert_array_equal(evened(STEP_MM, [np.nan, 3.0, 3.0, 3.0]), STEP_MM)
+
+
+TENSIONS_N = st.lists(st.floats(-1.0, 20.0), min_size=4, max_size=4)
+
+
+@given(TENSIONS_N, st.floats(0.0, 10.0))
+def test_standing_still_is_always_allowed_and_nothing_that_was_not(
+    tensions_n: list[float], most_mm: float
+) -> None:
+    lowest, highest = bounds(tensions_n, most_mm)
+    assert ((-most_mm <= lowest) & (lowest <= 0.0)).all()
+    assert ((highest <= most_mm) & (highest >= 0.0)).all()
+
+
+@given(TENSIONS_N, st.lists(st.floats(-0.2, 0.2), min_size=4, max_size=4))
+def test_keeping_tendons_tight_bends_no_body_and_pulls_none_that_is_nearly_torn(
+    tensions_n: list[float], step_mm: list[float]
+) -> None:
+    kept = evened(step_mm, tensions_n)
+    np.testing.assert_allclose(np.diff(kept - step_mm), 0.0, atol=1e-12)
+    slack = min(tensions_n) <= LOWEST_N + SPARED_N
+    torn = max(tensions_n[:3]) >= HIGHEST_N - SPARED_N or tensions_n[3] >= 16.8 - SPARED_N
+    if torn:
+        assert kept.mean() <= 1e-12
+    elif slack:
+        assert kept.mean() >= -1e-12

@@ -1,11 +1,22 @@
-"""A tendon that hangs loose keeps the robot from moving, and the remedy that is told helps."""
+"""A tendon that hangs loose keeps the robot from moving, and the remedy that is told helps. On a
+path none gets loose, however little pretension is left."""
 
 import asyncio
+import json
+from pathlib import Path
 
-from daemon.messages import Arm, Disarm, Resume, Start
+import numpy as np
+
+from daemon.messages import Arm, Axes, Disarm, Resume, Start
+from daemon.recording.format.channels import TOPICS
+from daemon.recording.run_folder import RUN_FILE
+from daemon.recording.run_reader import RunReader
+from daemon.workbench.experiments.experiment_file import load_experiment
+from daemon.workbench.experiments.in_virtual_time import carry_out_in_virtual_time
 from drivers.axis_scale import axis_scale
 from safety.causes import cause
 from safety.states import OperatingState
+from tests import SHIPPED_ROBOTS
 from tests.daemon.service.grazing import BROYDEN, TENDON_ARM
 from tests.daemon.service.rig import Rig, on_a_rig
 
@@ -57,3 +68,24 @@ def test_a_slack_tendon_is_wound_up_by_hand_while_its_drive_is_off() -> None:
         assert rig.in_state(S.RUNNING)
 
     on_a_rig(scene, path=TENDON_ARM)
+
+
+def test_an_arm_that_has_lost_pretension_follows_a_wide_path_with_all_tendons_tight(
+    tmp_path: Path,
+) -> None:
+    worn = {"pretension_n": 1.2, "friction": 0.3}
+    wide = {**CIRCLE, "center_mm": [0.0, 0.0, 193.2], "radius_mm": 45.0, "cycle_s": 14.0}
+    changed = {
+        "plant": worn,
+        "trajectory": {**wide, "cycles": 1},
+        "controller": {"kind": "broyden", "lead": True},
+        "longest_s": 60.0,
+    }
+    file = load_experiment(SHIPPED_ROBOTS.parent / "experiments/bench_tendon_arm.yaml", changed)
+    result = carry_out_in_virtual_time(file, 1, tmp_path, lambda _: None)
+    assert (result.holds, result.faults) == (0, [])
+    recorded = RunReader(tmp_path / RUN_FILE).messages([TOPICS[Axes]])
+    steps = [step for one in recorded if (step := json.loads(one.data)).get("permitted")]
+    lowest_n = np.array([axis.tension_range_n for axis in file.robot.axes], np.float64)[:, 0]
+    assert len(steps) > 500
+    assert (np.array([step["force"] for step in steps]) > lowest_n).all()

@@ -60,6 +60,16 @@ def test_the_model_is_of_this_body_with_nothing_at_its_tip(made: Made, tmp_path:
     assert (how.waypoints, seed) == (12, 7)
 
 
+@pytest.mark.parametrize(("asked", "model"), [("true", "builtin:tendon_arm.npz"), ("false", None)])
+def test_where_nobody_is_asked_for_the_risk_nobody_is_while_the_body_is_explored(
+    made: Made, tmp_path: Path, asked: str, model: str | None
+) -> None:
+    tendons = EXPERIMENT.replace("soft_arm", "tendon_arm").replace("mass_g", "pretension_n")
+    controller_of(tmp_path, f"{tendons}risk: {asked}\n")
+    ((file, _, _),) = made.asked
+    assert file.robot.risk.model == model
+
+
 def test_a_seed_of_its_own_makes_one_model_for_all_seeds(made: Made, tmp_path: Path) -> None:
     controller_of(tmp_path, EXPERIMENT.replace("waypoints: 12", "waypoints: 12, seed: 3"))
     assert [seed for _, _, seed in made.asked] == [3]
