@@ -92,7 +92,7 @@ def _eigen(a: FloatArray, v: FloatArray) -> None:
 
 @_kernel
 def damped_solution(jacobian: FloatArray, wanted: FloatArray, damping: float) -> FloatArray:
-    """(m,) as `tip_following.damped_solution` says. jacobian: (r, m). wanted: (r,)."""
+    """(m,) as `redundancy.damped_solution` says. jacobian: (r, m). wanted: (r,)."""
     rows, count = jacobian.shape
     a, v, pull = np.zeros((rows, rows)), np.empty((rows, rows)), np.zeros(rows)
     for i in range(rows):
@@ -291,7 +291,7 @@ def bounded_step(
     damping: float,
     lets_go: bool,
 ) -> FloatArray:
-    """(m,) as `tip_following.bounded_step` says."""
+    """(m,) as `redundancy.bounded_step` says."""
     rows, count = jacobian.shape
     step, some_held = _held_step(jacobian, wanted, drawn, (lowest, highest), damping)
     if not (some_held and lets_go):

@@ -12,7 +12,9 @@ import numpy as np
 
 from config.robot import Robot
 from config.tasks.controllers import TipFollowing
+from daemon.control import jacobian_kernels as kernels
 from daemon.control.controller import ControllerError
+from daemon.control.jacobian_kernels import in_rows
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
 
@@ -29,6 +31,11 @@ fall at once where a tendon turns round: within twice of this one moves there ev
 _BACK: Final = 0.2
 """Of their speed, with which all tendons are pulled, or released, where one has lost all of what is
 spared. With 5 N/mm, which tendons of 0.2 m have, and a delay of 0.25 s it does not swing."""
+_OFF_ENDS: Final = 0.1
+"""Of its travel: nearer to an end no axis of a late body stays on the way to a path ..."""
+_LEAVES: Final = 0.5
+"""... which it leaves with up to so much of its speed, whatever the tip asks. Else an arm that has
+begun to bend into an S goes on so: one that was 0.8 s late was held a hundred times."""
 
 
 class Redundancy:
@@ -133,5 +140,58 @@ class TensionKeeping:
 
     def _speed(self, left: Vector) -> Vector:
         """left: (tendons,) of what is spared."""
-        share = np.where(left < 0.0, _BACK * np.maximum(left, -1.0), left)
-        return np.where(left < 1.0, share * self._speeds, np.inf)
+        return np.where(left < 1.0, _allowed(left, _BACK) * self._speeds, np.inf)
+
+
+def leaving_ends(
+    axes: AxisRanges, targets: Vector, bounds: tuple[Vector, Vector], dt_s: float
+) -> tuple[Vector, Vector]:
+    """(m,) lowest and highest step, of those given, with which axes that are near an end leave it,
+    and none comes there."""
+    near, fastest = _OFF_ENDS * axes.travel, axes.max_velocity * dt_s
+    lower = fastest * _allowed((targets - axes.lowest) / near - 1.0, _LEAVES)
+    higher = fastest * _allowed((axes.highest - targets) / near - 1.0, _LEAVES)
+    return np.maximum(bounds[0], -lower), np.minimum(bounds[1], higher)
+
+
+def _allowed(left: Vector, back: float) -> Vector:
+    """Share of an axis' speed, with which it may go where so much is left; below zero it goes back,
+    with `back` where all of it is used up."""
+    return np.where(left < 0.0, back * np.maximum(left, -1.0), left)
+
+
+def bounded_step(
+    jacobian: Vector,
+    wanted: Vector,
+    drawn: Vector,
+    lowest: Vector,
+    highest: Vector,
+    damping: float,
+    lets_go: bool = True,
+) -> Vector:
+    """(m,) x between `lowest` and `highest` with J x ≈ `wanted`, otherwise near `drawn`.
+
+    jacobian: (r, m). An axis that would pass a limit is set to it, the worst one first, and the
+    rest is solved again without it. lets_go: where that makes less than could be made, those that
+    were set come back as far as it helps.
+    """
+    return np.asarray(
+        kernels.bounded_step(
+            in_rows(jacobian),
+            in_rows(wanted),
+            in_rows(drawn),
+            in_rows(lowest),
+            in_rows(highest),
+            damping,
+            lets_go,
+        )
+    )
+
+
+def damped_solution(jacobian: Vector, wanted: Vector, damping: float) -> Vector:
+    """(m,) shortest x with J x = `wanted`; less of it in directions that J hardly moves.
+
+    Along a singular value s below `damping` the answer is multiplied by s²/(s² + λ²), where λ²
+    grows from 0 at s = `damping` to damping² at s = 0; other directions are not touched.
+    """
+    return np.asarray(kernels.damped_solution(in_rows(jacobian), in_rows(wanted), damping))

@@ -19,7 +19,13 @@ from daemon.control.lag import body_lag
 from daemon.control.lag.hysteresis import Hysteresis
 from daemon.control.lag.probing import Probing
 from daemon.control.leading import Leading
-from daemon.control.redundancy import Redundancy, TensionKeeping
+from daemon.control.redundancy import (
+    Redundancy,
+    TensionKeeping,
+    bounded_step,
+    damped_solution,
+    leaving_ends,
+)
 from daemon.control.task import POSITION, points, turn_between, within
 from daemon.learning.forward import stop_operators
 from daemon.learning.forward.stop_operators import HeldBack
@@ -302,7 +308,7 @@ class TipFollower:
         hysteresis, dt_s = self._hysteresis, step_time(observation)
         if near is None:
             near = self.drawn(observation) + self.drawn_further(observation)
-        lowest, highest = self.axes.step_range(observation.targets)
+        lowest, highest = self._step_range(observation)
         keeping, tensions_n = self._tension_keeping, observation.tensions_n
         if keeping is not None and tensions_n is not None:
             lowest, highest = keeping.bounds(tensions_n, lowest, highest, dt_s)
@@ -351,6 +357,16 @@ class TipFollower:
         step = damped_solution(jacobian * unit, missing_mm, self.redundancy.damping_mm(jacobian))
         return np.clip(u + unit * step, self.axes.lowest, self.axes.highest)
 
+    def _step_range(self, observation: Observation) -> tuple[Vector, Vector]:
+        """(m,) lowest and highest step. Late bodies' axes leave their ends on the way to a path."""
+        axes, targets = self.axes, observation.targets
+        bounds = axes.step_range(targets)
+        drawn = self.redundancy.posture_gain_per_s > 0.0 and not self._turns
+        on_the_way = observation.ahead is not None and observation.phase is None and self.probed
+        if drawn and on_the_way and self.predicts:
+            return leaving_ends(axes, targets, bounds, step_time(observation))
+        return bounds
+
     def within_limits(self, step: Vector, observation: Observation) -> Vector:
         """(m,) a step as far as travel and speed of each axis let it be."""
         lowest, highest = self.axes.step_range(observation.targets)
@@ -366,43 +382,6 @@ class TipFollower:
 def step_time(observation: Observation) -> float:
     """Seconds that this step may make up for."""
     return min(max(observation.dt_s, 0.0), LONGEST_STEP_S)
-
-
-def bounded_step(
-    jacobian: Matrix,
-    wanted: Vector,
-    drawn: Vector,
-    lowest: Vector,
-    highest: Vector,
-    damping: float,
-    lets_go: bool = True,
-) -> Vector:
-    """(m,) x between `lowest` and `highest` with J x ≈ `wanted`, otherwise near `drawn`.
-
-    jacobian: (r, m). An axis that would pass a limit is set to it, the worst one first, and the
-    rest is solved again without it. lets_go: where that makes less than could be made, those that
-    were set come back as far as it helps.
-    """
-    return np.asarray(
-        kernels.bounded_step(
-            in_rows(jacobian),
-            in_rows(wanted),
-            in_rows(drawn),
-            in_rows(lowest),
-            in_rows(highest),
-            damping,
-            lets_go,
-        )
-    )
-
-
-def damped_solution(jacobian: Matrix, wanted: Vector, damping: float) -> Vector:
-    """(m,) shortest x with J x = `wanted`; less of it in directions that J hardly moves.
-
-    Along a singular value s below `damping` the answer is multiplied by s²/(s² + λ²), where λ²
-    grows from 0 at s = `damping` to damping² at s = 0; other directions are not touched.
-    """
-    return np.asarray(kernels.damped_solution(in_rows(jacobian), in_rows(wanted), damping))
 
 
 def warm_up() -> None:

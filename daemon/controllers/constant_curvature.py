@@ -19,7 +19,8 @@ from config.tasks.controllers import (
 )
 from daemon.control.axis_speeds import Foresight
 from daemon.control.controller import ControllerError, Observation, Proposal
-from daemon.control.tip_following import TipFollower, bounded_step
+from daemon.control.redundancy import bounded_step
+from daemon.control.tip_following import TipFollower
 from daemon.controllers.model_files import load_model, model_metadata, save_model
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from config.tasks.controllers import RewardWeighted
-from daemon.control.redundancy import Redundancy
-from daemon.control.tip_following import damped_solution
+from daemon.control.redundancy import Redundancy, damped_solution
 from daemon.learning.forward.pretrained_model import PretrainedModel
 from daemon.learning.inverse.engines import make_local_controllers
 from daemon.learning.inverse.local_controller_settings import LocalControllerSettings

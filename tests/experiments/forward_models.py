@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from config.tasks.exploration import WaypointExploration
-from daemon.control.tip_following import damped_solution
+from daemon.control.redundancy import damped_solution
 from daemon.controllers.exploration.waypoint_exploration import WaypointExplorationController
 from daemon.learning.forward.forward_model import slopes_by_step
 from daemon.learning.forward.pretraining import Pretraining, PretrainingSettings, pretrain

@@ -14,8 +14,8 @@ import numpy as np
 
 from config.emulation import ConcentricTubesPlant
 from config.paths import shipped_or_beside
+from daemon.control.redundancy import damped_solution
 from daemon.control.task import tip_axis, turn_between
-from daemon.control.tip_following import damped_solution
 from daemon.learning.forward.pose_kinematics import BodyCoordinates, PoseKinematics
 from daemon.learning.forward.pose_model import PoseModel
 from daemon.robot.axes import AxisRanges

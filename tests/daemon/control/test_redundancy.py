@@ -11,8 +11,7 @@ from config.loader import load_robot
 from config.robot import Robot
 from config.tasks.controllers import TipFollowing
 from daemon.control.controller import ControllerError
-from daemon.control.redundancy import Redundancy, TensionKeeping
-from daemon.control.tip_following import damped_solution
+from daemon.control.redundancy import Redundancy, TensionKeeping, damped_solution
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
 from tests import SHIPPED_ROBOTS

@@ -7,6 +7,7 @@ from config.loader import load_robot
 from config.tasks.controllers import Broyden
 from daemon.control import jacobian_kernels as kernels
 from daemon.control.controller import ControllerError, Observation
+from daemon.control.redundancy import damped_solution
 from daemon.control.task import (
     POSE,
     POSITION,
@@ -16,7 +17,7 @@ from daemon.control.task import (
     tip_axis,
     turn_between,
 )
-from daemon.control.tip_following import TipFollower, damped_solution
+from daemon.control.tip_following import TipFollower
 from tests import SHIPPED_ROBOTS
 
 TUBES = load_robot(SHIPPED_ROBOTS / "concentric_tubes.yaml").robot

@@ -9,7 +9,8 @@ from scipy.optimize import lsq_linear
 from config.tasks.controllers import TipFollowing
 from daemon.control import jacobian_kernels as kernels
 from daemon.control.controller import ControllerError, Observation, Phase
-from daemon.control.tip_following import TipFollower, bounded_step, damped_solution
+from daemon.control.redundancy import bounded_step, damped_solution
+from daemon.control.tip_following import TipFollower
 from daemon.learning.forward.stop_operators import HeldBack
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
@@ -21,7 +22,7 @@ WIDE = np.full(6, 1e6)
 NONE = np.zeros(6)
 
 
-def seen(**changes: Vector | float) -> Observation:
+def seen(**changes: object) -> Observation:
     still = Observation(
         t_ns=0,
         dt_s=DT_S,
@@ -167,6 +168,34 @@ def test_the_posture_draws_harder_where_a_body_is_led(
     freely, led = (one.axis_step(JACOBIAN, np.zeros(3), seen()) for one in (plainly, law))
     assert np.abs(freely).max() > 0.0
     np.testing.assert_allclose(led, times * freely, atol=1e-9)
+
+
+def on_the_way(law: TipFollower, targets: Vector, lag_s: float = 0.8) -> Vector:
+    """(m,) shares of their speed with which axes go that are told to leave the tip where it is."""
+    law.leading.lag.lag_s = lag_s
+    there = seen(targets=targets, ahead=lambda _: (np.zeros(3), np.zeros(3)))
+    step = law.axis_step(JACOBIAN, np.zeros(3), there)
+    return np.asarray(step / (law.axes.max_velocity * DT_S))
+
+
+def test_on_the_way_to_a_path_a_late_bodys_axes_leave_their_ends() -> None:
+    options = {"lead": True, "probe": False, "posture": [25.0] * 6, "posture_gain_per_s": 1e-9}
+    targets = np.array([0.0, 2.5, 20.0, 20.0, 47.5, 50.0])
+    speeds = on_the_way(follower(**options), targets)
+    assert speeds[0] >= 0.5 - 1e-9
+    assert speeds[1] >= 0.25 - 1e-9
+    assert speeds[4] <= -0.25 + 1e-9
+    assert speeds[5] <= -0.5 + 1e-9
+    np.testing.assert_allclose(on_the_way(follower(**options), targets, lag_s=0.1), 0.0, atol=1e-6)
+    alone = follower(**{**options, "posture_gain_per_s": 0.0})
+    np.testing.assert_allclose(on_the_way(alone, targets), 0.0, atol=1e-9)
+
+
+def test_on_a_path_a_late_bodys_axes_may_go_to_their_ends() -> None:
+    law = follower(lead=True, probe=False, posture_gain_per_s=1e-9)
+    law.leading.lag.lag_s = 0.8
+    on_path = seen(targets=np.zeros(6), phase=Phase(1.0, 10.0), ahead=lambda _: (np.zeros(3),) * 2)
+    np.testing.assert_allclose(law.axis_step(JACOBIAN, np.zeros(3), on_path), 0.0, atol=1e-6)
 
 
 def test_axes_that_are_to_be_left_alone_are_left_alone_on_every_path() -> None:
