@@ -31,6 +31,8 @@ fall at once where a tendon turns round: within twice of this one moves there ev
 _BACK: Final = 0.2
 """Of their speed, with which all tendons are pulled, or released, where one has lost all of what is
 spared. With 5 N/mm, which tendons of 0.2 m have, and a delay of 0.25 s it does not swing."""
+_RATE_S: Final = 0.1
+"""Time constant of how fast a tension changes: what is measured is a motor's torque, with noise."""
 _OFF_ENDS: Final = 0.1
 """Of its travel: nearer to an end no axis of a late body stays on the way to a path ..."""
 _LEAVES: Final = 0.5
@@ -91,7 +93,7 @@ class Redundancy:
 
 
 class TensionKeeping:
-    """Keeps tendons from going slack or tearing while they lead a tip.
+    """Keeps tendons from going slack or tearing, as their tensions are seen step by step.
 
     What is nearly slack is let go of no further, and the others make the tip's step; and all of
     them are pulled together, which bends no body. What a tip asks of all of them, to be higher or
@@ -104,39 +106,66 @@ class TensionKeeping:
         self._spared_n = _SPARED * float(np.min(self._highest_n - self._lowest_n))
         self._tendons = list(axes.tendons)
         self._speeds = axes.max_velocity[self._tendons]
+        self._seen_n: Vector | None = None
+        self._rates = np.zeros(axes.count)
+        """(m,) N/s"""
+        self._released = self._pulled = np.full(len(self._tendons), np.inf)
+        """How fast each tendon may be released, and pulled; below zero: it has to go back."""
 
-    def bounds(
-        self, tensions_n: Vector, lowest: Vector, highest: Vector, dt_s: float
-    ) -> tuple[Vector, Vector]:
-        """(m,) lowest and highest step, of those given, that neither slackens a tendon nor tears
-        it. Zero is still between them.
+    def begin(self) -> None:
+        """Motion begins."""
+        self._seen_n = None
+        self._rates = np.zeros_like(self._rates)
 
-        tensions_n: (m,) as measured. No number: nobody knows, and the gate lets nothing through.
+    def see(self, tensions_n: Vector, dt_s: float, late_s: float = 0.0) -> None:
+        """(m,) tensions as measured now. No number: nobody knows; the gate lets nothing through.
+
+        late_s: so long what was told goes on to arrive at the body, and tensions change as now.
         """
-        released, pulled = self._speeds_left(tensions_n)
+        if self._seen_n is not None and dt_s > 0.0:
+            newest = np.nan_to_num((tensions_n - self._seen_n) / dt_s)
+            self._rates += min(dt_s / _RATE_S, 1.0) * (newest - self._rates)
+        self._seen_n = tensions_n
+        now_n, then_n = tensions_n[self._tendons], self.ahead(late_s)[self._tendons]
+        over_slack = (np.minimum(now_n, then_n) - self._lowest_n) / self._spared_n - 1.0
+        to_torn = (self._highest_n - np.maximum(now_n, then_n)) / self._spared_n - 1.0
+        self._released, self._pulled = self._speed(over_slack), self._speed(to_torn)
+
+    def ahead(self, seconds: float) -> Vector:
+        """(m,) tensions so much later, if they go on as now."""
+        assert self._seen_n is not None
+        return np.asarray(self._seen_n + seconds * self._rates)
+
+    def bounds(self, lowest: Vector, highest: Vector, dt_s: float) -> tuple[Vector, Vector]:
+        """(m,) lowest and highest step, of those given, that neither slackens a tendon nor tears
+        it. Zero is still between them."""
         lowest, highest, tendons = lowest.copy(), highest.copy(), self._tendons
-        lowest[tendons] = np.maximum(lowest[tendons], -dt_s * np.maximum(released, 0.0))
-        highest[tendons] = np.minimum(highest[tendons], dt_s * np.maximum(pulled, 0.0))
+        lowest[tendons] = np.maximum(lowest[tendons], -dt_s * np.maximum(self._released, 0.0))
+        highest[tendons] = np.minimum(highest[tendons], dt_s * np.maximum(self._pulled, 0.0))
         return lowest, highest
 
-    def evened(self, step: Vector, tensions_n: Vector, dt_s: float) -> Vector:
+    def evened(self, step: Vector, dt_s: float) -> Vector:
         """(m,) a step with so much more of all tendons together, or less, that none gets slacker
         that is nearly slack, and none tighter that is nearly torn, which counts first."""
-        released, pulled = self._speeds_left(tensions_n)
         mean = float(step[self._tendons].mean())
-        may = min(max(mean, -dt_s * float(released.min())), dt_s * float(pulled.min()))
-        if may == mean:
+        least = max(mean, -dt_s * float(self._released.min()))
+        return self._together(step, min(least, dt_s * float(self._pulled.min())) - mean)
+
+    def tightened(self, step: Vector, dt_s: float) -> Vector:
+        """(m,) a step that bends the body as `step` does, with so much more of all tendons together
+        that none is let go of faster than it may, as far as none is pulled faster than it may."""
+        alone = step[self._tendons]
+        lacking = float(np.max(-dt_s * self._released - alone))
+        return self._together(
+            step, min(max(lacking, 0.0), float(np.min(dt_s * self._pulled - alone)))
+        )
+
+    def _together(self, step: Vector, more: float) -> Vector:
+        if more == 0.0:
             return step
         step = step.copy()
-        step[self._tendons] += may - mean
+        step[self._tendons] += more
         return step
-
-    def _speeds_left(self, tensions_n: Vector) -> tuple[Vector, Vector]:
-        """How fast each tendon may be released, and pulled; below zero: it has to go back."""
-        pulls_n = tensions_n[self._tendons]
-        over_slack = (pulls_n - self._lowest_n) / self._spared_n - 1.0
-        to_torn = (self._highest_n - pulls_n) / self._spared_n - 1.0
-        return self._speed(over_slack), self._speed(to_torn)
 
     def _speed(self, left: Vector) -> Vector:
         """left: (tendons,) of what is spared."""

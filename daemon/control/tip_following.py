@@ -96,6 +96,8 @@ class TipFollower:
     def reset(self, observation: Observation) -> None:
         """Motion begins: the posture may be the one of this moment."""
         self.leading.begin()
+        if self._tension_keeping is not None:
+            self._tension_keeping.begin()
         if (np.abs(observation.targets) <= _AT_ZERO * self.axes.scale).all():
             self.leading.load.rest_mm = observation.tip_mm
         self._jumps = self.leading.jumps
@@ -309,9 +311,11 @@ class TipFollower:
         if near is None:
             near = self.drawn(observation) + self.drawn_further(observation)
         lowest, highest = self._step_range(observation)
-        keeping, tensions_n = self._tension_keeping, observation.tensions_n
-        if keeping is not None and tensions_n is not None:
-            lowest, highest = keeping.bounds(tensions_n, lowest, highest, dt_s)
+        keeping = self._tension_keeping
+        if keeping is not None and observation.tensions_n is not None:
+            lag = self.leading.lag
+            keeping.see(observation.tensions_n, dt_s, lag.dead_share * lag.lag_s)
+            lowest, highest = keeping.bounds(lowest, highest, dt_s)
         # The body's free axes are what the Jacobian is of, and what is to stay near the posture.
         needed = np.eye(self.axes.count) if hysteresis is None else hysteresis.needed
         each = np.diag(needed)
@@ -329,8 +333,8 @@ class TipFollower:
             self.leading.see_made(tip_step[:POSITION], made[:POSITION])
         if hysteresis is not None:
             step = hysteresis.with_what_is_lost(needed @ step)
-        if keeping is not None and tensions_n is not None:
-            step = keeping.evened(step, tensions_n, dt_s)
+        if keeping is not None:
+            step = keeping.evened(step, dt_s)
         fastest = self.axes.max_velocity * dt_s
         return np.asarray(np.clip(np.clip(step, lowest, highest), -fastest, fastest))
 

@@ -15,6 +15,7 @@ from config.robot import Robot
 from config.tasks.exploration import Exploration
 from daemon.array_files import ModelError
 from daemon.control.controller import Observation, Proposal
+from daemon.control.redundancy import TensionKeeping
 from daemon.control.tip_following import step_time
 from daemon.controllers.exploration.lateness import Lateness
 from daemon.controllers.exploration.random_motion import WaypointWalk
@@ -32,9 +33,7 @@ _AHEAD_BY_LATENESS = 2.0
 """... and one that is late so many times that: what is told already takes it on, the faster the
 longer the line before was straight. With half as much a slow arm leaves its workspace."""
 _PULLS_AHEAD_S = 0.2
-"""A tension does: as long as the axes need to turn round."""
-_RATE_S = 0.1
-"""Time constant of how fast a tension changes: what is measured is a motor's torque, with noise."""
+"""A tension does so much longer than the tip is late: as long as the axes need to turn round."""
 _TRAIL_STEPS = 2000
 """Of the way that the axes came, to go back along: 50 s at 40 frames a second."""
 _GIVEN_UP = 3.0
@@ -57,8 +56,7 @@ class ExplorationController(ABC):
         self._walls = Walls(robot, options.wall_mm)
         self._guess = QuadraticGuess(self._axes, self._walls.count)
         self._lateness = Lateness(self._axes.travel)
-        self._tensions_n: Vector | None = None
-        self._tension_rates = np.zeros(0)
+        self._tension_keeping = TensionKeeping(robot, self._axes) if self._axes.opposed else None
         self._line = -1
         self._start = self._goal = np.zeros(self._axes.count)
         self._trail: deque[Vector] = deque(maxlen=_TRAIL_STEPS)
@@ -82,8 +80,10 @@ class ExplorationController(ABC):
 
     def reset(self, observation: Observation) -> None:
         self._walk.reset()
-        self._tensions_n = None
+        if self._tension_keeping is not None:
+            self._tension_keeping.begin()
         if self._line < 0:
+            self._walls.stand_back(observation.tip_mm)
             self._next_line(observation)
 
     def observe(self, observation: Observation) -> None:
@@ -95,7 +95,9 @@ class ExplorationController(ABC):
 
     def propose(self, observation: Observation) -> Proposal:
         self._left_s -= step_time(observation)
-        self._follow_tensions(observation)
+        if self._tension_keeping is not None and observation.tensions_n is not None:
+            late_s = self._lateness.seconds
+            self._tension_keeping.see(observation.tensions_n, step_time(observation), late_s)
         if not self.ready and (self._left_s <= 0.0 or self._line_ends(observation)):
             self._next_line(observation)
         if self.ready:
@@ -106,7 +108,10 @@ class ExplorationController(ABC):
         if self._turning_back:
             return Proposal(self._step_back(observation), self.note, self._line)
         self._trail.append(observation.targets.copy())
-        return Proposal(self._walk.step(self._goal, observation), self.note, self._line)
+        step = self._walk.step(self._goal, observation)
+        kept = self._kept_tight(step, observation)
+        self._goal = self._goal + (kept - step)  # what bends no body takes nothing from the line
+        return Proposal(kept, self.note, self._line)
 
     def learn(self) -> None:  # noqa: B027
         """Others learn from what it does."""
@@ -126,6 +131,14 @@ class ExplorationController(ABC):
 
     def _longest_s(self) -> float:
         return _GIVEN_UP_S + _GIVEN_UP * self._walk.line_time_s(self._start, self._goal)
+
+    def _kept_tight(self, step: Vector, observation: Observation) -> Vector:
+        """(m,) a step with all tendons pulled together where one of them would get slack."""
+        if self._tension_keeping is None or observation.tensions_n is None:
+            return step
+        dt_s = step_time(observation)
+        kept = self._tension_keeping.tightened(step, dt_s)
+        return np.clip(kept, *self._axes.step_range(observation.targets))
 
     def _line_ends(self, observation: Observation) -> bool:
         if not self._turning_back:
@@ -155,26 +168,15 @@ class ExplorationController(ABC):
         last = int(outside[0]) - 1
         return line[last], float(_ALONG[last, 0])
 
-    def _follow_tensions(self, observation: Observation) -> None:
-        """Keep how fast the tendons' tensions change."""
-        pulls, last = observation.tensions_n, self._tensions_n
-        self._tensions_n = pulls
-        if pulls is None:
-            return
-        if last is None:
-            self._tension_rates = np.zeros(len(pulls))
-            return
-        dt_s = step_time(observation)
-        newest = np.nan_to_num((pulls - last) / dt_s)  # of what is not known at the moment: none
-        self._tension_rates += min(dt_s / _RATE_S, 1.0) * (newest - self._tension_rates)
-
     def _leaving(self, observation: Observation) -> bool:
         """Whether the tip or a tendon is about to pass a wall, and not on its way back from it."""
+        late_s, keeping = self._lateness.seconds, self._tension_keeping
+        ahead_s = max(_AHEAD_S, _AHEAD_BY_LATENESS * late_s)
         pulls = observation.tensions_n
-        ahead_s = max(_AHEAD_S, _AHEAD_BY_LATENESS * self._lateness.seconds)
+        if keeping is not None and pulls is not None:
+            pulls = keeping.ahead(_PULLS_AHEAD_S + late_s)
         ahead = observation._replace(
-            tip_mm=observation.tip_mm + ahead_s * observation.tip_velocity_mm_s,
-            tensions_n=None if pulls is None else pulls + _PULLS_AHEAD_S * self._tension_rates,
+            tip_mm=observation.tip_mm + ahead_s * observation.tip_velocity_mm_s, tensions_n=pulls
         )
         beyond, then = self._walls.beyond(
             np.array([self._walls.values(one) for one in (observation, ahead)])

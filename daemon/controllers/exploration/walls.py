@@ -63,9 +63,11 @@ class QuadraticGuess:
 
 _INSIDE_AT_LEAST = 0.5
 """Of the workspace that is left between its walls, however thick they are said to be."""
-_TENSION_SPARED = 0.05
-"""Of a tendon's range of tensions, at either end. It has to do for friction, which lets a tension
-rise or fall at once where a tendon turns round."""
+_TENSION_SPARED = 0.025
+"""Of a tendon's range of tensions, at either end: half of what tendons are kept tight with."""
+_BEHIND_THE_FIRST = 0.7
+"""Of what is between the place where the tip was first and the workspace's end, at least, is before
+a wall: an arm that rests near the end would turn back from every line across its middle."""
 
 
 class Walls:
@@ -74,7 +76,7 @@ class Walls:
     def __init__(self, robot: Robot, wall_mm: float) -> None:
         tensions_n = [axis.tension_range_n for axis in robot.axes]
         self._tendons = [i for i, one in enumerate(tensions_n) if one is not None]
-        self._has_box = robot.workspace is not None
+        self._box = robot.workspace
         pairs = [] if robot.workspace is None else _box(robot.workspace, wall_mm)
         for low, high in filter(None, tensions_n):
             spared = _TENSION_SPARED * (high - low)
@@ -82,9 +84,19 @@ class Walls:
         self._lowest, self._highest = np.array(pairs).reshape(-1, 2).T
         self.count = len(pairs)
 
+    def stand_back(self, tip_mm: Vector) -> None:
+        """The tip is at (3,) first, before anything moves."""
+        if self._box is None or not np.isfinite(tip_mm).all():
+            return
+        low, high = np.array([self._box.x_mm, self._box.y_mm, self._box.z_mm]).T
+        tip = slice(0, 3)
+        behind = tip_mm + _BEHIND_THE_FIRST * (np.array([low, high]) - tip_mm)
+        self._lowest[tip] = np.minimum(self._lowest[tip], np.maximum(behind[0], low))
+        self._highest[tip] = np.maximum(self._highest[tip], np.minimum(behind[1], high))
+
     def values(self, observation: Observation) -> Vector:
         """(k,) mm and N: what stands between the walls at this step."""
-        tip = observation.tip_mm if self._has_box else np.empty(0)
+        tip = observation.tip_mm if self._box is not None else np.empty(0)
         pulls = observation.tensions_n
         if pulls is None:
             return np.concatenate([tip, np.full(len(self._tendons), np.nan)])
@@ -102,7 +114,7 @@ class Walls:
         tendon beyond its own."""
         if self.beyond(values[None, :])[0] > 0.0:
             return False
-        tip = slice(0, 3 if self._has_box else 0)
+        tip = slice(0, 3 if self._box is not None else 0)
         low, high, at = self._lowest[tip], self._highest[tip], values[tip]
         return bool((np.minimum(at - low, high - at) > share * (high - low)).all())
 

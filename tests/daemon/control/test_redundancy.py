@@ -73,20 +73,20 @@ FASTEST_MM = 5.0 * STEP_S
 MOST_MM = 10.0
 
 
-@cache
-def keeping() -> TensionKeeping:
+def keeping(tensions_n: list[float]) -> TensionKeeping:
+    """Of the tendon arm, whose tensions are these."""
     arm = robot("tendon_arm")
-    return TensionKeeping(arm, AxisRanges.of(arm))
+    one = TensionKeeping(arm, AxisRanges.of(arm))
+    one.see(np.array(tensions_n), STEP_S)
+    return one
 
 
 def bounds(tensions_n: list[float], most_mm: float = MOST_MM) -> tuple[Vector, Vector]:
-    """Of the tendon arm's step with these tensions."""
-    lowest, highest = np.full(4, -most_mm), np.full(4, most_mm)
-    return keeping().bounds(np.array(tensions_n), lowest, highest, STEP_S)
+    return keeping(tensions_n).bounds(np.full(4, -most_mm), np.full(4, most_mm), STEP_S)
 
 
 def evened(step_mm: list[float], tensions_n: list[float]) -> Vector:
-    return keeping().evened(np.array(step_mm), np.array(tensions_n), STEP_S)
+    return keeping(tensions_n).evened(np.array(step_mm), STEP_S)
 
 
 STEP_MM = [0.01, -0.12, 0.1, -0.12]
@@ -133,6 +133,25 @@ def test_where_a_tension_is_not_known_nothing_is_done_about_it() -> None:
     lowest, highest = bounds([np.nan, 3.0, 3.0, 3.0])
     assert (lowest[0], highest[0]) == (-MOST_MM, MOST_MM)
     np.testing.assert_array_equal(evened(STEP_MM, [np.nan, 3.0, 3.0, 3.0]), STEP_MM)
+
+
+def test_an_exploration_bends_the_body_as_it_would_with_all_tendons_tighter() -> None:
+    one = keeping([LOWEST_N + SPARED_N, 3.0, 3.0, 3.0])
+    step_mm = np.array([-0.1, 0.05, 0.05, 0.0])
+    np.testing.assert_allclose(one.tightened(step_mm, STEP_S), step_mm + 0.1, atol=1e-12)
+    np.testing.assert_array_equal(keeping([3.0] * 4).tightened(step_mm, STEP_S), step_mm)
+
+
+def test_a_tension_that_falls_counts_as_it_will_be_when_all_that_was_told_has_arrived() -> None:
+    one = keeping([3.0] * 4)
+    for falls_n in np.arange(0.05, 1.0, 0.05):  # 2 N/s
+        one.see(np.array([3.0 - falls_n, 3.0, 3.0, 3.0]), STEP_S, late_s=1.0)
+    np.testing.assert_allclose(one.ahead(1.0)[0], 2.05 - 2.0, atol=0.1)
+    lowest, _ = one.bounds(np.full(4, -MOST_MM), np.full(4, MOST_MM), STEP_S)
+    np.testing.assert_allclose(lowest, [0.0, -MOST_MM, -MOST_MM, -MOST_MM])
+    one.begin()
+    one.see(np.array([2.05, 3.0, 3.0, 3.0]), STEP_S, late_s=1.0)
+    np.testing.assert_array_equal(one.ahead(1.0), [2.05, 3.0, 3.0, 3.0])
 
 
 TENSIONS_N = st.lists(st.floats(-1.0, 20.0), min_size=4, max_size=4)

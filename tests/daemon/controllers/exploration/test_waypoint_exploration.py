@@ -10,6 +10,7 @@ from config.tasks.exploration import WaypointExploration
 from daemon.array_files import ModelError
 from daemon.control.controller import Observation
 from daemon.controllers.exploration.exploration_controller import ExplorationController
+from daemon.controllers.exploration.walls import Walls
 from daemon.controllers.exploration.waypoint_exploration import WaypointExplorationController
 from daemon.robot.coupled_axes import CoupledAxes
 from drivers.pose import Vector
@@ -263,7 +264,20 @@ def test_a_tension_that_was_not_known_for_a_moment_is_a_wall_again() -> None:
     control = controller(robot=THREE_TENDONS, waypoints=40)
     tensions, _ = pulled(control, gap=range(5, 10))
     assert tensions.min() > LOWEST_N
-    assert np.isfinite(control._tension_rates).all()
+    keeping = control._tension_keeping
+    assert keeping is not None
+    assert np.isfinite(keeping.ahead(1.0)).all()
+
+
+def test_a_wall_stands_back_behind_the_place_where_the_tip_is_first() -> None:
+    walls = Walls(THREE_TENDONS, 5.0)
+    values = np.array([[0.0, 0.0, z_mm, 4.0, 4.0, 4.0] for z_mm in (152.0, 154.0, 156.0)])
+    assert (walls.beyond(values) > 0.0).all()
+    walls.stand_back(np.array([0.0, 0.0, 150.0]))
+    assert (walls.beyond(values) > 0.0).tolist() == [False, True, True]
+    well_inside = Walls(THREE_TENDONS, 5.0)
+    well_inside.stand_back(np.array([0.0, 0.0, 130.0]))
+    assert (well_inside.beyond(values) > 0.0).all(), "nothing changes there"
 
 
 def test_what_is_not_known_of_a_tension_is_no_wall() -> None:
