@@ -63,11 +63,12 @@ class QuadraticGuess:
 
 _INSIDE_AT_LEAST = 0.5
 """Of the workspace that is left between its walls, however thick they are said to be."""
-_TENSION_SPARED = 0.025
-"""Of a tendon's range of tensions, at either end: half of what tendons are kept tight with."""
-_BEHIND_THE_FIRST = 0.7
-"""Of what is between the place where the tip was first and the workspace's end, at least, is before
-a wall: an arm that rests near the end would turn back from every line across its middle."""
+_TENSION_SPARED = 0.05
+"""Of a tendon's range of tensions, at either end, as tendons are kept tight with. It has to do for
+friction, which lets a tension rise or fall at once where a tendon turns round."""
+_BEHIND_THE_FIRST = 0.8
+"""Of what the walls are thick, that is left before one from where the tip was first, as far as the
+workspace goes: an arm that rests near its end would turn back from every line across its middle."""
 
 
 class Walls:
@@ -76,7 +77,7 @@ class Walls:
     def __init__(self, robot: Robot, wall_mm: float) -> None:
         tensions_n = [axis.tension_range_n for axis in robot.axes]
         self._tendons = [i for i, one in enumerate(tensions_n) if one is not None]
-        self._box = robot.workspace
+        self._box, self._wall_mm = robot.workspace, wall_mm
         pairs = [] if robot.workspace is None else _box(robot.workspace, wall_mm)
         for low, high in filter(None, tensions_n):
             spared = _TENSION_SPARED * (high - low)
@@ -89,10 +90,10 @@ class Walls:
         if self._box is None or not np.isfinite(tip_mm).all():
             return
         low, high = np.array([self._box.x_mm, self._box.y_mm, self._box.z_mm]).T
-        tip = slice(0, 3)
-        behind = tip_mm + _BEHIND_THE_FIRST * (np.array([low, high]) - tip_mm)
-        self._lowest[tip] = np.minimum(self._lowest[tip], np.maximum(behind[0], low))
-        self._highest[tip] = np.maximum(self._highest[tip], np.minimum(behind[1], high))
+        tip, left_mm = slice(0, 3), _BEHIND_THE_FIRST * self._wall_mm
+        behind = np.maximum(low, tip_mm - left_mm), np.minimum(high, tip_mm + left_mm)
+        self._lowest[tip] = np.minimum(self._lowest[tip], behind[0])
+        self._highest[tip] = np.maximum(self._highest[tip], behind[1])
 
     def values(self, observation: Observation) -> Vector:
         """(k,) mm and N: what stands between the walls at this step."""

@@ -271,7 +271,7 @@ def test_a_tension_that_was_not_known_for_a_moment_is_a_wall_again() -> None:
 
 def test_a_wall_stands_back_behind_the_place_where_the_tip_is_first() -> None:
     walls = Walls(THREE_TENDONS, 5.0)
-    values = np.array([[0.0, 0.0, z_mm, 4.0, 4.0, 4.0] for z_mm in (152.0, 154.0, 156.0)])
+    values = np.array([[0.0, 0.0, z_mm, 4.0, 4.0, 4.0] for z_mm in (153.0, 154.5, 156.0)])
     assert (walls.beyond(values) > 0.0).all()
     walls.stand_back(np.array([0.0, 0.0, 150.0]))
     assert (walls.beyond(values) > 0.0).tolist() == [False, True, True]
