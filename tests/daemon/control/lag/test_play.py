@@ -6,6 +6,7 @@ import pytest
 from daemon.control.lag.body_lag import BodyLag, Underway
 from daemon.control.lag.play import Play, SmallMotion
 from daemon.control.lag.probing import PROMPT_LAG_S, place_mm
+from daemon.learning.samples.motion import DEAD_SHARE
 
 DT_S = 0.025
 TRAVEL = np.full(4, 50.0)
@@ -25,6 +26,7 @@ def probed(
     seed: int = 1,
     steps: int = STEPS,
     late_s: float = LAG_S,
+    dead_share: float = DEAD_SHARE,
 ) -> Play:
     """After small motions of an arm, so late, whose axes have so much of it, either way."""
     random, within, underway = np.random.default_rng(seed), np.zeros(4), Underway()
@@ -37,7 +39,7 @@ def probed(
         stopped = np.clip(within + moved, -play_mm, play_mm)
         arrives_mm = gain * JACOBIAN @ (moved - (stopped - within))
         within = stopped
-        underway.tell(t_s, DT_S, arrives_mm, late_s)
+        underway.tell(t_s, DT_S, arrives_mm, late_s, dead_share)
         tip_mm = underway.told_mm - underway.left_mm + NOISE_MM * random.normal(size=3)
         play.follow(moved)
         told_mm = told_mm - play.lost_mm(JACOBIAN)
@@ -73,6 +75,15 @@ def test_what_made_the_body_look_late_is_taken_off_its_lag(late_s: float, steps:
     found = probed(Play(TRAVEL), 0.12, lag, steps=steps, late_s=late_s)
     assert 0.06 < found.share * 50.0 < 0.17
     assert late_s - 0.01 < lag.lag_s < late_s + 0.02
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_dead_time_that_play_made_look_like_a_lag_is_told_to_be_one(seed: int) -> None:
+    lag = BodyLag(0.34)
+    assert lag.dead_share == DEAD_SHARE
+    probed(Play(TRAVEL), 0.2, lag, seed=seed, steps=296, late_s=0.26, dead_share=0.85)
+    assert lag.dead_share == 0.85
+    assert lag.lag_s == pytest.approx(0.26, abs=0.03)
 
 
 def test_what_has_no_play_is_late_for_another_reason() -> None:
