@@ -215,10 +215,11 @@ def _slope(hessian: FloatArray, pull: FloatArray, step: FloatArray, slope: Float
 def step_within(
     jacobian: FloatArray, wanted: FloatArray, low: FloatArray, high: FloatArray, damping: float
 ) -> FloatArray:
-    """(m,) between bounds, which hold zero between them: the step whose tip comes nearest to where
-    that of `wanted`, (m,), would, least |J (x - w)|² + damping² |x - w|².
+    """(m,) between bounds: the step whose tip comes nearest to where that of `wanted`, (m,), would,
+    least |J (x - w)|² + damping² |x - w|².
 
-    From `wanted` as a whole shortened until it is within: it is never further off than that.
+    From `wanted` as a whole shortened until it is within: it is never further off than that, if
+    bounds hold zero between them. Else each axis begins from its bound that is nearest.
     """
     count = jacobian.shape[1]
     hessian, pull = _hessian(jacobian, damping), np.zeros(count)
@@ -226,6 +227,8 @@ def step_within(
         for j in range(count):
             pull[i] += hessian[i, j] * wanted[j]
     step = _share_within(np.zeros(count), wanted, low, high) * wanted
+    for k in range(count):
+        step[k] = min(max(step[k], low[k]), high[k])
     return _least_within(hessian, pull, step, low, high)
 
 

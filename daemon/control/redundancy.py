@@ -109,19 +109,23 @@ class TensionKeeping:
         self._seen_n: Vector | None = None
         self._rates = np.zeros(axes.count)
         """(m,) N/s"""
-        self._released = self._pulled = np.full(len(self._tendons), np.inf)
-        """How fast each tendon may be released, and pulled; below zero: it has to go back."""
+        self._release = self._pull = np.full(len(self._tendons), np.inf)
+        """How far each tendon may be released, and pulled, in this step; below zero: it has to go
+        back so far."""
 
     def begin(self) -> None:
-        """Motion begins."""
+        """Motion begins: what tensions did before tells nothing."""
         self._seen_n = None
         self._rates = np.zeros_like(self._rates)
 
-    def see(self, tensions_n: Vector, dt_s: float, late_s: float = 0.0) -> None:
-        """(m,) tensions as measured now. No number: nobody knows; the gate lets nothing through.
+    def see(self, tensions_n: Vector | None, dt_s: float, late_s: float = 0.0) -> None:
+        """(m,) tensions as measured at the step that is asked about now. None, or no number: nobody
+        knows; nothing is kept then, and the gate lets nothing through.
 
         late_s: so long what was told goes on to arrive at the body, and tensions change as now.
         """
+        if tensions_n is None:
+            tensions_n = np.full_like(self._rates, np.nan)
         if self._seen_n is not None and dt_s > 0.0:
             newest = np.nan_to_num((tensions_n - self._seen_n) / dt_s)
             self._rates += min(dt_s / _RATE_S, 1.0) * (newest - self._rates)
@@ -129,36 +133,34 @@ class TensionKeeping:
         now_n, then_n = tensions_n[self._tendons], self.ahead(late_s)[self._tendons]
         over_slack = (np.minimum(now_n, then_n) - self._lowest_n) / self._spared_n - 1.0
         to_torn = (self._highest_n - np.maximum(now_n, then_n)) / self._spared_n - 1.0
-        self._released, self._pulled = self._speed(over_slack), self._speed(to_torn)
+        self._release, self._pull = self._step(over_slack, dt_s), self._step(to_torn, dt_s)
 
     def ahead(self, seconds: float) -> Vector:
-        """(m,) tensions so much later, if they go on as now."""
-        assert self._seen_n is not None
-        return np.asarray(self._seen_n + seconds * self._rates)
+        """(m,) tensions so much later, if they go on as now; no numbers where nobody knows."""
+        seen_n = np.full_like(self._rates, np.nan) if self._seen_n is None else self._seen_n
+        return np.asarray(seen_n + seconds * self._rates)
 
-    def bounds(self, lowest: Vector, highest: Vector, dt_s: float) -> tuple[Vector, Vector]:
-        """(m,) lowest and highest step, of those given, that neither slackens a tendon nor tears
-        it. Zero is still between them."""
-        lowest, highest, tendons = lowest.copy(), highest.copy(), self._tendons
-        lowest[tendons] = np.maximum(lowest[tendons], -dt_s * np.maximum(self._released, 0.0))
-        highest[tendons] = np.minimum(highest[tendons], dt_s * np.maximum(self._pulled, 0.0))
-        return lowest, highest
+    def bounds(self, lowest: Vector, highest: Vector) -> tuple[Vector, Vector]:
+        """(m,) lowest and highest step nearest to those given that neither slacken a tendon nor
+        tear it."""
+        release, pull = np.full_like(lowest, np.inf), np.full_like(highest, np.inf)
+        release[self._tendons] = np.maximum(self._release, 0.0)
+        pull[self._tendons] = np.maximum(self._pull, 0.0)
+        return np.clip(lowest, -release, pull), np.clip(highest, -release, pull)
 
-    def evened(self, step: Vector, dt_s: float) -> Vector:
+    def evened(self, step: Vector) -> Vector:
         """(m,) a step with so much more of all tendons together, or less, that none gets slacker
         that is nearly slack, and none tighter that is nearly torn, which counts first."""
         mean = float(step[self._tendons].mean())
-        least = max(mean, -dt_s * float(self._released.min()))
-        return self._together(step, min(least, dt_s * float(self._pulled.min())) - mean)
+        may = min(max(mean, -float(self._release.min())), float(self._pull.min()))
+        return self._together(step, may - mean)
 
-    def tightened(self, step: Vector, dt_s: float) -> Vector:
+    def tightened(self, step: Vector) -> Vector:
         """(m,) a step that bends the body as `step` does, with so much more of all tendons together
-        that none is let go of faster than it may, as far as none is pulled faster than it may."""
+        that none is let go of further than it may, as far as none is pulled further than it may."""
         alone = step[self._tendons]
-        lacking = float(np.max(-dt_s * self._released - alone))
-        return self._together(
-            step, min(max(lacking, 0.0), float(np.min(dt_s * self._pulled - alone)))
-        )
+        lacking = max(float(np.max(-self._release - alone)), 0.0)
+        return self._together(step, min(lacking, float(np.min(self._pull - alone))))
 
     def _together(self, step: Vector, more: float) -> Vector:
         if more == 0.0:
@@ -167,9 +169,9 @@ class TensionKeeping:
         step[self._tendons] += more
         return step
 
-    def _speed(self, left: Vector) -> Vector:
-        """left: (tendons,) of what is spared."""
-        return np.where(left < 1.0, _allowed(left, _BACK) * self._speeds, np.inf)
+    def _step(self, left: Vector, dt_s: float) -> Vector:
+        """(tendons,) left: of what is spared."""
+        return np.where(left < 1.0, dt_s * self._speeds * _allowed(left, _BACK), np.inf)
 
 
 def leaving_ends(

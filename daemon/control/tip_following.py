@@ -312,10 +312,10 @@ class TipFollower:
             near = self.drawn(observation) + self.drawn_further(observation)
         lowest, highest = self._step_range(observation)
         keeping = self._tension_keeping
-        if keeping is not None and observation.tensions_n is not None:
+        if keeping is not None:
             lag = self.leading.lag
             keeping.see(observation.tensions_n, dt_s, lag.dead_share * lag.lag_s)
-            lowest, highest = keeping.bounds(lowest, highest, dt_s)
+            lowest, highest = keeping.bounds(lowest, highest)
         # The body's free axes are what the Jacobian is of, and what is to stay near the posture.
         needed = np.eye(self.axes.count) if hysteresis is None else hysteresis.needed
         each = np.diag(needed)
@@ -334,7 +334,7 @@ class TipFollower:
         if hysteresis is not None:
             step = hysteresis.with_what_is_lost(needed @ step)
         if keeping is not None:
-            step = keeping.evened(step, dt_s)
+            step = keeping.evened(step)
         fastest = self.axes.max_velocity * dt_s
         return np.asarray(np.clip(np.clip(step, lowest, highest), -fastest, fastest))
 

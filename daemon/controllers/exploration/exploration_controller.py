@@ -95,7 +95,7 @@ class ExplorationController(ABC):
 
     def propose(self, observation: Observation) -> Proposal:
         self._left_s -= step_time(observation)
-        if self._tension_keeping is not None and observation.tensions_n is not None:
+        if self._tension_keeping is not None:
             late_s = self._lateness.seconds
             self._tension_keeping.see(observation.tensions_n, step_time(observation), late_s)
         if not self.ready and (self._left_s <= 0.0 or self._line_ends(observation)):
@@ -134,10 +134,9 @@ class ExplorationController(ABC):
 
     def _kept_tight(self, step: Vector, observation: Observation) -> Vector:
         """(m,) a step with all tendons pulled together where one of them would get slack."""
-        if self._tension_keeping is None or observation.tensions_n is None:
+        if self._tension_keeping is None:
             return step
-        dt_s = step_time(observation)
-        kept = self._tension_keeping.tightened(step, dt_s)
+        kept = self._tension_keeping.tightened(step)
         return np.clip(kept, *self._axes.step_range(observation.targets))
 
     def _line_ends(self, observation: Observation) -> bool:
@@ -172,11 +171,9 @@ class ExplorationController(ABC):
         """Whether the tip or a tendon is about to pass a wall, and not on its way back from it."""
         late_s, keeping = self._lateness.seconds, self._tension_keeping
         ahead_s = max(_AHEAD_S, _AHEAD_BY_LATENESS * late_s)
-        pulls = observation.tensions_n
-        if keeping is not None and pulls is not None:
-            pulls = keeping.ahead(_PULLS_AHEAD_S + late_s)
         ahead = observation._replace(
-            tip_mm=observation.tip_mm + ahead_s * observation.tip_velocity_mm_s, tensions_n=pulls
+            tip_mm=observation.tip_mm + ahead_s * observation.tip_velocity_mm_s,
+            tensions_n=None if keeping is None else keeping.ahead(_PULLS_AHEAD_S + late_s),
         )
         beyond, then = self._walls.beyond(
             np.array([self._walls.values(one) for one in (observation, ahead)])

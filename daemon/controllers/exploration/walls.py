@@ -64,8 +64,8 @@ class QuadraticGuess:
 _INSIDE_AT_LEAST = 0.5
 """Of the workspace that is left between its walls, however thick they are said to be."""
 _TENSION_SPARED = 0.05
-"""Of a tendon's range of tensions, at either end, as tendons are kept tight with. It has to do for
-friction, which lets a tension rise or fall at once where a tendon turns round."""
+"""Of each tendon's range of tensions, at either end. It has to do for friction, which lets one
+rise or fall at once where its tendon turns round."""
 _BEHIND_THE_FIRST = 0.8
 """Of what the walls are thick, that is left before one from where the tip was first, as far as the
 workspace goes: an arm that rests near its end would turn back from every line across its middle."""

@@ -82,11 +82,11 @@ def keeping(tensions_n: list[float]) -> TensionKeeping:
 
 
 def bounds(tensions_n: list[float], most_mm: float = MOST_MM) -> tuple[Vector, Vector]:
-    return keeping(tensions_n).bounds(np.full(4, -most_mm), np.full(4, most_mm), STEP_S)
+    return keeping(tensions_n).bounds(np.full(4, -most_mm), np.full(4, most_mm))
 
 
 def evened(step_mm: list[float], tensions_n: list[float]) -> Vector:
-    return keeping(tensions_n).evened(np.array(step_mm), STEP_S)
+    return keeping(tensions_n).evened(np.array(step_mm))
 
 
 STEP_MM = [0.01, -0.12, 0.1, -0.12]
@@ -138,8 +138,8 @@ def test_where_a_tension_is_not_known_nothing_is_done_about_it() -> None:
 def test_an_exploration_bends_the_body_as_it_would_with_all_tendons_tighter() -> None:
     one = keeping([LOWEST_N + SPARED_N, 3.0, 3.0, 3.0])
     step_mm = np.array([-0.1, 0.05, 0.05, 0.0])
-    np.testing.assert_allclose(one.tightened(step_mm, STEP_S), step_mm + 0.1, atol=1e-12)
-    np.testing.assert_array_equal(keeping([3.0] * 4).tightened(step_mm, STEP_S), step_mm)
+    np.testing.assert_allclose(one.tightened(step_mm), step_mm + 0.1, atol=1e-12)
+    np.testing.assert_array_equal(keeping([3.0] * 4).tightened(step_mm), step_mm)
 
 
 def test_a_tension_that_falls_counts_as_it_will_be_when_all_that_was_told_has_arrived() -> None:
@@ -147,11 +147,38 @@ def test_a_tension_that_falls_counts_as_it_will_be_when_all_that_was_told_has_ar
     for falls_n in np.arange(0.05, 1.0, 0.05):  # 2 N/s
         one.see(np.array([3.0 - falls_n, 3.0, 3.0, 3.0]), STEP_S, late_s=1.0)
     np.testing.assert_allclose(one.ahead(1.0)[0], 2.05 - 2.0, atol=0.1)
-    lowest, _ = one.bounds(np.full(4, -MOST_MM), np.full(4, MOST_MM), STEP_S)
+    lowest, _ = one.bounds(np.full(4, -MOST_MM), np.full(4, MOST_MM))
     np.testing.assert_allclose(lowest, [0.0, -MOST_MM, -MOST_MM, -MOST_MM])
     one.begin()
     one.see(np.array([2.05, 3.0, 3.0, 3.0]), STEP_S, late_s=1.0)
     np.testing.assert_array_equal(one.ahead(1.0), [2.05, 3.0, 3.0, 3.0])
+
+
+@pytest.mark.parametrize("tensions_n", [None, np.full(4, np.nan)])
+def test_what_was_known_of_tensions_once_counts_no_more_where_nobody_knows(
+    tensions_n: Vector | None,
+) -> None:
+    one, step_mm = keeping([LOWEST_N, 3.0, 3.0, 3.0]), np.array(STEP_MM)
+    one.see(tensions_n, STEP_S)
+    np.testing.assert_array_equal(one.evened(step_mm), step_mm)
+    np.testing.assert_array_equal(one.tightened(step_mm), step_mm)
+    same = one.bounds(np.full(4, -MOST_MM), np.full(4, MOST_MM))
+    np.testing.assert_array_equal(same, np.outer([-MOST_MM, MOST_MM], np.ones(4)))
+
+
+@pytest.mark.parametrize("tension_n", [0.0, LOWEST_N + SPARED_N, 3.0, 20.0])
+def test_a_step_that_takes_no_time_is_a_number(tension_n: float) -> None:
+    one, still = keeping([3.0] * 4), np.zeros(4)
+    one.see(np.array([tension_n, 3.0, 3.0, 3.0]), 0.0)
+    for step in (one.evened(still), one.tightened(still), *one.bounds(still - 1.0, still + 1.0)):
+        assert np.isfinite(step).all()
+
+
+def test_what_an_axis_end_asks_of_a_tendon_comes_after_its_tension() -> None:
+    torn = keeping([HIGHEST_N, 3.0, 3.0, 3.0])
+    lowest, highest = torn.bounds(np.full(4, 0.05), np.full(4, MOST_MM))
+    assert (lowest[0], highest[0]) == (0.0, 0.0)
+    assert (lowest[1], highest[1]) == (0.05, MOST_MM)
 
 
 TENSIONS_N = st.lists(st.floats(-1.0, 20.0), min_size=4, max_size=4)
