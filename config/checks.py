@@ -10,14 +10,14 @@ from pydantic import TypeAdapter, ValidationError
 
 from config.axis import Axis, Drive, Quantity
 from config.bus import Bus
-from config.control import Supervision
+from config.control import PoseFilterSettings, Supervision
 from config.coupling.coordinates import Coordinate, coordinate_findings
 from config.coupling.limits import CoupledLimit
 from config.documents.problems import did_you_mean
 from config.documents.schema_errors import location_in_file
 from config.documents.yaml_document import Location
 from config.emulation import ConcentricTubesPlant, Emulation, SoftArmPlant, TendonArmPlant
-from config.patience import impatience
+from config.patience import frames_impatience, impatience
 from config.tracker import Tracker
 
 T = TypeVar("T")
@@ -56,6 +56,7 @@ class Parts:
     """The roles that the tracker's tools have, sound or not; None where there are no tools."""
     tracker: Tracker | None
     supervision: Supervision | None
+    pose_filter: PoseFilterSettings | None
     emulation: Emulation | None
     homing_order: object = None
     """As the file has it."""
@@ -74,6 +75,7 @@ class Parts:
             _roles(_mapping(data.get("tracker")).get("tools")),
             _sound(Tracker, data.get("tracker")),
             _sound(Supervision, data.get("supervision", {})),
+            _sound(PoseFilterSettings, data.get("pose_filter", {})),
             _sound(Emulation, data.get("emulation")),
             data.get("homing_order"),
             [_sound(_COORDINATE, one) for one in _items(data.get("coordinates"))],
@@ -118,6 +120,8 @@ def _remove(value: Any, location: Location) -> None:
 def findings(parts: Parts) -> Iterator[Finding]:
     """Everything wrong between the parts, in the order of the file."""
     yield from _tracker_findings(parts)
+    if parts.tracker is not None:
+        yield from frames_impatience(parts.tracker, parts.supervision, parts.pose_filter)
     for name, bus in parts.buses.items():
         if bus is not None:
             yield from _bus_findings(("buses", name), bus, parts)

@@ -1,4 +1,4 @@
-"""How long the partners of a robot wait for each other, and how much longer in emulation.
+"""How long the parts of a robot wait for each other, and how much longer in emulation.
 
 The daemon says itself that it stood still (`supervision.loop_fault_after_s`) before the drives stop
 because they do not hear it. A computer that is not made for real time, a laptop or a virtual
@@ -10,12 +10,18 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 from config.bus import Bus
-from config.control import Supervision
+from config.control import PoseFilterSettings, Supervision
+from config.documents.yaml_document import Location
 from config.emulation import Emulation
 from config.robot import Robot
+from config.tracker import Tracker
 
 _LATER: Final = 1.25
 """The drives wait a quarter longer than the daemon: that it stood still is then told first."""
+_FRAMES_WAITED: Final = 3.0
+"""One may be late, and one lost, before nobody knows where the tip is."""
+_FRAMES_PREDICTED: Final = 2.0
+"""... and as long as one is late the tip may be taken to go on."""
 
 
 def patient(robot: Robot) -> Robot:
@@ -75,3 +81,27 @@ def impatience(supervision: Supervision, bus: Bus, emulation: Emulation | None) 
             f"without emulation.patience_s the emulated drives stop {sync_s:g} s after the last "
             f"SYNC (emulation.drives.sync_lost_after_periods): that must be longer than {says}"
         )
+
+
+def frames_impatience(
+    tracker: Tracker, supervision: Supervision | None, pose_filter: PoseFilterSettings | None
+) -> Iterator[tuple[Location, str]]:
+    """Who does not wait for the frames that the tracker's line can bring, and why: else the robot
+    could never be armed, and its reasons would not say so."""
+    apart_s = tracker.frames_apart_s
+    why = (
+        f"tracker.baud_rate {tracker.baud_rate} brings a frame of {len(tracker.tools)} tools every "
+        f"{apart_s:.3g} s"
+    )
+    if supervision is not None:
+        least_s, share = _FRAMES_WAITED * apart_s, tracker.frame_s / apart_s
+        if supervision.tracker_hold_after_s < least_s:
+            text = f"{why}: wait for {least_s:.3g} s or more, or use a faster line"
+            yield ("supervision", "tracker_hold_after_s"), text
+        if supervision.tracker_quality > share:
+            text = f"{why}, a share of {share:.3g} of all: ask for less, or use a faster line"
+            yield ("supervision", "tracker_quality"), text
+    least_s = _FRAMES_PREDICTED * apart_s
+    if pose_filter is not None and pose_filter.predict_for_s < least_s:
+        text = f"{why}: predict for {least_s:.3g} s or more, or use a faster line"
+        yield ("pose_filter", "predict_for_s"), text

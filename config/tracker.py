@@ -1,12 +1,17 @@
 """The electromagnetic tracker and the sensors on it."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import Field, StringConstraints, model_validator
 
 from config.documents.model import ConfigModel, Name, NotNegative, Positive, Quaternion, Vector3
 
 BaudRate = Literal[9600, 38400, 57600, 115200, 230400, 921600]
+_FRAME_S: Final = {"normal": 1.0 / 40.0, "fast": 1.0 / 66.0}
+_BYTES: Final = {"binary": (24, 42), "text": (25, 70)}
+"""Of a request with its reply, and for each tool in it: what BX and TX are made of."""
+_BITS_PER_BYTE: Final = 10
+"""With start and stop bit."""
 
 
 class ToolSelector(ConfigModel):
@@ -70,3 +75,16 @@ class Tracker(ConfigModel):
 
     tools: dict[Name, ToolSelector]
     """Sensors by role. `tip` must be there; `base` is the frame of all poses, where present."""
+
+    @property
+    def frame_s(self) -> float:
+        """What is between two frames of the device."""
+        return _FRAME_S[self.frame_rate]
+
+    @property
+    def frames_apart_s(self) -> float:
+        """What is between two frames that the line can bring, on the average: it may be too slow
+        for all of them."""
+        fixed, per_tool = _BYTES[self.reply_format]
+        exchange_s = _BITS_PER_BYTE * (fixed + per_tool * len(self.tools)) / self.baud_rate
+        return max(exchange_s, self.frame_s)

@@ -5,6 +5,7 @@ from importlib.resources import files
 from pathlib import Path
 
 import pytest
+import yaml
 
 from config.axis import LinearStepper
 from config.documents.problems import ConfigError
@@ -49,6 +50,11 @@ def test_the_soft_arm_has_six_chambers_on_six_nodes() -> None:
         (
             swap("tracker_fault_after_s: 3.0", "tracker_fault_after_s: 0.1"),
             "supervision: tracker_hold_after_s (0.15 s) must be below tracker_fault_after_s (0.1",
+        ),
+        (
+            swap("baud_rate: 115200", "baud_rate: 9600"),
+            "tracker_hold_after_s: tracker.baud_rate 9600 brings a frame of 2 tools every 0.113 s: "
+            "wait for 0.338 s or more, or use a faster line",
         ),
         (swap("baud_rate:", "baudrate:"), "tracker.baudrate: unknown key (did you mean 'baud_"),
         (swap("cycle_period_s", "cycle_perod_s"), "buses.can0.cycle_perod_s: unknown key (did"),
@@ -193,3 +199,28 @@ def test_axes_are_homed_one_after_the_other_where_no_order_is_given(tmp_path: Pa
     every = ", ".join(axis.name for axis in robot.axes)
     file.write_text(in_order(f"[[{every}]]", AT_START)(SOFT_ARM.read_text()))
     assert load_robot(file).robot.homing_groups == [[axis.name for axis in robot.axes]]
+
+
+def test_a_slow_line_wants_patience_of_all_who_wait_for_frames(tmp_path: Path) -> None:
+    """Who takes the baud rate of a tracker that was just switched on is told all at once."""
+    slow = ("baud_rate: 115200", "baud_rate: 9600")
+    problems = problems_of(tmp_path, lambda text: text.replace(*slow))
+    keys = [one.split(": ")[1] for one in problems]
+    waiting = ["supervision.tracker_quality", "supervision.tracker_hold_after_s"]
+    assert sorted(keys) == sorted(["pose_filter.predict_for_s", *waiting])
+    patient = ("tracker_hold_after_s: 0.15", "tracker_quality: 0.2\n  tracker_hold_after_s: 0.34")
+    text = SOFT_ARM.read_text()
+    for old, new in (slow, patient):
+        text = text.replace(old, new)
+    (tmp_path / "robot.yaml").write_text(text + "\npose_filter: {predict_for_s: 0.23}\n")
+    assert load_robot(tmp_path / "robot.yaml").robot.tracker.frames_apart_s > 0.1
+
+
+@pytest.mark.parametrize("more", [{"baud_rate": 38400}, {"frame_rate": "fast"}])
+def test_a_line_that_brings_nearly_all_frames_needs_no_other_settings(
+    tmp_path: Path, more: dict[str, object]
+) -> None:
+    value = yaml.safe_load(SOFT_ARM.read_text())
+    value["tracker"].update(more)
+    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(value))
+    load_robot(tmp_path / "robot.yaml")
