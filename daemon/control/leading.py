@@ -49,9 +49,9 @@ _CATCHING: Final = 1.3
 """So much more gain while a tip that was pushed or loaded is caught, where the body is prompt. With
 1.6 it takes some hundredths of a second less, with 1.0 more (30 g, four bodies)."""
 _HURRY: Final = 0.8
-"""... and so much more of what is missing is told at first than shall come of it, where the lag is
-long: what a first-order lag keeps back then comes sooner. With half of it the way back takes 0.2 to
-0.3 s longer."""
+"""... and so much more of what is missing, along the way that the tip was taken off, is told at
+first than shall come of it, where the lag is long: what a first-order lag keeps back then comes
+sooner. With half of it the way back takes 0.2 to 0.3 s longer."""
 _UNMADE_SHARE: Final = 0.1
 """Of a wanted motion: so much that axes do not make of it, at their ends or in a direction in which
 they hardly move the tip, is more than rounding."""
@@ -92,6 +92,9 @@ class Leading:
         """(3, 3) how much more that lets come of what was told last."""
         self._before: tuple[Jump, Vector, Vector, Hung] | None = None
         """The last jump, and what was known of the gains and the load when it came."""
+        self._taken_along = np.zeros(3)
+        """(3,) unit vector along which the tip was taken off last: what is late along it is hurried
+        back. Along its path it is late as ever, and hurry would make it swing."""
         self._unloaded_gains: Vector | None = None
         """What was known of them when the first jump since motion began came."""
         self._out_of_reach = np.zeros(3)
@@ -188,6 +191,7 @@ class Leading:
     def _body_changed(self, jump: Jump) -> None:
         """A load that is taken off again leaves the body as it was before: what was known then is
         known now. Otherwise the jump tells how much further the body goes."""
+        self._taken_along = jump.by_mm / length(jump.by_mm)
         if self._unloaded_gains is None:
             self._unloaded_gains = self.gains
         before, load = self._before, self.load
@@ -224,13 +228,13 @@ class Leading:
         error = observation.reference_mm - observation.tip_mm
         t_s, lag_s, share = observation.t_ns * 1e-9, self.lag.lag_s, self.predicted
         gain = self._gain_per_s * self._of_use(t_s, dt_s, error)
-        answered, hurry = share * self._answer.worth, 1.0
+        answered, hurry = share * self._answer.worth, 0.0
         if self._disturbance.jumped(t_s):  # what the way back tells is all that is known by now
             answered += 1.0 - share
         if self._disturbance.just_jumped(t_s):
             # All the way back is told before much of it is seen, which alone would overshoot.
             gain *= 1.0 + max(1.0 - 2.0 * share, 0.0) * _CATCHING
-            hurry += max(2.0 * share - 1.0, 0.0) * _HURRY
+            hurry = max(2.0 * share - 1.0, 0.0) * _HURRY
             share = 1.0
         answer = np.eye(3) + answered * (self._answer.matrix - np.eye(3))
         coming = answer @ self._underway.coming_mm
@@ -243,7 +247,8 @@ class Leading:
         error = error + self._correction(observation.phase, 0.0)[0]
         if share > 0.0:
             late = due - observation.tip_mm - coming
-            error = error + share * (hurry * late + further - (left - coming) - error)
+            late += hurry * float(late @ self._taken_along) * self._taken_along
+            error = error + share * (late + further - (left - coming) - error)
         wanted = min(gain * dt_s, 1.0) * error + velocity * dt_s
         self._expect(observation, dt_s)
         self._loaded = self.load.matrix_at(observation.tip_mm + left)  # where it is to come

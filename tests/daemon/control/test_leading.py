@@ -451,6 +451,31 @@ def test_a_load_that_is_taken_off_again_leaves_what_was_known_before(
     assert max(known) < 2.0 * lag_s + 0.4
 
 
+def told_once_it_is_taken_off(by_mm: tuple[float, float, float]) -> Vector:
+    """(3,) what a body that is 0.7 s late is told for a place that it is 1 mm from along x, as soon
+    as it is taken off by so much."""
+    leading, here = Leading(gain_per_s=6.0, by_cycles=False), (np.zeros(3), np.zeros(3))
+    leading.lag.lag_s = 0.7
+    for k in range(60):
+        tip_mm = np.array([1.0, 0.0, 0.0]) + (np.array(by_mm) if k >= 55 else 0.0)
+        observation = observed(k * DT_S, tip_mm, np.zeros(3), lambda t_s: here)
+        leading.take_stock(observation, DT_S, np.zeros(3))
+        told = leading.step(observation, DT_S)
+    assert leading.jumps > 0
+    return told
+
+
+def test_what_a_load_takes_off_is_hurried_back_along_its_own_way_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A tip that is late on its path as well would swing along that."""
+    hurried = told_once_it_is_taken_off((0.0, 0.0, -12.0))
+    monkeypatch.setattr("daemon.control.leading._HURRY", 0.0)
+    calm = told_once_it_is_taken_off((0.0, 0.0, -12.0))
+    assert hurried[2] > 1.5 * calm[2] > 0.0
+    np.testing.assert_allclose(hurried[:2], calm[:2])
+
+
 @pytest.mark.parametrize("body", ["as_made", "worn", "mismatched"])
 def test_a_tip_that_is_pushed_aside_comes_back_without_going_far_beyond(
     body: str, model: str, monkeypatch: pytest.MonkeyPatch
