@@ -23,11 +23,13 @@ SEEN_TWICE = {
 }
 """What a driver's condition says, and the daemon sees too: a driver may have nothing to say yet."""
 OF_OTHER_THINGS = {
+    "config/patience.py",
     "drivers/can/conditions.py",
     "drivers/cia402/conditions.py",
     "sim_backends/devices/can/faults.py",
 }
-"""Conditions of drivers and faults of devices may be called like the causes that they lead to."""
+"""Conditions of drivers, faults of devices and keys of robot files may be called like the causes
+that they lead to."""
 
 
 def sources() -> Iterator[tuple[str, ast.Module]]:
