@@ -224,3 +224,10 @@ def test_a_line_that_brings_nearly_all_frames_needs_no_other_settings(
     value["tracker"].update(more)
     (tmp_path / "robot.yaml").write_text(yaml.safe_dump(value))
     load_robot(tmp_path / "robot.yaml")
+
+
+def test_text_takes_a_line_for_longer_than_binary_does(tmp_path: Path) -> None:
+    slow = ("baud_rate: 115200", "baud_rate: 38400\n  reply_format: text")
+    (problem,) = problems_of(tmp_path, lambda text: text.replace(*slow))
+    assert "supervision.tracker_quality: " in problem
+    assert "every 0.043 s, a share of 0.582 of all" in problem
