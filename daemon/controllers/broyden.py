@@ -16,7 +16,8 @@ from config.tasks.controllers import Broyden
 from daemon.array_files import ModelError
 from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.control.jacobian_estimate import FIRST_STD_MM, JacobianEstimate
-from daemon.control.lag.body_lag import BodyLag, LaggedAxes
+from daemon.control.lag.body_lag import BodyLag
+from daemon.control.lag.lagged_axes import LaggedAxes
 from daemon.control.task import POSE, POSITION, points, task_of
 from daemon.control.tip_following import TipFollower, step_time
 from daemon.controllers.model_files import load_model, model_metadata, save_model
@@ -237,7 +238,7 @@ class BroydenController:
         self._exploration = Exploration(options, self._follower.axes)
         self._estimate: JacobianEstimate | None = None
         self._anchor: tuple[Vector, Vector] | None = None
-        self._axes = LaggedAxes()
+        self._axes = LaggedAxes(self._scale)
         self._seen: deque[Frame] = deque()
         """Frames of the first motions that have not told yet how late the body is."""
         self._first_lag = BodyLag()
@@ -270,6 +271,9 @@ class BroydenController:
         measured = chain(observation.u.tolist(), observation.tip_mm.tolist())
         if not (observation.believed and all(map(isfinite, measured))):
             return
+        u, t_s = observation.u, observation.t_ns * 1e-9
+        if self._options.leads:
+            self._axes.see(t_s, u, observation.targets)
         if self._estimate is None:
             self._exploration.observe(observation)
             if self._exploration.done:
@@ -279,9 +283,9 @@ class BroydenController:
                 if self._options.leads:
                     self._seen = deque(self._exploration.all_frames)
             return
-        u = observation.u
         if self._options.leads:
-            u = self._axes.after(observation.t_ns * 1e-9, u, self._follower.leading.lag.lag_s)
+            lag = self._follower.leading.lag
+            u = self._axes.after(t_s, u, lag.lag_s, lag.dead_share)
         coordinates = len(self._estimate.jacobian)
         seen = task_of(observation, coordinates, self._options.pointing_mm_per_rad)
         if seen is None:
@@ -320,7 +324,9 @@ class BroydenController:
             self._first_lag.add(t_s, t_s - self._last_seen_s, told_mm, seen[:POSITION])
             self._last_seen_s = t_s
             if not self._seen:
-                self._follower.leading.lag.lag_s = self._first_lag.lag_s
+                # These axes were measured, and are told before that.
+                late_s = self._first_lag.lag_s + self._axes.late_s
+                self._follower.leading.lag.lag_s = late_s
                 better = self._first.copy()
                 better[:POSITION] *= self._first_lag.gains[:, None]
                 self._begin(better, np.eye(len(self._scale)) * FIRST_STD_MM**2)

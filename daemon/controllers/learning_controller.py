@@ -18,7 +18,7 @@ from config.tasks.controllers import Learner
 from daemon.array_files import Arrays, ModelError
 from daemon.control.axis_speeds import Foresight
 from daemon.control.controller import ControllerError, Observation, Proposal
-from daemon.control.lag.body_lag import LaggedAxes
+from daemon.control.lag.lagged_axes import LaggedAxes
 from daemon.control.task import POSITION, points
 from daemon.control.tip_following import TipFollower
 from daemon.controllers.exploration.motor_babbling import Babbling
@@ -72,7 +72,7 @@ class LearningController(ABC):
         self._waiting: deque[MotionSample] = deque()
         self._unseen: Observation | None = None
         """The last one, of which nothing is learnt yet."""
-        self._axes = LaggedAxes()
+        self._axes = LaggedAxes(self._range)
         self._was_late = False
         self._jumps = 0
         """Of the tip, that the Jacobian was told of."""
@@ -143,6 +143,7 @@ class LearningController(ABC):
         if self._options.leads and observation.believed:
             lag = self._follower.leading.lag
             t_s = observation.t_ns * 1e-9
+            self._axes.see(t_s, observation.u, observation.targets)
             free = self._follower.free(observation.u)
             shown = self._axes.after(t_s, free, lag.lag_s, lag.dead_share)
             observation = observation._replace(u=shown)

@@ -280,33 +280,6 @@ def _moved_up(array: Vector, begin: int, longer: int) -> Vector:
     return moved
 
 
-class LaggedAxes:
-    """The axes as the tip shows them: passed through the body's dead time and lag."""
-
-    def __init__(self) -> None:
-        self._kept: deque[tuple[float, Vector]] = deque()
-        self._shown: Vector | None = None
-
-    def break_off(self) -> None:
-        """What comes next does not go on from here."""
-        self._kept.clear()
-        self._shown = None
-
-    def after(self, t_s: float, u: Vector, lag_s: float, dead_share: float = DEAD_SHARE) -> Vector:
-        """(m,) what shows of axes that are at `u` at `t_s`."""
-        dead_s, first_order_s = parts(lag_s, dead_share)
-        kept = self._kept
-        last_s = kept[-1][0] if kept else t_s
-        kept.append((t_s, u))
-        while len(kept) > 1 and kept[1][0] <= t_s - dead_s:
-            kept.popleft()
-        due = kept[0][1]
-        share = -np.expm1(-(t_s - last_s) / first_order_s) if first_order_s > 0.0 else 1.0
-        shown = due if self._shown is None else self._shown + share * (due - self._shown)
-        self._shown = np.asarray(shown)
-        return self._shown
-
-
 def _unexplained(xx: Vector, xy: Vector, yy: Vector, free: bool) -> Vector:
     """(k, 3) mm² of motion that each delay leaves, with its best gains d + 1, and what these cost.
 

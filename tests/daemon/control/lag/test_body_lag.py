@@ -11,7 +11,6 @@ from daemon.control.lag.body_lag import (
     DEAD_SHARES,
     LONGEST_S,
     BodyLag,
-    LaggedAxes,
     Underway,
     parts,
 )
@@ -167,15 +166,6 @@ def test_what_was_told_has_arrived_after_a_while_and_not_before_the_dead_time() 
     np.testing.assert_allclose(np.array(left)[after], expected[after], atol=0.13)
     underway.begin()
     assert (underway.left_mm == 0.0).all()
-
-
-def test_axes_show_as_late_as_the_body_is_and_at_once_without_a_lag() -> None:
-    told = wandering()
-    axes, prompt = LaggedAxes(), LaggedAxes()
-    shown = np.array([axes.after(k * DT_S, told[k], 0.8) for k in range(STEPS)])
-    dead_s, first_order_s = parts(0.8)
-    np.testing.assert_allclose(shown, late(told, dead_s, first_order_s), atol=0.6)
-    assert all((prompt.after(k * DT_S, told[k], 0.0) == told[k]).all() for k in range(50))
 
 
 def test_without_a_lag_leading_is_the_plain_law() -> None:

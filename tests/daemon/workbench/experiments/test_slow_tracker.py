@@ -10,7 +10,7 @@ from tests import SHIPPED_ROBOTS
 
 EXPERIMENT = """experiment: slow_line
 robot: robot.yaml
-trajectory: {kind: circle, center_mm: [0, 0, 185], radius_mm: 15, cycle_s: 9.4, cycles: 2}
+trajectory: {kind: circle, center_mm: [0, 0, 185], radius_mm: 25, cycle_s: 7.9, cycles: 6}
 controller: {kind: broyden, lead: true, gain_per_s: 6.0, max_tip_speed_mm_s: 80.0}
 blend_speed_mm_s: 20.0
 risk: false
@@ -39,4 +39,5 @@ def test_a_circle_is_followed_with_nine_frames_in_a_second(tmp_path: Path) -> No
     assert result.holds == 0
     steps = np.load(tmp_path / "run" / "steps.npz")["clock_s"]
     assert 0.09 < float(np.median(np.diff(steps))) < 0.14
-    assert [cycle.mean_mm < 2.0 for cycle in result.cycles] == [True, True]
+    # What is learnt of axes at the wrong time makes the tip swing from the third cycle on.
+    assert max(cycle.mean_mm for cycle in result.cycles) < 1.3
