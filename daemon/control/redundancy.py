@@ -25,7 +25,7 @@ tendons and a helical one that is between 290, 270 and 14 mm: what bends it, and
 """
 _POSTURE_PER_S: Final = 0.1
 _TENDONS_POSTURE_PER_S: Final = 1.0
-_SPARED: Final = 0.05
+SPARED: Final = 0.05
 """Of the weakest tendon's range of tensions, that all keep at either end. Friction lets a tension
 fall at once where a tendon turns round: within twice of this one moves there ever more slowly."""
 _BACK: Final = 0.2
@@ -100,10 +100,11 @@ class TensionKeeping:
     lower than it can, comes second.
     """
 
-    def __init__(self, robot: Robot, axes: AxisRanges) -> None:
+    def __init__(self, robot: Robot, axes: AxisRanges, spared: float = SPARED) -> None:
+        """spared: share of the weakest tendon's range of tensions."""
         ranges_n = [axis.tension_range_n for axis in robot.axes if axis.tension_range_n is not None]
         self._lowest_n, self._highest_n = np.array(ranges_n, np.float64).T
-        self._spared_n = _SPARED * float(np.min(self._highest_n - self._lowest_n))
+        self._spared_n = spared * float(np.min(self._highest_n - self._lowest_n))
         self._tendons = list(axes.tendons)
         self._speeds = axes.max_velocity[self._tendons]
         self._seen_n: Vector | None = None

@@ -45,6 +45,11 @@ before it is there: else those that stay behind bend it into an S, along which i
 Of thirty arms with lags of 0.35 to 1 s one never came to its path without, and one was held on it
 again and again."""
 
+_DOUBTED = 0.5
+"""Of what the motions of a body tell that is led by prediction alone. On sixty slow bodies that the
+model does not know second rounds are so 3 % nearer in the mean than where nothing is learnt, and
+7 % further off at most. With none of it they are 4 % nearer, and up to 13 % further off."""
+
 _AT_ZERO = 0.02
 """Of an axis' range: so near to zero a body is where it rests."""
 
@@ -173,10 +178,9 @@ class TipFollower:
 
     @property
     def learnable(self) -> float:
-        """How far motions correct a Jacobian that was known before, 0 to 1. Nothing is left where
-        half of a lag is led by prediction: what a motion tells is then of where the axes were, and
-        of a hysteresis that has turned since."""
-        return max(1.0 - 2.0 * self.leading.predicted, 0.0) if self._leads else 1.0
+        """How far motions correct a Jacobian that was known before, 0 to 1. Across a long lag what
+        a motion tells is of where the axes were, and of a hysteresis that may have turned since."""
+        return 1.0 - _DOUBTED * self.leading.predicted if self._leads else 1.0
 
     @property
     def made_up_for(self) -> Vector:

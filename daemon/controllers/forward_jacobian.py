@@ -35,9 +35,6 @@ class JacobianController(LearningController):
     ) -> None:
         """All is in the Jacobian."""
 
-    def _forget_samples(self) -> None:
-        """There is nothing of them but in the Jacobian."""
-
     def _learnt_arrays(self) -> Arrays:
         return {}
 

@@ -39,6 +39,10 @@ _UNKNOWN_BODY = SamplingSettings(lag_s=0.1)
 _SAMPLES_PER_AXIS = 3
 """So many must babbling give before a Jacobian is fitted."""
 _WAITING_AT_MOST = 3
+_LATE = 0.5
+"""From where so much of a lag is led by prediction, what a load makes of the body is told by the
+jump alone. Motions that are learnt from at once tell it too late: the first of a slow body's loads
+then takes twice as long to be made up for."""
 _WITHOUT_MODEL = 0.5
 """So much shorter are samples where nothing but they tells how the Jacobian changes on the way: on
 the soft arm's figure of eight and rectangle, with and without a load, errors are a third less."""
@@ -73,7 +77,6 @@ class LearningController(ABC):
         self._unseen: Observation | None = None
         """The last one, of which nothing is learnt yet."""
         self._axes = LaggedAxes(self._range)
-        self._was_late = False
         self._jumps = 0
         """Of the tip, that the Jacobian was told of."""
         if options.model is not None:
@@ -149,12 +152,12 @@ class LearningController(ABC):
             observation = observation._replace(u=shown)
         if self._points and observation.believed:
             self._pointing.observe(observation)
-        if self._too_late():
-            return
-        jumps = self._follower.leading.jumps
-        if jumps != self._jumps:
-            self._jumps = jumps
-            self._jacobian.body_changed()
+        self._jacobian.believed = self._follower.learnable
+        leading = self._follower.leading
+        if leading.jumps != self._jumps:
+            self._jumps = leading.jumps
+            if leading.predicted < _LATE:
+                self._jacobian.body_changed()
         sample = self._samples.add(observation)
         if sample is None or not self._options.learning:
             return
@@ -212,23 +215,6 @@ class LearningController(ABC):
         sample, gains = self._waiting.popleft(), self._follower.made_up_for
         self._work_in(sample._replace(delta_tip_mm=sample.delta_tip_mm / gains), gains)
 
-    def _too_late(self) -> bool:
-        """Whether the body answers too late to learn a Jacobian from it that was not known before.
-
-        A model that was learnt at rest is better than one that is corrected by such samples. A
-        correction fades as the lag comes near to that: it would be worse than either if it came
-        and went.
-        """
-        self._jacobian.believed = self._follower.learnable
-        late = self._model is not None and not self._jacobian.believed > 0.0
-        if late and not self._was_late:
-            self._waiting.clear()
-            self._samples.break_off()
-            self._jacobian.forget_correction()
-            self._forget_samples()
-        self._was_late = late
-        return late
-
     # What the kinds of controllers differ in.
 
     def _new_jacobian(self) -> TipJacobian:
@@ -251,10 +237,6 @@ class LearningController(ABC):
     @abstractmethod
     def _work_in(self, sample: MotionSample, gains: Vector) -> None:
         """Learn from it, as it was told: (3,) gains of it came, which are made up for."""
-
-    @abstractmethod
-    def _forget_samples(self) -> None:
-        """What was learnt of them besides the Jacobian was wrong."""
 
     @abstractmethod
     def _learnt_arrays(self) -> Arrays:

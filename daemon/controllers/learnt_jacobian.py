@@ -73,10 +73,6 @@ class TipJacobian(Protocol):
         """Take a motion, as it was told: (3,) gains of it came, which are made up for."""
         ...
 
-    def forget_correction(self) -> None:
-        """Go by the model as pre-training left it, where it is."""
-        ...
-
     def body_changed(self) -> None:
         """Something was hung on or taken off: what comes next tells more than what was known."""
         ...
@@ -157,10 +153,6 @@ class LearntJacobian:
     def at(self, tip_mm: Vector, u: Vector) -> Vector:
         """The Jacobian here."""
         return self._at(tip_mm, u, self.covered(tip_mm, u)) / self._travel
-
-    def forget_correction(self) -> None:
-        """Go by the forward model as pre-training left it, where it is."""
-        self._correction = self._no_correction()
 
     def body_changed(self) -> None:
         """The next motions are learnt from at once."""

@@ -272,12 +272,6 @@ class RewardWeightedController(LearningController):
         if self._local is not None:
             self._local.set_posture(self._follower.posture)
 
-    def _forget_samples(self) -> None:
-        if isinstance(self._local, GrowingControllers):
-            return  # it has nothing else to go by
-        if self._local is not None:
-            self._local.refill([])
-
     def _learnt_arrays(self) -> Arrays:
         if isinstance(self._local, GrowingControllers):
             return dict(self._local.to_arrays())

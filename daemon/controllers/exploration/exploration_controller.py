@@ -15,7 +15,7 @@ from config.robot import Robot
 from config.tasks.exploration import Exploration
 from daemon.array_files import ModelError
 from daemon.control.controller import Observation, Proposal
-from daemon.control.redundancy import TensionKeeping
+from daemon.control.redundancy import SPARED, TensionKeeping
 from daemon.control.tip_following import step_time
 from daemon.controllers.exploration.lateness import Lateness
 from daemon.controllers.exploration.random_motion import WaypointWalk
@@ -34,6 +34,11 @@ _AHEAD_BY_LATENESS = 2.0
 longer the line before was straight. With half as much a slow arm leaves its workspace."""
 _PULLS_AHEAD_S = 0.2
 """A tension does so much longer than the tip is late: as long as the axes need to turn round."""
+_TENSION_KEPT = 2.0 * SPARED
+"""Of a tendon's range of tensions, at either end: twice what a path keeps, and what is before the
+walls. Where tendons are strung no tighter than the walls leave, every line ends as it begins: of
+arms with 1.2 to 2.2 N one saw too little to learn from, and three went round a path 5 mm off that
+are 1 mm off with this."""
 _TRAIL_STEPS = 2000
 """Of the way that the axes came, to go back along: 50 s at 40 frames a second."""
 _GIVEN_UP = 3.0
@@ -56,7 +61,9 @@ class ExplorationController(ABC):
         self._walls = Walls(robot, options.wall_mm)
         self._guess = QuadraticGuess(self._axes, self._walls.count)
         self._lateness = Lateness(self._axes.travel)
-        self._tension_keeping = TensionKeeping(robot, self._axes) if self._axes.opposed else None
+        self._tension_keeping: TensionKeeping | None = None
+        if self._axes.opposed:
+            self._tension_keeping = TensionKeeping(robot, self._axes, _TENSION_KEPT)
         self._line = -1
         self._start = self._goal = np.zeros(self._axes.count)
         self._trail: deque[Vector] = deque(maxlen=_TRAIL_STEPS)
@@ -153,6 +160,12 @@ class ExplorationController(ABC):
             trail.pop()
         back = trail[-1] if trail else observation.targets
         return self._walk.step(back, observation, dither=False)
+
+    def _as_tight(self, place: Vector) -> Vector:
+        """(m,) a place with all tendons pulled together as far as they are where the line starts:
+        that has been taken up, and places where they are let go of again are none to go to."""
+        taken_up = self._start - place
+        return place + taken_up - self._axes.less_together(taken_up, 0.0)
 
     def _inside_part(self, goal: Vector) -> tuple[Vector, float]:
         """(m,) how far on the line to `goal` all seems to be inside, and which share of it that is.

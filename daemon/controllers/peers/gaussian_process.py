@@ -113,10 +113,6 @@ class ProcessJacobian:
     def body_changed(self) -> None:
         """It learns of another body as of any."""
 
-    def forget_correction(self) -> None:
-        """Go by the exploration alone."""
-        self._online.clear()
-
     def to_arrays(self) -> dict[str, Vector]:
         """What was learnt since the exploration."""
         assert self._constant is not None

@@ -148,9 +148,6 @@ class IdentifiedJacobian:
     def body_changed(self) -> None:
         """It is fixed."""
 
-    def forget_correction(self) -> None:
-        """It is fixed."""
-
     def to_arrays(self) -> dict[str, Vector]:
         """What the exploration itself does not say."""
         assert self._everywhere is not None

@@ -87,11 +87,7 @@ class MotionProcess:
         self._budget = budget
         self._kept = 1.0 - 1.0 / memory
         self._axes = axes
-        self.clear()
-
-    def clear(self) -> None:
-        """Forget everything."""
-        self._places = self._moves = np.zeros((0, self._axes))
+        self._places = self._moves = np.zeros((0, axes))
         self._prior = self._inverse = self._spread = np.zeros((0, 0))
         """K of the inducing motions, its inverse, and how uncertain what they do is by now."""
         self._mean = np.zeros((0, 3))

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 from daemon.control.lag.body_lag import parts
 from daemon.control.lag.lagged_axes import LaggedAxes
@@ -11,20 +12,22 @@ RANGE = np.array([50.0, 50.0, 20.0])
 FINE_S = 1e-3
 
 
-def at(t_s: Vector) -> Vector:
+def at(t_s: ArrayLike) -> Vector:
     """(n, 3) mm where the axes are at (n,) times: at up to 10 mm/s, to and fro."""
-    t_s = np.asarray(t_s)[:, None]
-    return RANGE * (0.5 + 0.2 * np.sin(0.7 * t_s + np.arange(3)) + 0.05 * np.sin(2.0 * t_s))
+    times_s = np.asarray(t_s)[:, None]
+    slow = 0.2 * np.sin(0.7 * times_s + np.arange(3))
+    return RANGE * (0.5 + slow + 0.05 * np.sin(2.0 * times_s))
 
 
-def late(t_s: Vector, dead_s: float, first_order_s: float) -> Vector:
+def late(t_s: ArrayLike, dead_s: float, first_order_s: float) -> Vector:
     """(n, 3) what comes of them after a dead time and a first-order lag, by fine steps."""
-    fine_s = np.arange(-10.0, t_s[-1] + FINE_S, FINE_S)
+    times_s = np.asarray(t_s)
+    fine_s = np.arange(-10.0, times_s[-1] + FINE_S, FINE_S)
     out = at(fine_s - dead_s)
     share = 1.0 - np.exp(-FINE_S / first_order_s)
     for k in range(1, len(out)):
         out[k] = out[k - 1] + share * (out[k] - out[k - 1])
-    return np.stack([np.interp(t_s, fine_s, axis) for axis in out.T], axis=1)
+    return np.stack([np.interp(times_s, fine_s, axis) for axis in out.T], axis=1)
 
 
 @pytest.mark.parametrize("apart_s", [0.025, 0.113])

@@ -246,7 +246,7 @@ def test_no_tendon_goes_slack_while_all_of_what_does_not_slacken_one_is_used() -
     tensions, lines = pulled(controller(robot=THREE_TENDONS, waypoints=40))
     assert lines == 40
     assert tensions.min() > LOWEST_N
-    assert (tensions.min(axis=0) < 1.2).all(), "all of them come near to it"
+    assert (tensions.min(axis=0) < 1.5).all(), "all of them come near to it"
     assert (tensions.max(axis=0) > 3.4).all()
     blind, _ = pulled(controller(robot=THREE_TENDONS, waypoints=40), told=False)
     assert blind.min() < LOWEST_N, "who does not see it pulls them slack"
@@ -324,7 +324,7 @@ def test_waypoints_of_tendons_bend_the_arm_and_do_not_tear_it() -> None:
     exploration = controller(robot=robot)
     exploration._start = np.zeros(3)
     goals = np.array([exploration._draw() for _ in range(100)])
-    assert np.abs(goals.mean(axis=1)).max() < 0.5
+    assert np.abs(goals.mean(axis=1)).max() < 1.0
     assert (np.ptp(goals, axis=0) > 12.0).all()
     free = controller(robot=robot, together_share=1.0)
     free._start = np.zeros(3)

@@ -1,0 +1,49 @@
+"""What motions of a body teach that answers late: less than a prompt one's, and no load at once."""
+
+import numpy as np
+import pytest
+
+from config.tasks.controllers import TipFollowing
+from daemon.control.tip_following import TipFollower
+from tests.daemon.control.closed_loop import (
+    ROBOT,
+    made_learner,
+    pretrained,
+    started,
+)
+
+pytestmark = pytest.mark.xdist_group("pretrained_arm")  # which is explored once for all tests
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Of the body as made."""
+    path = tmp_path_factory.mktemp("model") / "arm.npz"
+    pretrained(60, epochs=8).save(path)
+    return str(path)
+
+
+@pytest.mark.parametrize(("lag_s", "counts"), [(0.1, 1.0), (0.3, 0.75), (0.4, 0.5), (1.2, 0.5)])
+def test_the_later_a_body_answers_the_less_its_motions_count(lag_s: float, counts: float) -> None:
+    follower = TipFollower(TipFollowing(lead=True), ROBOT)
+    follower.leading.lag.lag_s = lag_s
+    assert follower.learnable == pytest.approx(counts)
+
+
+def test_motions_of_a_body_that_is_not_led_count_in_full() -> None:
+    assert TipFollower(TipFollowing(), ROBOT).learnable == 1.0
+
+
+@pytest.mark.parametrize(("lag_s", "at_once"), [(0.1, True), (0.6, False)])
+def test_what_was_hung_on_is_learnt_from_motions_at_once_unless_they_come_late(
+    lag_s: float, at_once: bool, model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    controller = made_learner("forward_jacobian", model=model, lead=True)
+    loop = started(controller, np.array([30.0, 0.0, 185.0]))
+    told: list[bool] = []
+    monkeypatch.setattr(controller._jacobian, "body_changed", lambda: told.append(True))
+    controller._follower.leading.lag.lag_s = lag_s
+    controller._follower.leading.jumps += 1
+    for _ in range(3):
+        loop.step(loop.tip_mm, np.zeros(3))
+    assert bool(told) == at_once
