@@ -9,6 +9,7 @@ them tight: it takes up what pretension an arm has lost, and leaves its tip alon
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from config.robot import Robot
 from config.tasks.controllers import TipFollowing
@@ -25,7 +26,7 @@ tendons and a helical one that is between 290, 270 and 14 mm: what bends it, and
 """
 _POSTURE_PER_S: Final = 0.1
 _TENDONS_POSTURE_PER_S: Final = 1.0
-SPARED: Final = 0.05
+_SPARED: Final = 0.05
 """Of the weakest tendon's range of tensions, that all keep at either end. Friction lets a tension
 fall at once where a tendon turns round: within twice of this one moves there ever more slowly."""
 _BACK: Final = 0.2
@@ -100,11 +101,11 @@ class TensionKeeping:
     lower than it can, comes second.
     """
 
-    def __init__(self, robot: Robot, axes: AxisRanges, spared: float = SPARED) -> None:
-        """spared: share of the weakest tendon's range of tensions."""
+    def __init__(self, robot: Robot, axes: AxisRanges) -> None:
         ranges_n = [axis.tension_range_n for axis in robot.axes if axis.tension_range_n is not None]
         self._lowest_n, self._highest_n = np.array(ranges_n, np.float64).T
-        self._spared_n = spared * float(np.min(self._highest_n - self._lowest_n))
+        self._range_n = float(np.min(self._highest_n - self._lowest_n))
+        self._spared_n = _SPARED * self._range_n
         self._tendons = list(axes.tendons)
         self._speeds = axes.max_velocity[self._tendons]
         self._seen_n: Vector | None = None
@@ -140,6 +141,14 @@ class TensionKeeping:
         """(m,) tensions so much later, if they go on as now; no numbers where nobody knows."""
         seen_n = np.full_like(self._rates, np.nan) if self._seen_n is None else self._seen_n
         return np.asarray(seen_n + seconds * self._rates)
+
+    def slacker_than(self, share: float) -> NDArray[np.bool_]:
+        """(m,) which tendons are nearer to slack than by so much of the weakest one's range of
+        tensions. None of which nobody knows."""
+        slacker = np.zeros(len(self._rates), np.bool_)
+        over_slack = self.ahead(0.0)[self._tendons] - self._lowest_n
+        slacker[self._tendons] = over_slack < share * self._range_n
+        return slacker
 
     def bounds(self, lowest: Vector, highest: Vector) -> tuple[Vector, Vector]:
         """(m,) lowest and highest step nearest to those given that neither slacken a tendon nor

@@ -147,7 +147,7 @@ class DesignedExplorationController(ExplorationController):
         axes, options = self._axes, self._options
         grown = min(self._elapsed_s / (_GROWN_AFTER * options.duration_s), 1.0)
         share = options.travel_share * (_BEGINS_WITH + (1.0 - _BEGINS_WITH) * grown)
-        around = self._as_tight(self._home + grown * (self._middle - self._home))
+        around = self._home + grown * (self._middle + self._strung_by - self._home)
         reach = self._half * share
         farthest = options.speed_share * axes.max_velocity * _LONGEST_S
         signs = self._random.choice([-1.0, 1.0], (DRAWN_AT_MOST, axes.count))

@@ -15,7 +15,7 @@ from config.robot import Robot
 from config.tasks.exploration import Exploration
 from daemon.array_files import ModelError
 from daemon.control.controller import Observation, Proposal
-from daemon.control.redundancy import SPARED, TensionKeeping
+from daemon.control.redundancy import TensionKeeping
 from daemon.control.tip_following import step_time
 from daemon.controllers.exploration.lateness import Lateness
 from daemon.controllers.exploration.random_motion import WaypointWalk
@@ -34,11 +34,16 @@ _AHEAD_BY_LATENESS = 2.0
 longer the line before was straight. With half as much a slow arm leaves its workspace."""
 _PULLS_AHEAD_S = 0.2
 """A tension does so much longer than the tip is late: as long as the axes need to turn round."""
-_TENSION_KEPT = 2.0 * SPARED
-"""Of a tendon's range of tensions, at either end: twice what a path keeps, and what is before the
-walls. Where tendons are strung no tighter than the walls leave, every line ends as it begins: of
-arms with 1.2 to 2.2 N one saw too little to learn from, and three went round a path 5 mm off that
-are 1 mm off with this."""
+_LOOSE, _STRUNG = 0.18, 0.25
+"""Of the weakest tendon's range of tensions. Where one has less than the first, a little less than
+where arms are strung as they should be, each that has less than the second is pulled before the
+first line: else every line ends as it begins, near the tension of which the walls keep off. Of 47
+arms with 1.2 to 2.2 N one saw too little to learn from, and three went round a path 2 to 6 mm off
+that are 1 mm off with this."""
+_STRUNG_SPEED = 0.1
+"""Of their speed. With 8 N/mm and a delay of 0.25 s they are pulled 1 N too far."""
+_STRUNG_WITHIN_S = 4.0
+"""What is not by then will not be: it gives, or stretches."""
 _TRAIL_STEPS = 2000
 """Of the way that the axes came, to go back along: 50 s at 40 frames a second."""
 _GIVEN_UP = 3.0
@@ -61,9 +66,11 @@ class ExplorationController(ABC):
         self._walls = Walls(robot, options.wall_mm)
         self._guess = QuadraticGuess(self._axes, self._walls.count)
         self._lateness = Lateness(self._axes.travel)
-        self._tension_keeping: TensionKeeping | None = None
-        if self._axes.opposed:
-            self._tension_keeping = TensionKeeping(robot, self._axes, _TENSION_KEPT)
+        self._tension_keeping = TensionKeeping(robot, self._axes) if self._axes.opposed else None
+        self._strung_s = 0.0
+        """For so long tendons were pulled before the first line, ..."""
+        self._strung_by = np.zeros(self._axes.count)
+        """(m,) ... and so far."""
         self._line = -1
         self._start = self._goal = np.zeros(self._axes.count)
         self._trail: deque[Vector] = deque(maxlen=_TRAIL_STEPS)
@@ -91,7 +98,10 @@ class ExplorationController(ABC):
             self._tension_keeping.begin()
         if self._line < 0:
             self._walls.stand_back(observation.tip_mm)
-            self._next_line(observation)
+            if self._tension_keeping is not None:
+                self._tension_keeping.see(observation.tensions_n, 0.0)
+            if not self._is_loose:
+                self._next_line(observation)
 
     def observe(self, observation: Observation) -> None:
         values = self._walls.values(observation)
@@ -105,7 +115,10 @@ class ExplorationController(ABC):
         if self._tension_keeping is not None:
             late_s = self._lateness.seconds
             self._tension_keeping.see(observation.tensions_n, step_time(observation), late_s)
-        if not self.ready and (self._left_s <= 0.0 or self._line_ends(observation)):
+        if self._line < 0 and self._is_loose:
+            return Proposal(self._pulled(observation), "pulls its tendons", self._line)
+        begins = self._line < 0 or self._left_s <= 0.0
+        if not self.ready and (begins or self._line_ends(observation)):
             self._next_line(observation)
         if self.ready:
             return Proposal(np.zeros(self._axes.count))
@@ -139,6 +152,24 @@ class ExplorationController(ABC):
     def _longest_s(self) -> float:
         return _GIVEN_UP_S + _GIVEN_UP * self._walk.line_time_s(self._start, self._goal)
 
+    @property
+    def _is_loose(self) -> bool:
+        keeping = self._tension_keeping
+        if keeping is None or self._strung_s > _STRUNG_WITHIN_S:
+            return False
+        return bool(keeping.slacker_than(_STRUNG if self._strung_s > 0.0 else _LOOSE).any())
+
+    def _pulled(self, observation: Observation) -> Vector:
+        """(m,) a step of those tendons that are loose."""
+        assert self._tension_keeping is not None
+        dt_s = step_time(observation)
+        loose = self._tension_keeping.slacker_than(_STRUNG)
+        step = dt_s * _STRUNG_SPEED * self._axes.max_velocity * loose
+        step = np.clip(step, *self._axes.step_range(observation.targets))
+        self._strung_s += dt_s
+        self._strung_by += step
+        return step
+
     def _kept_tight(self, step: Vector, observation: Observation) -> Vector:
         """(m,) a step with all tendons pulled together where one of them would get slack."""
         if self._tension_keeping is None:
@@ -160,12 +191,6 @@ class ExplorationController(ABC):
             trail.pop()
         back = trail[-1] if trail else observation.targets
         return self._walk.step(back, observation, dither=False)
-
-    def _as_tight(self, place: Vector) -> Vector:
-        """(m,) a place with all tendons pulled together as far as they are where the line starts:
-        that has been taken up, and places where they are let go of again are none to go to."""
-        taken_up = self._start - place
-        return place + taken_up - self._axes.less_together(taken_up, 0.0)
 
     def _inside_part(self, goal: Vector) -> tuple[Vector, float]:
         """(m,) how far on the line to `goal` all seems to be inside, and which share of it that is.

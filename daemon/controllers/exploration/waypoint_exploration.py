@@ -44,16 +44,14 @@ class WaypointExplorationController(ExplorationController):
             self._home = self._start
         elif self._leads_home(self._home):
             return self._home
-        middle = 0.5 * (axes.lowest + axes.highest)
+        middle = 0.5 * (axes.lowest + axes.highest) + self._strung_by
         half = 0.5 * self._options.travel_share * axes.travel
-        around = self._as_tight(middle)
-        best, longest = around, -np.inf
-        if not axes.coupled.way_inside(self._start, around):
+        best, longest = middle, -np.inf
+        if not axes.coupled.way_inside(self._start, middle):
             best = self._start
         for _ in range(DRAWN_AT_MOST):
             away = half * self._random.uniform(-1.0, 1.0, axes.count)
-            away = axes.less_together(away, self._options.together_share)
-            goal = np.clip(around + away, axes.lowest, axes.highest)
+            goal = middle + axes.less_together(away, self._options.together_share)
             if not axes.coupled.way_inside(self._start, goal):
                 continue
             end, inside = self._inside_part(goal)
