@@ -27,7 +27,7 @@ from daemon.control.lag.disturbance import Disturbance, Jump
 from daemon.control.lag.expected_error import ExpectedError
 from daemon.control.lag.load import Hung, Load
 from daemon.control.lag.persistence import Persistence
-from daemon.control.lag.repeated_path import CycleCorrection
+from daemon.control.repeated_path import CycleCorrection
 from drivers.pose import Vector, length
 
 _SHORT_S, _LONG_S = 0.2, 0.4

@@ -1,2 +1,1 @@
-"""A body that answers late: how late, what it holds back in turns, what takes its tip off, and what
-a path that is repeated taught of it."""
+"""A body that answers late: how late, what it holds back in turns, and what takes its tip off."""

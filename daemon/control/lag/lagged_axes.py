@@ -20,8 +20,8 @@ from daemon.control.lag.body_lag import DEAD_SHARES, parts
 from drivers.pose import Vector
 
 _USUAL_TRAVEL: Final = 0.02
-"""Motion, in shares of the axes' range, that counts as if they had been measured at once in it,
-before any is seen: the tracker's noise is none of theirs, and a hundredth of it tells."""
+"""Motion, in shares of the axes' range, in which they count as measured at once before any is seen:
+as much as they go in the first second on a path, which then tells."""
 
 
 class LaggedAxes:

@@ -37,9 +37,9 @@ _PULLS_AHEAD_S = 0.2
 _LOOSE, _STRUNG = 0.18, 0.25
 """Of the weakest tendon's range of tensions. Where one has less than the first, a little less than
 where arms are strung as they should be, each that has less than the second is pulled before the
-first line: else every line ends as it begins, near the tension of which the walls keep off. Of 47
-arms with 1.2 to 2.2 N one saw too little to learn from, and three went round a path 2 to 6 mm off
-that are 1 mm off with this."""
+first line: else every line ends as it begins, near the tension of which the walls keep off. Of 39
+such arms one saw too little to learn from, and three went round a path 2 to 6 mm off that are 0.7
+to 0.9 mm off with this."""
 _STRUNG_SPEED = 0.1
 """Of their speed. With 8 N/mm and a delay of 0.25 s they are pulled 1 N too far."""
 _STRUNG_WITHIN_S = 4.0

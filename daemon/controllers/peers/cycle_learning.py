@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.control.controller import Phase
-from daemon.control.lag.repeated_path import RepeatedPath
+from daemon.control.repeated_path import RepeatedPath
 from daemon.control.task import within
 from drivers.pose import Vector
 

@@ -15,8 +15,8 @@ from daemon.control.controller import Observation, Phase
 from daemon.control.lag.body_lag import parts
 from daemon.control.lag.disturbance import Jump
 from daemon.control.lag.load import Hung
-from daemon.control.lag.repeated_path import CycleCorrection
 from daemon.control.leading import Leading
+from daemon.control.repeated_path import CycleCorrection
 from daemon.controllers.forward_jacobian import ForwardJacobianController
 from daemon.reference.trajectories import make_trajectory
 from drivers.pose import Vector
