@@ -16,7 +16,7 @@ from typing import Final
 
 import numpy as np
 
-from daemon.control.lag.body_lag import DEAD_SHARES, parts
+from daemon.control.lag.body_lag import parts
 from drivers.pose import Vector
 
 _USUAL_TRAVEL: Final = 0.02
@@ -67,12 +67,11 @@ class LaggedAxes:
         self._behind_s = kept * self._behind_s + behind_s
         self.late_s = max(self._behind_s / self._told, 0.0)
 
-    def after(
-        self, t_s: float, u: Vector, lag_s: float, dead_share: float = DEAD_SHARES[0]
-    ) -> Vector:
+    def after(self, t_s: float, u: Vector, lag_s: float, dead_share: float) -> Vector:
         """(m,) what shows of axes that were measured at `u` at `t_s`.
 
-        lag_s: from when they are told to go until the tip goes.
+        lag_s: from when they are told to go until the tip goes. dead_share: how much of it is dead
+        time.
         """
         dead_s, first_order_s = parts(max(lag_s - self.late_s, 0.0), dead_share)
         self._kept.append((t_s, u))

@@ -117,8 +117,7 @@ class ExplorationController(ABC):
             self._tension_keeping.see(observation.tensions_n, step_time(observation), late_s)
         if self._line < 0 and self._is_loose:
             return Proposal(self._pulled(observation), "pulls its tendons", self._line)
-        begins = self._line < 0 or self._left_s <= 0.0
-        if not self.ready and (begins or self._line_ends(observation)):
+        if not self.ready and (self._left_s <= 0.0 or self._line_ends(observation)):
             self._next_line(observation)
         if self.ready:
             return Proposal(np.zeros(self._axes.count))
