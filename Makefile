@@ -49,11 +49,12 @@ quick: $(DEVELOPMENT)
 WORKERS ?= 3
 
 # What numba compiles is kept: tests with a clock of their own must not wait for it. Types are
-# checked meanwhile, on the other core.
+# checked meanwhile, on the other core, and what the risk needs is compiled there.
 test: $(DEVELOPMENT)
 	@$(BIN)/ruff format --check .
 	@$(BIN)/ruff check .
-	@$(BIN)/mypy & types=$$!; $(BIN)/python -m daemon.commands.terminal.compiled; compiled=$$?; \
+	@($(BIN)/mypy && $(BIN)/python -m daemon.commands.terminal.compiled risk) & types=$$!; \
+		$(BIN)/python -m daemon.commands.terminal.compiled; compiled=$$?; \
 		wait $$types && exit $$compiled
 	@$(BIN)/pytest -n $(WORKERS) --dist loadgroup -m "not long and not page"
 

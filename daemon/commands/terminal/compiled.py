@@ -1,9 +1,10 @@
 """Has everything compiled that a lab and a daemon compile, and says how far that is.
 
 Processes that find it compiled start in a second, and need not say anything. As a program:
-`python -m daemon.commands.terminal.compiled`.
+`python -m daemon.commands.terminal.compiled`, and beside it, on another core, the same with `risk`.
 """
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Final
@@ -14,6 +15,7 @@ from daemon.host.clock import MonotonicClock
 
 _STEP_NS: Final = 25_000_000
 """Of a tracker at 40 Hz."""
+_WITH_A_MODEL: Final = "builtin:tendon_arm"
 
 
 @contextmanager
@@ -45,6 +47,15 @@ def compile_all(file: RobotFile | None = None) -> None:
             body.advance(body.advanced_ns + _STEP_NS)
 
 
+def compile_risk() -> None:
+    """What a gate tells the risk with: of the shipped arm whose file names a model."""
+    from config.loader import load_robot
+    from daemon.risk.body_risk_source import make_risk_source
+    from daemon.robot.shipped_files import shipped_files
+
+    make_risk_source(load_robot(shipped_files("robots")[_WITH_A_MODEL]), MonotonicClock())
+
+
 if __name__ == "__main__":
     with telling_progress():
-        compile_all()
+        compile_risk() if "risk" in sys.argv[1:] else compile_all()
