@@ -103,7 +103,9 @@ class Leading:
         self.jumps = 0
         """How often the tip was taken off at once: something was hung on, or pushed it."""
         self._put_off: tuple[float, float, Vector, Vector] | None = None
-        """Of the last step, what the lag is to be told from."""
+        """Of the last step, what the lag is to be told from ..."""
+        self._answer_put_off: tuple[float, float, Vector, Vector, float, float] | None = None
+        """... and how the tip answers, where the step that follows does not go by that."""
 
     @property
     def predicted(self) -> float:
@@ -142,6 +144,7 @@ class Leading:
     def begin(self) -> None:
         """Motion begins: everything has arrived."""
         self._put_off = None
+        self.work_off()
         self.lag.break_off()
         self._underway.begin()
         self._disturbance.begin()
@@ -176,14 +179,20 @@ class Leading:
                 self._body_changed(jump)
         straight = self._disturbance.just_jumped(t_s)
         memory_s = ON_THE_WAY_BACK_S if straight else ON_A_PATH_S
-        lag_s = self.lag.lag_s
-        self._answer.add(t_s, dt_s, observation.tip_mm, arrived_mm, lag_s, memory_s)
+        seen = t_s, dt_s, observation.tip_mm, arrived_mm, self.lag.lag_s, memory_s
+        if self.predicted > 0.0 or self._disturbance.jumped(t_s):
+            self._answer.add(*seen)
+        else:
+            self._answer_put_off = seen
         share = 1.0 - exp(-dt_s / _GAIN_APPROACH_S)
         self.gains = self.gains + share * (self.lag.gains - self.gains)
         self._put_off = t_s, dt_s, self._told_mm, observation.tip_mm
 
     def work_off(self) -> None:
         """Find what the last step tells of the lag: not while a frame waits for its own."""
+        if self._answer_put_off is not None:
+            self._answer.add(*self._answer_put_off)
+            self._answer_put_off = None
         if self._put_off is not None:
             self.lag.add(*self._put_off)
             self._put_off = None
@@ -237,15 +246,18 @@ class Leading:
             hurry = max(2.0 * share - 1.0, 0.0) * _HURRY
             share = 1.0
         answer = np.eye(3) + answered * (self._answer.matrix - np.eye(3))
-        coming = answer @ self._underway.coming_mm
         left = answer @ self._underway.left_mm
         predicted_gain = min(gain, _GAIN_BY_LAG / max(lag_s, _SHORT_S))
         gain = min(gain, _UNPREDICTED_GAIN_BY_LAG / max(lag_s, _SHORTEST_LAG_S))
         gain += share * (predicted_gain - gain)
         self._learn_cycle(observation, dt_s, error)
-        velocity, due, further = self._ahead(observation, dt_s)
         error = error + self._correction(observation.phase, 0.0)[0]
-        if share > 0.0:
+        self._see_reference(observation)
+        if share == 0.0:
+            velocity = self._velocity_after_lag(observation, dt_s)
+        else:
+            velocity, due, further = self._ahead(observation, dt_s)
+            coming = answer @ self._underway.coming_mm
             late = due - observation.tip_mm - coming
             late += hurry * float(late @ self._taken_along) * self._taken_along
             error = error + share * (late + further - (left - coming) - error)
@@ -315,6 +327,14 @@ class Leading:
         now = max(bisect_right(passed, then_s, key=itemgetter(0)) - 1, 0)
         return passed[now][1:]
 
+    def _velocity_after_lag(self, observation: Observation, dt_s: float) -> Vector:
+        """(3,) mm/s that the reference will have when what is told now has arrived."""
+        lead_s = self.lag.lag_s + dt_s
+        aim = self._aim(observation, lead_s)
+        if aim is None:  # a hand leads, and nobody knows where
+            return observation.reference_velocity_mm_s
+        return np.asarray(aim[1] + self._correction(observation.phase, lead_s)[1])
+
     def _ahead(self, observation: Observation, dt_s: float) -> tuple[Vector, Vector, Vector]:
         """(3,) mm/s that what is told is to have; (3,) mm where the reference is after the dead
         time; and (3,) mm that what is told is to be ahead of that, as far as the first-order lag
@@ -327,7 +347,6 @@ class Leading:
         averaged_s = max(_AVERAGED * first_order_s, _AVERAGED_AT_LEAST_S)
         next_s = dead_s + dt_s  # what is told now is gone in the step that follows
         earlier_s, later_s = next_s - averaged_s, next_s + averaged_s
-        self._see_reference(observation)
         aims = []
         for lead_s in (lag_s + dt_s, dead_s, next_s, earlier_s, later_s):
             aim = self._aim(observation, lead_s)
