@@ -156,7 +156,7 @@ class LearningController(ABC):
         leading = self._follower.leading
         if leading.jumps != self._jumps:
             self._jumps = leading.jumps
-            if leading.predicted < _LATE:
+            if leading.late < _LATE:
                 self._jacobian.body_changed()
         sample = self._samples.add(observation)
         if sample is None or not self._options.learning:
