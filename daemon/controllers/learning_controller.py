@@ -282,6 +282,7 @@ class LearningController(ABC):
     def _adopt(self, model: PretrainedModel | None, jacobian: TipJacobian, learnt: Arrays) -> None:
         self._take_over(model, jacobian, learnt)
         self._model, self._jacobian = model, jacobian
+        self._follower.leading.modelled = model is not None
         self._follower.expect_hysteresis(jacobian.held_back)
         sampling = _UNKNOWN_BODY if model is None else model.sampling
         self._samples = self._sampler(sampling)
