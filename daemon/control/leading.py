@@ -125,7 +125,7 @@ class Leading:
 
     @property
     def late(self) -> float:
-        """How far a jump of the tip shows too late for what is seen of it to lead the way back."""
+        """How far a jump of the tip shows too late to be led back by what is seen of it, 0 to 1."""
         return min(max((self.lag.lag_s - _LATE_FROM_S) / (_LATE_S - _LATE_FROM_S), 0.0), 1.0)
 
     @property
@@ -160,7 +160,7 @@ class Leading:
     def begin(self) -> None:
         """Motion begins: everything has arrived."""
         self._put_off = None
-        self.work_off()
+        self.work_off()  # how far the answer is to be foretold is not forgotten
         self.lag.break_off()
         self._underway.begin()
         self._disturbance.begin()
@@ -205,7 +205,8 @@ class Leading:
         self._put_off = t_s, dt_s, self._told_mm, observation.tip_mm
 
     def work_off(self) -> None:
-        """Find what the last step tells of the lag: not while a frame waits for its own."""
+        """Find what the last step tells of the lag, and of how the tip answers: not while a frame
+        waits for its own."""
         if self._answer_put_off is not None:
             self._answer.add(*self._answer_put_off)
             self._answer_put_off = None

@@ -58,4 +58,7 @@ def compile_risk() -> None:
 
 if __name__ == "__main__":
     with telling_progress():
-        compile_risk() if "risk" in sys.argv[1:] else compile_all()
+        if "risk" in sys.argv[1:]:
+            compile_risk()
+        else:
+            compile_all()

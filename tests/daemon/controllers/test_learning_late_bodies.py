@@ -30,6 +30,32 @@ def test_the_later_a_body_answers_the_less_its_motions_count(lag_s: float, count
     assert follower.learnable == pytest.approx(counts)
 
 
+@pytest.mark.parametrize(
+    ("modelled", "lag_s", "predicted"),
+    [
+        (True, 0.1, 0.0),
+        (True, 0.175, 0.5),
+        (True, 0.25, 1.0),
+        (False, 0.2, 0.0),
+        (False, 0.3, 0.5),
+        (False, 0.4, 1.0),
+    ],
+)
+def test_a_model_lets_the_tip_of_prompter_bodies_be_predicted(
+    modelled: bool, lag_s: float, predicted: float
+) -> None:
+    leading = TipFollower(TipFollowing(lead=True), ROBOT).leading
+    leading.modelled, leading.lag.lag_s = modelled, lag_s
+    assert leading.predicted == pytest.approx(predicted)
+
+
+def test_a_learner_leads_by_its_model_if_it_has_one(model: str) -> None:
+    with_model = made_learner("reward_weighted", model=model, lead=True)
+    without = made_learner("reward_weighted", lead=True)
+    assert with_model._follower.leading.modelled
+    assert not without._follower.leading.modelled
+
+
 def test_motions_of_a_body_that_is_not_led_count_in_full() -> None:
     assert TipFollower(TipFollowing(), ROBOT).learnable == 1.0
 
