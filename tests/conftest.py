@@ -17,6 +17,7 @@ coverage does."""
 RERUNS = 2
 _REMOTE = {Path(__file__).parent / "daemon" / name for name in ("remote", "bridges")}
 """Real sessions over real sockets, with the threads of a library that is not ours."""
+_REAL_TIME = ("hil", "page")
 _LOOKED_THROUGH_AFTER = 5000
 """So many new objects: each worker has all tests in memory, and to look through them for garbage,
 again and again, takes it a thirtieth of its time otherwise."""
@@ -44,7 +45,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     stands still for seconds is no defect of ours. What is broken fails every time.
     """
     for item in items:
-        if item.get_closest_marker("hil") is not None or _REMOTE & set(item.path.parents):
+        real_time = any(item.get_closest_marker(name) for name in _REAL_TIME)
+        if real_time or _REMOTE & set(item.path.parents):
             item.add_marker(pytest.mark.flaky(reruns=RERUNS))
 
 

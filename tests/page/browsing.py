@@ -202,18 +202,37 @@ class Browsing:
         self.page.mouse.up()
         return None
 
-    def drag_until(self, true: Callable[[], object], what: str, across_px: float) -> None:
-        """Take hold of the tip and drag it so far to the right, until something has come of it;
-        once more where a busy machine has shown too old a picture and let go."""
+    def hold_until(
+        self, take_hold: Callable[[], object], true: Callable[[], object], what: str
+    ) -> None:
+        """Take hold of the tip until something has come of it; once more where a busy machine has
+        shown too old a picture and let go."""
 
         def come() -> object:
             if not self.probe()["held"]:
-                self.page.mouse.up()
-                x, y = self.grab()
-                self.page.mouse.move(x + across_px, y, steps=4)
+                take_hold()
             return true()
 
         until(come, lambda: f"{what}\n{self.told()}")
+
+    def drag_until(self, true: Callable[[], object], what: str, across_px: float) -> None:
+        """Drag the tip so far to the right, until something has come of it."""
+
+        def take_hold() -> None:
+            self.page.mouse.up()
+            x, y = self.grab()
+            self.page.mouse.move(x + across_px, y, steps=4)
+
+        self.hold_until(take_hold, true, what)
+
+    def push_until(self, key: str, true: Callable[[], object], what: str) -> None:
+        """Hold a key down until something has come of it."""
+
+        def take_hold() -> None:
+            self.page.keyboard.up(key)
+            self.page.keyboard.down(key)
+
+        self.hold_until(take_hold, true, what)
 
     def picture(self, name: str) -> None:
         """For the documentation: on a desk as high as it takes to see everything."""

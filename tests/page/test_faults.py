@@ -95,8 +95,7 @@ def test_keys_that_were_held_while_the_server_was_away_count_as_released(
         seen.arm()
         seen.begin_teleoperation()
         seen.page.locator("#scene").focus()
-        seen.page.keyboard.down("ArrowUp")
-        until(lambda: len(on.robot.came_s) > 3, "set-points come")
+        seen.push_until("ArrowUp", lambda: len(on.robot.came_s) > 3, "set-points come")
         on.close_robot()
         until(lambda: seen.probe()["held"] == "", "it lets go", 3.0)
         on.robot.begin_anew()
@@ -108,8 +107,9 @@ def test_keys_that_were_held_while_the_server_was_away_count_as_released(
         seen.page.keyboard.down("ArrowUp")  # it is down already: what a held key repeats
         time.sleep(0.6)
         assert len(on.robot.came_s) == count and seen.probe()["held"] == "", "still pressed"
-        seen.page.keyboard.down("ArrowRight")
-        until(lambda: len(on.robot.came_s) > count + 3, "a key that is pressed anew leads")
+        seen.push_until(
+            "ArrowRight", lambda: len(on.robot.came_s) > count + 3, "a key pressed anew leads"
+        )
         heights = [setpoint.position_mm[2] for _, setpoint in on.robot.setpoints]
         assert max(heights) - min(heights) < 0.1, "the one from before does not"
         seen.page.keyboard.up("ArrowRight")

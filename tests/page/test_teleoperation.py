@@ -19,8 +19,9 @@ _IN_FLIGHT_S = 0.3
 """No set-point may come later than this after the hand was taken away."""
 _PAD = """
 window.pads = [null];
-navigator.getGamepads = () => window.pads;
+navigator.getGamepads = () => { window.looked = true; return window.pads; };
 window.pad = (pressed, axes) => {
+  window.looked = false;
   const buttons = Array.from({ length: 17 }, (_, n) => ({ pressed: n === 5 && pressed }));
   window.pads = [{ index: 0, connected: true, buttons, axes }];
 };
@@ -50,6 +51,12 @@ def moving(on: Stage, seen: Browsing) -> None:
     """The pointer holds the tip, and set-points come."""
     count = len(on.robot.came_s)
     seen.drag_until(lambda: len(on.robot.came_s) > count + 5, "set-points come", 60.0)
+
+
+def pad(seen: Browsing, pressed: bool) -> None:
+    """The stick is pushed to the right, and the page has seen it."""
+    seen.page.evaluate(f"window.pad({str(pressed).lower()}, [1, 0, 0, 0])")
+    until(lambda: seen.page.evaluate("window.looked"), "the page looks at its gamepads")
 
 
 def test_the_tip_is_dragged_in_a_plane_and_holds_when_it_is_let_go(
@@ -143,12 +150,10 @@ def test_keys_lead_only_while_they_are_held_and_the_picture_has_them(
         keys = seen.page.keyboard
         seen.page.locator("#scene").focus()
         before = on.robot.tip.copy()
-        keys.down("ArrowUp")
-        until(lambda: on.robot.tip[2] - before[2] > 1.0, "up along z")
+        seen.push_until("ArrowUp", lambda: on.robot.tip[2] - before[2] > 1.0, "up along z")
         keys.up("ArrowUp")
         comes_no_more(on, time.monotonic())
-        keys.down("ArrowRight")
-        until(lambda: seen.probe()["held"] == "keys")
+        seen.push_until("ArrowRight", lambda: seen.probe()["held"] == "keys", "held once more")
         gone_s = time.monotonic()
         seen.page.locator("#filter").focus()  # the key's release will never be heard there
         comes_no_more(on, gone_s)
@@ -168,15 +173,19 @@ def test_a_gamepad_leads_while_its_shoulder_is_held_and_not_when_it_is_unplugged
 ) -> None:
     with leading(browser, on, pads=True) as seen:
         before = on.robot.tip.copy()
-        seen.page.evaluate("window.pad(false, [1, 0, 0, 0])")
+        pad(seen, pressed=False)
         time.sleep(0.3)
         assert not on.robot.came_s, "a stick alone leads nothing"
-        seen.page.evaluate("window.pad(true, [1, 0, 0, 0])")
-        until(lambda: on.robot.tip[0] - before[0] > 1.0, "it follows the stick")
+
+        def grip() -> None:
+            pad(seen, pressed=False)
+            pad(seen, pressed=True)
+
+        seen.hold_until(grip, lambda: on.robot.tip[0] - before[0] > 1.0, "it follows the stick")
         gone_s = time.monotonic()
         seen.page.evaluate("window.pads = [null]")
         comes_no_more(on, gone_s)
-        seen.page.evaluate("window.pad(true, [1, 0, 0, 0])")
+        pad(seen, pressed=True)
         comes_no_more(on, time.monotonic())
         assert seen.probe()["held"] == "", "held while it comes back: not taken for a grip"
 
