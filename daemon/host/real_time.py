@@ -2,23 +2,34 @@
 
 import gc
 import os
+import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Final
 
 from daemon.host.resident_memory import give_back_compiler, lock_memory
 
 _PRIORITY: Final = 50
+AWAKE: Final = Path("/dev/cpu_dma_latency")
+"""Whoever holds this file open tells Linux how many microseconds a processor may take to wake up
+(PM QoS). With none it does not sleep: to wake it takes 0.1 ms and more, and on a virtual machine
+its caches may have served another one meanwhile."""
 
 
 class RealTime:
     """Memory kept in RAM, no surprise garbage collection, and a priority above other programs.
 
     Memory is locked once, before any device is connected and after all that a step needs was
-    compiled and run. Priority and collector change whenever drives are energised.
+    compiled and run. Priority and collector change whenever drives are energised, and processors
+    are kept awake then, where that is permitted: without it a loop is hardly later, so that nobody
+    is warned.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, awake: Path = AWAKE) -> None:
+        self._awake = awake
+        self._kept_awake: int | None = None
+        """The open file."""
         self.refused: list[str] = []
         """What this machine does not permit, with the remedy."""
         self._memory_locked = False
@@ -50,6 +61,21 @@ class RealTime:
                 self.refused.append(refused)
         else:
             self._has_priority = True
+        self._keep_awake()
+
+    def _keep_awake(self) -> None:
+        if self._kept_awake is not None:
+            return
+        try:
+            opened = os.open(self._awake, os.O_WRONLY | os.O_CLOEXEC)
+        except OSError:
+            return
+        try:
+            os.write(opened, struct.pack("=i", 0))
+        except OSError:
+            os.close(opened)
+        else:
+            self._kept_awake = opened
 
     def collect_young(self) -> None:
         """Collect what was made lately; costs microseconds. For a moment with nothing to do."""
@@ -65,6 +91,9 @@ class RealTime:
             self._has_priority = False
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
         gc.enable()
+        if self._kept_awake is not None:
+            os.close(self._kept_awake)
+            self._kept_awake = None
 
     def __str__(self) -> str:
         return ", ".join(
@@ -73,6 +102,7 @@ class RealTime:
                 ("memory locked", self._memory_locked),
                 ("garbage collector off", self._hurrying),
                 (f"SCHED_FIFO {_PRIORITY}", self._has_priority),
+                ("processors kept awake", self._kept_awake is not None),
             )
             if true
         )

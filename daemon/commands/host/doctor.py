@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 
 from daemon.commands.outcome.exit_codes import EXIT_FAILED, EXIT_OK
 from daemon.commands.outcome.result import Result
+from daemon.host.real_time import AWAKE
 from drivers.can.preflight import can_interfaces
 
 _OURS: Final = ("config", "daemon", "drivers", "safety", "sim_backends")
@@ -59,6 +60,7 @@ def examine() -> Iterator[Finding]:
     yield _serial_ports()
     yield _interfaces()
     yield _real_time()
+    yield _awake()
 
 
 def _python() -> Finding:
@@ -132,4 +134,15 @@ def _real_time() -> Finding:
         False,
         False,
         "real-time scheduling is not allowed: LimitRTPRIO= in a service, or rtprio in limits.conf",
+    )
+
+
+def _awake() -> Finding:
+    if os.access(AWAKE, os.W_OK):
+        return Finding(True, False, "processors can be kept awake while drives are energised")
+    return Finding(
+        False,
+        False,
+        f"{AWAKE} cannot be written: processors may sleep deeply between frames, and steps come "
+        "later now and then; a rule of `tentacled service` for udev permits it",
     )

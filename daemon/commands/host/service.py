@@ -153,6 +153,8 @@ _RULES: Final = """\
 # Serial adapters: replies at once instead of after 16 ms, and no modem manager that asks them.
 ACTION=="add", SUBSYSTEM=="usb-serial", DRIVER=="ftdi_sio", ATTR{latency_timer}="1"
 ACTION=="add", SUBSYSTEM=="tty", KERNEL=="ttyUSB[0-9]*|ttyACM[0-9]*", ENV{ID_MM_DEVICE_IGNORE}="1"
+# Processors that do not sleep deeply while drives are energised.
+SUBSYSTEM=="misc", KERNEL=="cpu_dma_latency", GROUP="dialout", MODE="0660"
 """
 
 _LINK: Final = """\
