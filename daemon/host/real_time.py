@@ -11,10 +11,10 @@ from typing import Final
 from daemon.host.resident_memory import give_back_compiler, lock_memory
 
 _PRIORITY: Final = 50
-AWAKE: Final = Path("/dev/cpu_dma_latency")
+CPU_LATENCY: Final = Path("/dev/cpu_dma_latency")
 """Whoever holds this file open tells Linux how many microseconds a processor may take to wake up
-(PM QoS). With none it does not sleep: to wake it takes 0.1 ms and more, and on a virtual machine
-its caches may have served another one meanwhile."""
+(PM QoS). With none it does not sleep, so that it neither has to wake up when a frame comes, nor has
+served another virtual machine meanwhile, which would have emptied its caches."""
 
 
 class RealTime:
@@ -22,12 +22,12 @@ class RealTime:
 
     Memory is locked once, before any device is connected and after all that a step needs was
     compiled and run. Priority and collector change whenever drives are energised, and processors
-    are kept awake then, where that is permitted: without it a loop is hardly later, so that nobody
-    is warned.
+    are kept awake then, where that is permitted. Where it is not, some steps take longer, which
+    is no reason to warn an operator: `tentacled doctor` tells it.
     """
 
-    def __init__(self, awake: Path = AWAKE) -> None:
-        self._awake = awake
+    def __init__(self, cpu_latency: Path = CPU_LATENCY) -> None:
+        self._cpu_latency = cpu_latency
         self._kept_awake: int | None = None
         """The open file."""
         self.refused: list[str] = []
@@ -67,7 +67,7 @@ class RealTime:
         if self._kept_awake is not None:
             return
         try:
-            opened = os.open(self._awake, os.O_WRONLY | os.O_CLOEXEC)
+            opened = os.open(self._cpu_latency, os.O_WRONLY | os.O_CLOEXEC)
         except OSError:
             return
         try:

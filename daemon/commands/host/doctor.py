@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 from daemon.commands.outcome.exit_codes import EXIT_FAILED, EXIT_OK
 from daemon.commands.outcome.result import Result
-from daemon.host.real_time import AWAKE
+from daemon.host.real_time import CPU_LATENCY
 from drivers.can.preflight import can_interfaces
 
 _OURS: Final = ("config", "daemon", "drivers", "safety", "sim_backends")
@@ -138,11 +138,11 @@ def _real_time() -> Finding:
 
 
 def _awake() -> Finding:
-    if os.access(AWAKE, os.W_OK):
+    if os.access(CPU_LATENCY, os.W_OK):
         return Finding(True, False, "processors can be kept awake while drives are energised")
     return Finding(
         False,
         False,
-        f"{AWAKE} cannot be written: processors may sleep deeply between frames, and steps come "
-        "later now and then; a rule of `tentacled service` for udev permits it",
+        f"{CPU_LATENCY} cannot be written: processors may sleep deeply between frames, and some "
+        "steps take longer; a rule of `tentacled service` for udev permits it",
     )
