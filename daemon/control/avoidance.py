@@ -8,6 +8,9 @@ than what the axes do where it does not see it. Where that gains the tip nothing
 no other way for the body, the step is the nearest by the axes alone, and by the clearance of the
 whole body.
 
+Limits that couple axes are kept in the same way where nothing is near: a controller's step goes
+along them.
+
 It decides nothing: what comes out is a proposal, which the gate judges as any. What the gate finds
 comes back: where a step's risk is high, or nothing of it is let through, more clearance is kept for
 a while. The clearance is that of a body at rest, to first order; the gate counts the way there, and
@@ -24,9 +27,11 @@ from daemon.control.avoidance_kernels import (
     TASK_ROWS,
     Bounds,
     Near,
+    keep_coupled,
     room_for,
     turn_aside,
 )
+from daemon.control.jacobian_kernels import in_rows
 from daemon.control.task import POSITION
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
@@ -139,6 +144,30 @@ class Avoidance:
         if nearest is None:
             return Aside(found[:-1], None, clearance.clearance_mm, None)
         return Aside(found[:-1], nearest.arc_mm, nearest.clearance_mm, float(found[-1]))
+
+
+class CoupledKeeping:
+    """Has a step keep the robot's coupled limits: the axes do otherwise what is left for the tip.
+
+    The gate would take away what leads beyond them, and where a controller went on to ask for that
+    nothing would be left. Not for several threads.
+    """
+
+    def __init__(self, axes: AxisRanges) -> None:
+        self._speeds = axes.max_velocity
+        self._bounds = _bounds(axes, [None] * axes.count)
+        self._room = room_for(axes.count, 2 * len(axes.coupled.limits))
+        self._asked = np.full((3, axes.count), np.nan)
+
+    def kept(self, delta_u: Vector, targets: Vector, task: Vector, dt_s: float) -> Vector:
+        """What to take in place of (m,) delta_u from (m,) targets; itself where it may stay.
+
+        task: (r, m) what the axes do to the tip's task.
+        """
+        self._asked[0], self._asked[1] = delta_u, targets
+        counted, found = in_rows(_counted(task, self._speeds)), np.empty(delta_u.size)
+        turned = keep_coupled(self._bounds, self._room, self._asked, counted, dt_s, found)
+        return delta_u if turned == STAYS else found
 
 
 def _bounds(axes: AxisRanges, tensions_n: Sequence[tuple[float, float] | None]) -> Bounds:

@@ -142,7 +142,7 @@ def turn_aside(bounds, near, room, asked, dt_s, points, found):  # type: ignore[
     first = _TASKS + (TASK_ROWS if points else 0)
     task = near.tip[first : first + TASK_ROWS]
     if short:
-        parts = _coupled(bounds, asked[1], dt_s, room, parts)
+        parts = _coupled(bounds, asked, dt_s, room, parts)
         _within(bounds, asked, dt_s, low, high)
         slope = room.slope[:parts]
         wanted = Wanted(proposed, low[:axes], high[:axes], speed, slope, allowed[:parts], task)
@@ -198,44 +198,108 @@ def _strains(bounds, asked, step):  # type: ignore[no-untyped-def]
     return False
 
 
-@_inlined
-def _coupled(bounds, targets, dt_s, room, parts):  # type: ignore[no-untyped-def]
-    """Put the coupled limits that the step could reach behind so many parts, and return how many
-    rows there are then.
+@_kernel
+def keep_coupled(bounds, room, asked, task, dt_s, found):  # type: ignore[no-untyped-def]
+    """Write the (m,) step that keeps the coupled limits, where the proposed one does not.
 
-    A limit that counts only sometimes is kept where it counts as the step begins; what is beyond
-    one already needs not come back.
+    asked: as for `turn_aside`. task: (r, m) what the axes do to the tip as it counts beside them.
+    Returns ASIDE, or STAYS where the proposed step may stay as it is, or nothing can be said.
     """
-    limits, allowed = bounds.limits, room.vectors[_ALLOWED]
+    axes, short = asked.shape[1], False
+    rows = _coupled(bounds, asked, dt_s, room, 0)
+    slope, allowed = room.slope[:rows], room.vectors[_ALLOWED]
+    for i in range(rows):
+        change = 0.0
+        for k in range(axes):
+            change += slope[i, k] * asked[0, k]
+        short = short or change < allowed[i] - _TINY
+    if not short:
+        return STAYS
+    low, high = room.vectors[_LOW], room.vectors[_HIGH]
+    _within(bounds, asked, dt_s, low, high)
+    speed = bounds.axes[_SPEED]
+    wanted = Wanted(asked[0], low[:axes], high[:axes], speed, slope, allowed[:rows], task)
+    return ASIDE if nearest_step(wanted, room, found) != UNSOLVED else STAYS
+
+
+@_inlined
+def _coupled(bounds, asked, dt_s, room, parts):  # type: ignore[no-untyped-def]
+    """Put the coupled limits that a step could come near to behind so many parts, and return how
+    many rows there are then.
+
+    A limit is kept by its sum, or, if it counts only sometimes, by one of its conditions that is
+    not met. Of those that hold where the step begins the one is kept that is out of reach, or that
+    leaves most of the proposed step. What is beyond a limit already needs not come back.
+    """
+    limits, conditions, closer = bounds.limits, bounds.conditions, min(1.0, _CLOSER_PER_S * dt_s)
+    speed, allowed = bounds.axes[_SPEED], room.vectors[_ALLOWED]
     for i in range(limits.shape[0]):
-        if not _counts(bounds.conditions, i, targets):
+        value = _sum(limits, i, _FACTORS, asked[1]) + limits[i, _CONSTANT]
+        change, fastest = _sum(limits, i, _FACTORS, asked[0]), limits[i, _FASTEST] * dt_s
+        below, above = closer * (value - limits[i, _LEAST]), closer * (limits[i, _MOST] - value)
+        kept_by, most = -1, -np.inf
+        if below >= 0.0 and above >= 0.0:
+            far = min(below, above) >= fastest
+            most = np.inf if far else min(_left(change, below), _left(-change, above))
+        for c in range(conditions.shape[0]):
+            if conditions[c, _OF] == i:
+                off = _off(conditions, c, asked[1])
+                beside = closer * (abs(off) - conditions[c, _WITHIN])
+                if beside >= 0.0:
+                    outwards = np.sign(off) * _sum(conditions, c, _WEIGHTS, asked[0])
+                    left = _left(outwards, beside)
+                    if beside >= _fastest(conditions, c, speed) * dt_s:
+                        left = np.inf
+                    if left > most:
+                        kept_by, most = c, left
+        if most == np.inf:
             continue
-        value, most = limits[i, _CONSTANT], limits[i, _FASTEST] * dt_s
-        for k in range(targets.size):
-            value += limits[i, _FACTORS + k] * targets[k]
-        for side in (1.0, -1.0):
-            room_left = value - limits[i, _LEAST] if side > 0.0 else limits[i, _MOST] - value
-            if room_left <= most:
-                for k in range(targets.size):
+        if kept_by >= 0:
+            off = _off(conditions, kept_by, asked[1])
+            for k in range(speed.size):
+                room.slope[parts, k] = np.sign(off) * conditions[kept_by, _WEIGHTS + k]
+            allowed[parts] = -closer * (abs(off) - conditions[kept_by, _WITHIN])
+            parts += 1
+            continue
+        for side, left in ((1.0, below), (-1.0, above)):
+            if left < fastest:
+                for k in range(speed.size):
                     room.slope[parts, k] = side * limits[i, _FACTORS + k]
-                allowed[parts] = min(-room_left, 0.0)
+                allowed[parts] = -max(left, 0.0)
                 parts += 1
     return parts
 
 
 @_inlined
-def _counts(conditions, limit, targets):  # type: ignore[no-untyped-def]
-    """Whether all conditions of a limit are met."""
-    for c in range(conditions.shape[0]):
-        if conditions[c, _OF] == limit:
-            off, period = conditions[c, _OFFSET] - conditions[c, _VALUE], conditions[c, _PERIOD]
-            for k in range(targets.size):
-                off += conditions[c, _WEIGHTS + k] * targets[k]
-            if period > 0.0:
-                off -= period * np.floor(off / period + 0.5)
-            if not abs(off) < conditions[c, _WITHIN]:
-                return False
-    return True
+def _sum(rows, i, first, axes):  # type: ignore[no-untyped-def]
+    """A row's sum of axes."""
+    value = 0.0
+    for k in range(axes.size):
+        value += rows[i, first + k] * axes[k]
+    return value
+
+
+@_inlined
+def _fastest(conditions, c, speed):  # type: ignore[no-untyped-def]
+    """How much a condition's sum changes in a second at most."""
+    change = 0.0
+    for k in range(speed.size):
+        change += abs(conditions[c, _WEIGHTS + k]) * speed[k]
+    return change
+
+
+@_inlined
+def _off(conditions, c, targets):  # type: ignore[no-untyped-def]
+    """How far a condition's sum is from the value that it is near."""
+    off = _sum(conditions, c, _WEIGHTS, targets) + conditions[c, _OFFSET] - conditions[c, _VALUE]
+    period = conditions[c, _PERIOD]
+    return off - period * np.floor(off / period + 0.5) if period > 0.0 else off
+
+
+@_inlined
+def _left(change, may):  # type: ignore[no-untyped-def]
+    """The share of a change that is left where its sum may come closer by so much."""
+    return 1.0 if change >= -may else may / -change
 
 
 @_inlined

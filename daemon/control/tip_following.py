@@ -2,8 +2,8 @@
 
 The wanted step of the tip is the reference's own motion plus a share of the error (Ho 2018,
 eq. 14). The step of the axes is the one nearest to a posture that makes it, by damped least squares
-over axes measured in shares of their range, the dearer ones weighing more. Axes that meet a limit
-are held there and the others take over.
+over axes measured in shares of their range, the dearer ones weighing more. Axes that meet a limit,
+their own or one that couples them, are held there and the others take over.
 """
 
 import math
@@ -13,6 +13,7 @@ import numpy as np
 from config.robot import Robot
 from config.tasks.controllers import TipFollowing
 from daemon.control import jacobian_kernels as kernels
+from daemon.control.avoidance import CoupledKeeping
 from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.control.jacobian_kernels import in_rows
 from daemon.control.lag import body_lag
@@ -67,6 +68,7 @@ class TipFollower:
         self._options = options
         self.redundancy = Redundancy(options, self.axes)
         self._tension_keeping = TensionKeeping(robot, self.axes) if self.axes.opposed else None
+        self._coupled_keeping = CoupledKeeping(self.axes) if self.axes.coupled.limits else None
         self._posture = self.redundancy.posture
         self._turns = bool(self.axes.period.any())
         """Whether axes turn round: then far ways come of little, the body can snap on them, and the
@@ -333,14 +335,18 @@ class TipFollower:
             self.redundancy.damping_mm(jacobian),
             self._lets_go,
         )
-        if self._leads:
-            self.leading.see_made(tip_step[:POSITION], made[:POSITION])
         if hysteresis is not None:
             step = hysteresis.with_what_is_lost(needed @ step)
         if keeping is not None:
             step = keeping.evened(step)
         fastest = self.axes.max_velocity * dt_s
-        return np.asarray(np.clip(np.clip(step, lowest, highest), -fastest, fastest))
+        step = np.clip(np.clip(step, lowest, highest), -fastest, fastest)
+        if self._coupled_keeping is not None:
+            kept = self._coupled_keeping.kept(step, observation.targets, jacobian, dt_s)
+            made, step = made + jacobian @ (kept - step), kept
+        if self._leads:
+            self.leading.see_made(tip_step[:POSITION], made[:POSITION])
+        return np.asarray(step)
 
     def axis_velocity(self, jacobian: Matrix, tip_velocity: Vector, u: Vector) -> Vector:
         """(m,) per second that this law asks of axes at (m,) for (3,) mm/s of the tip, however
@@ -402,6 +408,8 @@ def warm_up() -> None:
     kernels.condition(jacobian, len(jacobian))
     kernels.corrected(jacobian, jacobian, axes, axes, 1.0, 1.0, 1.0, 1.0)
     bounded_step(jacobian, axes, axes, axes, axes, 1.0)
+    ranges = AxisRanges(tuple("xyz"), axes, ones, ones, ones, axes)
+    CoupledKeeping(ranges).kept(axes, axes, jacobian, 1.0)
     body_lag.warm_up()
     stop_operators.warm_up()
 

@@ -105,18 +105,44 @@ def rows_of(asked: Situation) -> Rows:
 
 
 def coupled_rows(asked: Situation) -> Rows:
-    """Of the limits that count here, and that a step at full speed reaches."""
+    """Of the limits that a step at full speed comes too near to, whatever each is kept by."""
     slopes, least = [], []
     for limit in asked.axes.coupled.limits:
-        if not all(one.met(asked.at) for one in limit.only_while):
-            continue
         value, factors = float(limit.sum.at(asked.at)), limit.sum.factors
-        most = float(np.abs(factors) @ asked.axes.max_velocity) * DT_S
-        for sign, left in ((1.0, value - limit.lowest), (-1.0, limit.highest - value)):
-            if left <= most:
-                slopes.append(sign * factors)
-                least.append(min(-left, 0.0))
+        own = [(factors, value - limit.lowest), (-factors, limit.highest - value)]
+        holds = [own] if min(room for _, room in own) >= 0.0 else []
+        holds += [[beside] for one in limit.only_while if (beside := beside_of(one, asked.at))]
+        if any(not reached(rows, asked) for rows in holds):
+            continue
+        kept = max(holds, key=lambda rows: share_left(rows, asked), default=own)
+        for slope, room in reached(kept, asked):
+            slopes.append(slope)
+            least.append(-CLOSER * max(room, 0.0))
     return Rows(np.array(slopes).reshape(-1, asked.at.size), np.array(least))
+
+
+def beside_of(condition: AxesCondition, at: Vector) -> tuple[Vector, float] | None:
+    """Which way leads away from the places where it is met, and how far they are; None: it is."""
+    off = float(condition.sum.at(at)) - condition.near
+    if condition.period is not None:
+        off -= condition.period * np.floor(off / condition.period + 0.5)
+    room = abs(off) - condition.within
+    return (np.sign(off) * condition.sum.factors, room) if room >= 0.0 else None
+
+
+def reached(rows: list[tuple[Vector, float]], asked: Situation) -> list[tuple[Vector, float]]:
+    """Of slopes, and how far what they lead away from is: those that a step could come near to."""
+    speeds = asked.axes.max_velocity * DT_S
+    return [(slope, room) for slope, room in rows if CLOSER * room < np.abs(slope) @ speeds]
+
+
+def share_left(rows: list[tuple[Vector, float]], asked: Situation) -> float:
+    """Of the proposed step."""
+    left = 1.0
+    for slope, room in rows:
+        change = float(slope @ asked.step)
+        left = min(left, 1.0 if change >= -CLOSER * room else CLOSER * room / -change)
+    return left
 
 
 def bounds_of(asked: Situation) -> tuple[Vector, Vector]:
