@@ -17,6 +17,7 @@ from tests.experiments.led_bodies import LASTS_S, came_of, carry_out_all, random
 
 SOFT_ARM: Final = SHIPPED_ROBOTS.parent / "experiments" / "bench_soft_arm.yaml"
 _KINDS: Final = ("circle", "rectangle", "star", "lissajous", "helix", "random_smooth")
+_SIZES: Final = {"radius_mm", "inner_radius_mm", "width_mm", "height_mm", "amplitude_mm", "size_mm"}
 
 
 def case_of(number: int) -> dict[str, Any]:
@@ -69,6 +70,15 @@ def path_of(random: np.random.Generator) -> tuple[dict[str, Any], float]:
         length_mm = 12.0 * float(np.hypot(radius_mm, other_mm))
         return {**middle, **size, **bends}, length_mm
     return {**middle, "radius_mm": radius_mm}, round_mm
+
+
+def scaled(path: dict[str, Any], size: float) -> dict[str, Any]:
+    """What of a trajectory lies across the arm, so many times as large."""
+    return {name: _times(size, path[name]) for name in _SIZES & path.keys()}
+
+
+def _times(size: float, value: Any) -> Any:
+    return [size * one for one in value] if isinstance(value, list) else size * value
 
 
 def carried_out(number: int) -> dict[str, Any]:

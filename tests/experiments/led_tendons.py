@@ -17,7 +17,7 @@ from scipy.optimize import brentq
 
 from tests import SHIPPED_ROBOTS
 from tests.experiments.led_bodies import LASTS_S, came_of, carry_out_all
-from tests.experiments.led_paths import path_of
+from tests.experiments.led_paths import path_of, scaled
 
 TENDON_ARM: Final = SHIPPED_ROBOTS.parent / "experiments" / "bench_tendon_arm.yaml"
 _SAG_MM: Final = 0.5
@@ -47,7 +47,7 @@ def case_of(number: int) -> dict[str, Any]:
     speed_mm_s = float(np.exp(random.uniform(np.log(5.0), np.log(25.0))))
     path, length_mm = path_of(random)
     size = arm.length_mm / _ARMS[0].length_mm
-    path |= {name: _times(size, path[name]) for name in _SIZES & path.keys()}
+    path |= scaled(path, size)
     center_mm = (size * random.uniform(-10.0, 10.0, 2)).tolist()
     path["center_mm"] = [*center_mm, _height_mm(arm, hypot(_about_mm(path), *center_mm))]
     for high in {"amplitude_mm", "size_mm"} & path.keys():
@@ -68,13 +68,6 @@ def case_of(number: int) -> dict[str, Any]:
         "tip_load_g": random.choice([0.0, 0.0, 14.2, 30.0]),
         "longest_s": 900.0,
     }
-
-
-_SIZES: Final = {"radius_mm", "inner_radius_mm", "width_mm", "height_mm", "amplitude_mm", "size_mm"}
-
-
-def _times(size: float, value: Any) -> Any:
-    return [size * one for one in value] if isinstance(value, list) else size * value
 
 
 def _random_plant(random: np.random.Generator, arm: _Arm) -> dict[str, Any]:

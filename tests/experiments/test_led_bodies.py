@@ -1,11 +1,14 @@
-"""What `led_bodies` and `led_paths` ask, and how they judge what comes of it."""
+"""What `led_bodies`, `led_paths`, `led_tendons` and `led_tubes` ask, and how they judge it."""
 
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from daemon.workbench.experiments.experiment_file import load_experiment
-from tests.experiments import led_paths
+from tests.experiments import led_paths, led_tendons, led_tubes
 from tests.experiments.led_bodies import (
     CIRCLE,
     LASTS_S,
@@ -72,9 +75,20 @@ def test_what_is_judged_is_the_path_and_not_the_way_to_it() -> None:
     assert errors_mm([way, held, path]).tolist() == [[2.0, 0.5]]
 
 
-def test_paths_are_sound_experiments_of_every_kind_that_repeat_themselves() -> None:
-    cases = [led_paths.case_of(number) for number in range(60)]
-    assert cases == [led_paths.case_of(number) for number in range(60)]
-    kinds = {load_experiment(led_paths.SOFT_ARM, case).experiment.trajectory.kind for case in cases}
+@pytest.mark.parametrize(
+    ("case_of", "experiment"),
+    [
+        (led_paths.case_of, led_paths.SOFT_ARM),
+        (led_tendons.case_of, led_tendons.TENDON_ARM),
+        (led_tubes.case_of, led_tubes.CTR_CIRCLE),
+    ],
+    ids=["soft arms", "tendon arms", "tubes"],
+)
+def test_paths_are_sound_experiments_of_every_kind_that_repeat_themselves(
+    case_of: Callable[[int], dict[str, Any]], experiment: Path
+) -> None:
+    cases = [case_of(number) for number in range(60)]
+    assert cases == [case_of(number) for number in range(60)]
+    kinds = {load_experiment(experiment, case).experiment.trajectory.kind for case in cases}
     assert kinds == {"circle", "rectangle", "star", "lissajous", "helix", "random_smooth"}
     assert all(case["trajectory"]["cycles"] >= 2 for case in cases)
