@@ -31,7 +31,13 @@ async def in_own_thread(
             unwanted(result)
 
     threading.Thread(target=call, name=f"call {function.__name__}", daemon=True).start()
-    return await ended
+    try:
+        return await ended
+    except asyncio.CancelledError:
+        # Cancelled after the result had come, and before this was woken by it: it is nobody's yet.
+        if ended.done() and not ended.cancelled() and ended.exception() is None:
+            _dispose(ended.result(), unwanted)
+        raise
 
 
 async def end_tasks(tasks: Iterable["asyncio.Task[Any]"], within_s: float) -> bool:
@@ -64,9 +70,13 @@ def _tell(
 
 def _succeed(ended: "asyncio.Future[T]", result: T, unwanted: Callable[[T], object]) -> None:
     if ended.done():  # cancelled
-        threading.Thread(target=unwanted, args=(result,), daemon=True).start()
+        _dispose(result, unwanted)
     else:
         ended.set_result(result)
+
+
+def _dispose(result: T, unwanted: Callable[[T], object]) -> None:
+    threading.Thread(target=unwanted, args=(result,), daemon=True).start()
 
 
 def _fail(ended: "asyncio.Future[T]", error: BaseException) -> None:

@@ -72,6 +72,34 @@ def test_a_cancelled_caller_goes_at_once_and_the_late_result_is_disposed_of() ->
     run(test())
 
 
+def test_a_result_that_comes_together_with_the_cancellation_is_disposed_of_too() -> None:
+    async def test() -> None:
+        may_end, disposed = threading.Event(), threading.Event()
+        results: list[str] = []
+
+        def slow() -> str:
+            may_end.wait(20.0)
+            return "just in time"
+
+        def dispose(result: str) -> None:
+            results.append(result)
+            disposed.set()
+
+        task = asyncio.create_task(in_own_thread(slow, unwanted=dispose))
+        await asyncio.sleep(0.05)
+        thread = next(one for one in threading.enumerate() if one.name == "call slow")
+        may_end.set()
+        # The loop stands still until the result waits for it; the cancellation stands behind it.
+        thread.join(20.0)
+        asyncio.get_running_loop().call_soon(task.cancel)
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        await until(disposed)
+        assert results == ["just in time"]
+
+    run(test())
+
+
 def test_a_result_that_comes_after_the_loop_is_disposed_of_too() -> None:
     may_end, disposed = threading.Event(), threading.Event()
 
