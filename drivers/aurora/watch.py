@@ -83,7 +83,9 @@ async def _value(link: Link, name: str) -> int:
 
 
 def _number(text: str) -> int:
-    (value,) = decode_parameters(text).values()
+    value, *others = decode_parameters(text).values()
+    if others:
+        raise CodecError(f"GET: '{text}' is more than one parameter")
     try:
         return int(value, 10) & 0xFFFFFFFF
     except ValueError:

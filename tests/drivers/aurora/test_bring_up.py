@@ -267,6 +267,19 @@ def test_an_older_device_that_lacks_commands_is_used_all_the_same(
     assert (device.firmware, device.volumes, device.components) == ("", (), (CONTROL_UNIT,))
 
 
+def test_alerts_that_are_told_in_another_way_are_done_without(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    original = emulated_device.RULES["GET"].handler
+
+    def all_at_once(device: Any, arguments: str) -> Any:
+        more = "\nInfo.Status.More=0" if "Alerts" in arguments else ""
+        return str(original(device, arguments)) + more
+
+    change_rules(monkeypatch, {"GET": all_at_once})
+    assert bring_up(nothing).raised() == set()
+
+
 def test_a_rate_that_the_device_refuses_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     async def main() -> None:
         rig = Rig(config=configured(baud_rate=921600))
