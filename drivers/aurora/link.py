@@ -140,6 +140,9 @@ class Link:
         self._word = ""
         self._wanted: type[TextReply] | type[BinaryReply] | None = None
         self._settled = True
+        """Nothing is on the line but what is waited for."""
+        self._unanswered = False
+        """A command had no reply in time: it may come yet, and be taken for the next one's."""
         self._restarted = False
         self._received_bytes = 0
         self.baud_rate = POWER_UP_BAUD_RATE
@@ -184,7 +187,7 @@ class Link:
         except DeviceRestartedError:
             pass
         self.forget_restart()
-        self._settled = True
+        self._settled, self._unanswered = True, False
         return True
 
     async def command(
@@ -241,9 +244,7 @@ class Link:
         data = encode_command(word, arguments)
         if self._on_traffic is not None:
             self._on_traffic("to_device", data, self._clock.now_ns())
-        answer = await self._answer_within(timeout_s, data)
-        self._settled = True
-        return answer
+        return await self._answer_within(timeout_s, data)
 
     async def resynchronise(self) -> None:
         """After a reply that did not come: is the device still there? Raises NoReplyError."""
@@ -289,10 +290,11 @@ class Link:
         if coded is not None and self._on_warning is not None:
             self._on_warning(self._word, coded.code)
         if self._answer is not None:
+            self._replied()
             self._answer.set_result((reply, t_ns))
 
     def _damaged(self, reason: str) -> None:
-        self._settled = True
+        self._replied()
         self._fail(DamagedReplyError(f"{self._word}: {reason}"))
 
     def _refused(self, code: int) -> None:
@@ -300,8 +302,13 @@ class Link:
             self._counters.crc_errors += 1
             self._damaged("the command arrived with a wrong checksum")
         else:
-            self._settled = True
+            self._replied()
             self._fail(DeviceRefusedError(self._word, code))
+
+    def _replied(self) -> None:
+        """Of two commands, the first without a reply in time, this may be the first one's: then
+        that of the second follows, and must not be taken for the reply to a third."""
+        self._settled, self._unanswered = not self._unanswered, False
 
     def _fail(self, error: AuroraError) -> None:
         if self._answer is not None and not self._answer.done():
@@ -326,6 +333,7 @@ class Link:
     def _time_out(self) -> None:
         if self._answer is not None and not self._answer.done():
             self._counters.timeouts += 1
+            self._unanswered = True
             self._fail(NoReplyError(f"{self._word}: no reply within {self._limit_s:g} s"))
 
     async def _settle(self) -> None:

@@ -280,6 +280,35 @@ def test_alerts_that_are_told_in_another_way_are_done_without(
     assert bring_up(nothing).raised() == set()
 
 
+@pytest.mark.parametrize("slow", ["GET", "PHINF"])
+def test_a_reply_that_came_late_is_not_taken_for_that_of_the_next_command(
+    slow: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Three plugs: handles that were told one too far would make the base sensor the tip."""
+    original = emulated_device.RULES[slow].handler
+    spare = BASE.model_copy(update={"port": 1, "serial": "3C112899"})
+    tip, base = (tool.model_copy(update={"port": tool.port + 1}) for tool in (TIP, BASE))
+    late: list[str] = []
+
+    def late_once(device: Any, arguments: str) -> Any:
+        if not late and (slow == "PHINF" or arguments == "Device.*"):
+            late.append(arguments)
+            device.inject("late", {"delay": 3.2, "count": 1}, 0)
+        return original(device, arguments)
+
+    change_rules(monkeypatch, {slow: late_once})
+    rig = bring_up(
+        nothing,
+        device_config=emulated(spare, tip, base, **EXACT),
+        config=configured(tools={"tip": ToolSelector(port=2), "base": ToolSelector(port=3)}),
+    )
+    assert late
+    assert rig.tracker.status.tools.roles == {0x0B: "tip", 0x0C: "base"}
+    device = rig.tracker.status.device
+    assert device is not None
+    assert device.components == ("SCU-0", "FG-0", "SIU-0")
+
+
 def test_a_rate_that_the_device_refuses_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     async def main() -> None:
         rig = Rig(config=configured(baud_rate=921600))
