@@ -126,7 +126,9 @@ class SdoClient:
         self._attempts = attempts
         self._one_at_a_time = asyncio.Lock()
         self._requested: tuple[int, int] | None = None
-        self._expects_segment = False
+        self._request: Request | None = None
+        self._owed = 0
+        """Requests that were given up: so many answers may come yet, and are not the next one's."""
         self._answer: asyncio.Future[Response] | None = None
 
     async def read(self, index: int, subindex: int = 0) -> bytes:
@@ -147,14 +149,17 @@ class SdoClient:
         except CodecError:
             self.discarded += 1
             return
-        if self._answer is None or self._answer.done() or not self._is_for_us(response):
+        waiting = self._answer is not None and not self._answer.done()
+        late = self._owed > 0 and not _answers(self._request, response)
+        if self._answer is None or not waiting or late or not self._is_for_us(response):
             self.discarded += 1
+            self._owed = max(0, self._owed - 1)
             return
         self._answer.set_result(response)
 
     def _is_for_us(self, response: Response) -> bool:
         if isinstance(response, UploadSegment | DownloadSegmentResponse):
-            return self._expects_segment
+            return isinstance(self._request, UploadSegmentRequest | DownloadSegment)
         return (response.index, response.subindex) == self._requested
 
     async def _run(
@@ -178,16 +183,20 @@ class SdoClient:
             waited = f"{self._attempts} x {self._timeout_s:g} s"
             raise SdoTimeoutError(f"{where}: no answer within {waited}")
         finally:
-            self._requested = self._answer = None
+            self._requested = self._request = self._answer = None
 
     async def _attempt(self, transfer: Generator[Request, Response, T]) -> T:
         request = next(transfer)
         while True:
-            self._expects_segment = isinstance(request, UploadSegmentRequest | DownloadSegment)
+            self._request = request
             self._answer = asyncio.get_running_loop().create_future()
             self._transmit(request)
-            async with asyncio.timeout(self._timeout_s):
-                response = await self._answer
+            try:
+                async with asyncio.timeout(self._timeout_s):
+                    response = await self._answer
+            except (TimeoutError, asyncio.CancelledError):
+                self._owed += 1
+                raise
             if isinstance(response, Abort):
                 raise SdoAbortedError(response)
             try:
@@ -197,3 +206,17 @@ class SdoClient:
 
     def _transmit(self, request: Request) -> None:
         self._send(self._request_id, request.encode())
+
+
+def _answers(request: Request | None, response: Response) -> bool:
+    """Whether a node that keeps to the protocol may say this to `request`."""
+    match request:
+        case UploadSegmentRequest(toggle):
+            fits = isinstance(response, UploadSegment) and response.toggle == toggle
+        case DownloadSegment(toggle):
+            fits = isinstance(response, DownloadSegmentResponse) and response.toggle == toggle
+        case UploadRequest():
+            fits = isinstance(response, ExpeditedUpload | UploadResponse)
+        case _:
+            fits = isinstance(response, DownloadResponse)
+    return fits or isinstance(response, Abort)

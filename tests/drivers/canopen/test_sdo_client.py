@@ -156,6 +156,44 @@ def test_a_late_answer_is_not_taken_for_the_next_one() -> None:
     with_server(test)
 
 
+def one_at_a_time(server: Server, read_s: float, write_s: float) -> None:
+    """Requests wait for each other in the node, and each takes its time."""
+    free_s = 0.0
+
+    def answer(request: Request) -> list[tuple[float, Response]]:
+        nonlocal free_s
+        now_s = asyncio.get_running_loop().time()
+        takes_s = read_s if isinstance(request, UploadRequest) else write_s
+        free_s = max(now_s, free_s) + takes_s
+        return [(free_s - now_s, response) for _, response in server.by_the_rules(request)]
+
+    server.answer = answer
+
+
+def test_a_slow_write_s_second_answer_is_not_taken_for_that_to_the_read_after_it() -> None:
+    async def test(server: Server) -> None:
+        one_at_a_time(server, read_s=0.002, write_s=0.25)
+        for value in (b"\x01", b"\x02", b"\x03"):
+            await server.client.write(0x6065, 0, value)
+            assert await server.client.read(0x6065) == value
+
+    with_server(test)
+
+
+def test_the_answer_to_a_transfer_that_was_cancelled_does_not_end_the_next_one() -> None:
+    async def test(server: Server) -> None:
+        server.objects[0x6065, 0] = b"\x01"
+        one_at_a_time(server, read_s=0.15, write_s=0.002)
+        with pytest.raises(TimeoutError):
+            async with asyncio.timeout(0.1):
+                await server.client.read(0x6065)
+        await server.client.write(0x6065, 0, b"\x02")
+        assert server.objects[0x6065, 0] == b"\x02"
+        assert server.client.discarded == 1
+
+    with_server(test)
+
+
 def test_segments_of_a_toggle_that_does_not_alternate_end_the_transfer() -> None:
     async def test(server: Server) -> None:
         server.objects[0x1008, 0] = b"a long device name"
