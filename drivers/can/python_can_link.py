@@ -44,11 +44,16 @@ class PythonCanLink:
             threading.Thread(target=self._wait, name="can-receive", daemon=True).start()
 
     def send(self, can_id: int, data: bytes) -> bool:
+        if not self._open:
+            return False
         message = can.Message(arbitration_id=can_id, data=data, is_extended_id=False, check=False)
         try:
             self._bus.send(message, timeout=0)
-        except can.CanError as error:  # a lost adapter is known by its receiving
+        except can.CanError as error:  # most tell of a lost adapter when they receive
             self._queue_full(True, str(error))
+            return False
+        except OSError as error:  # and some here, in the words of whatever is behind them
+            self._lose(error)
             return False
         self._queue_full(False, "")
         return True

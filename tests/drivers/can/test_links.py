@@ -2,6 +2,7 @@
 
 import asyncio
 import fcntl
+import os
 import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -241,6 +242,26 @@ def test_any_interface_of_python_can_works() -> None:
         assert [(can_id, data) for can_id, data, _ in receiver.frames] == [(0x181, b"\x01")]
         link.close()
         await asyncio.sleep(0.2)
+
+    run_in_real_time(test())
+
+
+@pytest.mark.parametrize("sends_first", [True, False])
+def test_an_adapter_that_python_can_loses_is_lost_once(sends_first: bool) -> None:
+    async def test() -> None:
+        adapter, port = os.openpty()
+        receiver, name = Receiver(), os.ttyname(port)
+        link = await open_link(config("serial", name), receiver, MonotonicClock())
+        os.close(port)
+        os.close(adapter)
+        for _ in range(20):
+            if not sends_first:
+                await asyncio.sleep(0.005)
+            assert link.send_all([(0x80, b""), (0x201, b"\x0f\x00")]) == 0
+        async with asyncio.timeout(60.0):
+            while not receiver.lost or is_taken(bus_name(config("serial", name))):
+                await asyncio.sleep(0.005)
+        assert len(receiver.lost) == 1
 
     run_in_real_time(test())
 
