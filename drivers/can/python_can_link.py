@@ -117,7 +117,9 @@ class PythonCanLink:
         if message.is_error_frame:
             self._receiver.condition_seen(ERRORS, True, f"error frame {message.data.hex()}")
             self._receiver.condition_seen(ERRORS, False, "")
-        elif message.is_rx and not message.is_remote_frame and not message.is_extended_id:
+        elif message.is_rx and not (
+            message.is_remote_frame or message.is_extended_id or message.is_fd
+        ):
             self._receiver.frame_received(message.arbitration_id, bytes(message.data), t_ns)
 
     def _queue_full(self, full: bool, detail: str) -> None:

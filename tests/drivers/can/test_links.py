@@ -235,11 +235,16 @@ def test_any_interface_of_python_can_works() -> None:
                 can.Message(arbitration_id=0x181, is_remote_frame=True, is_extended_id=False)
             )
             other.send(can.Message(arbitration_id=0x12345, is_extended_id=True))
+            longer = bytes(12)  # of CAN FD, which no drive here speaks
+            other.send(
+                can.Message(arbitration_id=0x181, data=longer, is_fd=True, is_extended_id=False)
+            )
+            other.send(can.Message(arbitration_id=0x182, is_extended_id=False))
             async with asyncio.timeout(60.0):
-                while not receiver.frames:
+                while not receiver.frames or receiver.frames[-1][0] != 0x182:
                     await asyncio.sleep(0.01)
-            await settle()
-        assert [(can_id, data) for can_id, data, _ in receiver.frames] == [(0x181, b"\x01")]
+        received = [(can_id, data) for can_id, data, _ in receiver.frames]
+        assert received == [(0x181, b"\x01"), (0x182, b"")]
         link.close()
         await asyncio.sleep(0.2)
 
