@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar, Final, Literal
 
 from pydantic import Field
 
-from config.documents.model import ConfigModel, Name, NodeId, NotNegative, Positive
+from config.documents.model import ConfigModel, DriveTime, Name, NodeId, NotNegative, Positive
 
 Range = Annotated[tuple[float, float], Field(strict=False)]
 Permille = Annotated[int, Field(ge=1, le=5000)]
@@ -34,7 +34,7 @@ class Drive(ConfigModel):
     product_code: Annotated[int, Field(ge=0, le=0xFFFFFFFF)] | None = None
     """Checked against 0x1018:2 where given."""
 
-    heartbeat_period_s: Positive = 0.1
+    heartbeat_period_s: DriveTime = 0.1
     """The drive's own heartbeat (0x1017)."""
 
     heartbeat_timeout_s: Positive = 0.25
@@ -47,7 +47,7 @@ class Drive(ConfigModel):
     """Cyclic position unless the drive is too old for it. `csv` and `pv` send velocities: every
     limit is kept as well, and a drive that gets no more of them stops by itself."""
 
-    setpoint_timeout_s: Annotated[float, Field(gt=0.0, le=65.0)] = 0.2
+    setpoint_timeout_s: DriveTime = 0.2
     """In `csv` and `pv`: a drive that has not got a velocity for so long stops by itself (0x1400:5,
     then 0x6007). The gate leaves it the way that it makes until then."""
 
@@ -142,7 +142,7 @@ class AxisBase(ConfigModel, ABC):
     """Turns of the motor per turn of the output."""
     safe: SafeReaction = SafeReaction()
     homing: Homing = Homing()
-    following_error_time_s: Positive = 0.05
+    following_error_time_s: DriveTime = 0.05
     """0x6066: how long the following error may last."""
     holds_without_power: bool = False
     """Whether gear, screw or brake keeps the axis where it is when its drive is off."""

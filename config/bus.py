@@ -4,7 +4,7 @@ from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
-from config.documents.model import ConfigModel, NodeId, Positive
+from config.documents.model import ConfigModel, DriveTime, NodeId, Positive
 
 LAB: Final = "lab:"
 """What the name of a port begins with where it is one of an emulated lab."""
@@ -32,7 +32,7 @@ class Bus(ConfigModel):
 
     master_heartbeat_period_s: Positive = 0.05
 
-    master_heartbeat_timeout_s: Positive = 0.2
+    master_heartbeat_timeout_s: DriveTime = 0.2
     """Drives stop by themselves when they have not heard the master for this long (0x1016)."""
 
     tx_queue_frames: Annotated[int, Field(ge=1)] = 128

@@ -11,6 +11,7 @@ from typing import Any, Final
 
 from config.bus import Bus
 from config.control import PoseFilterSettings, Supervision
+from config.documents.model import LONGEST_DRIVE_TIME_S
 from config.documents.yaml_document import Location
 from config.emulation import Emulation
 from config.robot import Robot
@@ -31,7 +32,7 @@ def patient(robot: Robot) -> Robot:
         return robot
     stall_s = robot.emulation.patience_s
     fault_s = max(robot.supervision.loop_fault_after_s, stall_s)
-    drives_s = _LATER * fault_s
+    drives_s = min(_LATER * fault_s, LONGEST_DRIVE_TIME_S)
     changes: dict[str, Any] = {
         "buses": {
             name: _at_least(bus, master_heartbeat_timeout_s=drives_s) if name in emulated else bus

@@ -1,7 +1,7 @@
 """What every part of the schema shares: unknown keys refused, nothing coerced, nothing mutable."""
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Final, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -58,6 +58,10 @@ Name = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]{0,62}$")]
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 NodeId = Annotated[int, Field(ge=1, le=127)]
+
+LONGEST_DRIVE_TIME_S: Final = 65.0
+DriveTime = Annotated[float, Field(ge=0.001, le=LONGEST_DRIVE_TIME_S)]
+"""A time that a drive is told in milliseconds of 16 bits, of which none says: never."""
 
 
 def _a_rotation(quaternion: tuple[float, ...]) -> tuple[float, ...]:

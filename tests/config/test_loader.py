@@ -65,6 +65,14 @@ def test_the_soft_arm_has_six_chambers_on_six_nodes() -> None:
             swap("node: 3", "node: 3, mode: csv, setpoint_timeout_s: 0.02"),
             "axes[2].drive.setpoint_timeout_s: must be at least 3 bus cycles: 0.03 s or more",
         ),
+        (
+            swap("master_heartbeat_timeout_s: 0.2", "master_heartbeat_timeout_s: 65.536"),
+            "buses.can0.master_heartbeat_timeout_s: should be less than or equal to 65",
+        ),
+        (
+            swap("node: 3", "node: 3, heartbeat_period_s: 0.0004"),
+            "axes[2].drive.heartbeat_period_s: should be greater than or equal to 0.001",
+        ),
         (swap("node: 3", "node: 127"), "axes[2].drive.node: 127 is the master's own node ID"),
         (swap("node: 3", "node: 128"), "axes[2].drive.node: should be less than or equal to 127"),
         (swap("name: distal_1", "name: proximal_1"), "axes[3].name: there is already an axis"),

@@ -70,6 +70,19 @@ def test_on_a_rig_the_times_of_the_file_hold(tmp_path: Path) -> None:
     assert patient(robot) == robot
 
 
+def test_nobody_is_so_patient_that_drives_cannot_be_told(tmp_path: Path) -> None:
+    """They are told milliseconds in 16 bits: more would have them watch another node, or none."""
+    robot = patient(
+        changed(
+            tmp_path,
+            ("emulation:", "emulation:\n  patience_s: 60.0"),
+            ("node: 6}", "node: 6, mode: pv, setpoint_timeout_s: 0.2}"),
+        )
+    )
+    assert robot.buses["can0"].master_heartbeat_timeout_s == 65.0
+    assert robot.axes[5].drive.setpoint_timeout_s == 65.0
+
+
 def test_beside_a_real_bus_the_emulated_one_alone_is_patient(tmp_path: Path) -> None:
     real = "  can1: {interface: socketcan, channel: can1, cycle_period_s: 0.01}\n\naxes:"
     robot = changed(
