@@ -227,6 +227,8 @@ _FRAME = re.compile(
 )
 _STAMP_DIGITS: Final = 4
 _SHORTEST_FRAME: Final = 5
+_PREFIX: Final = b"xX"
+"""Python's own `int` takes it before hex digits; on the line it is an 8 with a wrong bit."""
 _ZERO: Final = ord("0")
 
 
@@ -318,6 +320,8 @@ def decode_data_frame(line: bytes) -> CanFrame | None:
     except ValueError:
         return None
     if length > 8 or len(data) != length or can_id > STANDARD_ID_MASK or not line.isalnum():
+        return None
+    if line[2] in _PREFIX:
         return None
     return CanFrame(can_id, data)
 

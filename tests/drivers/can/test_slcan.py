@@ -32,6 +32,7 @@ from drivers.can.slcan import (
     Transmit,
     Version,
     decode_command,
+    decode_data_frame,
     decode_reply,
     encode_command,
     encode_frame,
@@ -145,6 +146,26 @@ def test_frames_survive_the_line(frame: CanFrame, timestamp_ms: int | None) -> N
     line = encode_reply(Received(frame, timestamp_ms))
     assert decode_reply(line[:-1]) == Received(frame, timestamp_ms)
     assert len(line) <= MAX_LINE_BYTES + 1
+
+
+@given(
+    st.builds(CanFrame, st.integers(0, 0xFF), st.binary(max_size=8)),
+    st.integers(0, 20),
+    st.integers(0, 7),
+)
+def test_a_wrong_bit_does_not_pass_the_quick_way_where_it_is_refused_on_the_other(
+    frame: CanFrame, place: int, bit: int
+) -> None:
+    line = bytearray(encode_frame(frame)[:-1])
+    line[place % len(line)] ^= 1 << bit
+    found = decode_data_frame(bytes(line))
+    if found is not None:
+        assert decode_reply(bytes(line)) == Received(found)
+
+
+def test_the_8_of_an_identifier_with_a_wrong_bit_is_no_digit() -> None:
+    assert decode_data_frame(b"t08121122") == CanFrame(0x081, b"\x11\x22")
+    assert decode_data_frame(b"t0x121122") is None
 
 
 @given(st.binary(max_size=40))
