@@ -278,6 +278,7 @@ class AxisChannel:
         self.following = self.had_voltage = self.zero_found = self.zero_lost = False
         self._spoken_to = False
         self.homing = self.start_homing = False
+        self._fault_reset = FaultReset()  # what is left of one would reset a fault that comes later
         self.statusword, self.state = 0, PowerState.UNKNOWN
 
     def _follow(self, t_ns: int) -> None:

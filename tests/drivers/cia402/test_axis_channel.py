@@ -213,6 +213,17 @@ def test_after_it_is_forgotten_it_has_to_speak_first() -> None:
     assert one.output(0, None) is None
 
 
+def test_a_fault_reset_that_was_cut_short_does_not_reset_a_later_fault() -> None:
+    one = channel()
+    says(one, FAULT)
+    one.begin_fault_reset(0)
+    assert sent(one)[0] == 0x00
+    one.forget()
+    says(one, FAULT)
+    one.set_goal(PowerGoal.OFF, 0)
+    assert {sent(one)[0] for _ in range(10)} == {0x00}
+
+
 VELOCITY_MODES = pytest.mark.parametrize("mode", ["csv", "pv"])
 
 
