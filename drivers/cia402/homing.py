@@ -83,11 +83,10 @@ class HomingProcedure:
                 await self._enable()
                 await self._seek()
             channel.zero_found, channel.zero_lost = True, False
-        except TimeoutError:
+        except TimeoutError as error:  # with words where a part of it took too long
             progress = homing_progress(channel.statusword).value
-            raise HomingError(
-                f"{self._axis.name}: not within {self._axis.homing.timeout_s:g} s: {progress}"
-            ) from None
+            whole = f"not within {self._axis.homing.timeout_s:g} s: {progress}"
+            raise HomingError(f"{self._axis.name}: {str(error) or whole}") from None
         except SdoError as error:
             raise HomingError(f"{self._axis.name}: {error}") from error
         finally:
@@ -133,17 +132,26 @@ class HomingProcedure:
         """Change the mode and wait until the drive shows it."""
         await self._write(objects.MODE, 0, number)
         display = objects.of_axis(objects.MODE_DISPLAY, self._axis.drive.axis)
-        async with asyncio.timeout(_MODE_WITHIN_S):
-            while await self._sdo.read(display) != bytes([number]):
-                await asyncio.sleep(_POLL_S)
+        try:
+            async with asyncio.timeout(_MODE_WITHIN_S):
+                while await self._sdo.read(display) != bytes([number]):
+                    await asyncio.sleep(_POLL_S)
+        except TimeoutError:
+            text = f"told mode {number}, the drive does not show it within {_MODE_WITHIN_S:g} s"
+            raise TimeoutError(text) from None
 
     async def _enable(self) -> None:
         self._channel.homing = True
         self._goal(PowerGoal.ENABLED)
-        async with asyncio.timeout(_ENABLED_WITHIN_S):
-            while self._channel.state is not PowerState.OPERATION_ENABLED:
-                self._check_progress()
-                await asyncio.sleep(_POLL_S)
+        try:
+            async with asyncio.timeout(_ENABLED_WITHIN_S):
+                while self._channel.state is not PowerState.OPERATION_ENABLED:
+                    self._check_progress()
+                    await asyncio.sleep(_POLL_S)
+        except TimeoutError:
+            state = self._channel.state.value
+            text = f"told to enable, the drive is {state} after {_ENABLED_WITHIN_S:g} s"
+            raise TimeoutError(text) from None
 
     def _check_progress(self) -> None:
         if self._channel.goal is not PowerGoal.ENABLED:

@@ -6,6 +6,7 @@ import pytest
 
 from config.axis import Axis
 from drivers.cia402.homing import HomingError, HomingProgress, homing_progress
+from drivers.cia402.objects import MODE_DISPLAY
 from drivers.cia402.power_state import PowerState
 from tests.drivers.cia402.rig import Rig, axes, on_a_rig
 
@@ -82,6 +83,29 @@ def test_a_method_that_the_drive_does_not_have_is_an_error() -> None:
             await rig.master.home(rig.homing(0))
 
     on_a_rig(test, robot_axes=homing_axes(method=99, timeout_s=3.0))
+
+
+def test_what_took_too_long_is_said_and_not_that_all_of_it_did(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async def test(rig: Rig) -> None:
+        await rig.operational()
+        says = "axis_0: told to enable, the drive is switched on after 3 s"
+        rig.inject("drive.can0/1.refuses_enable=5s")
+        with pytest.raises(HomingError, match=says):
+            await rig.master.home(rig.homing(0))
+        sdo = rig.master.nodes[1].sdo
+        read = sdo.read
+
+        async def shows_csp(index: int, subindex: int = 0) -> bytes:
+            return b"\x08" if index == MODE_DISPLAY else await read(index, subindex)
+
+        monkeypatch.setattr(sdo, "read", shows_csp)
+        says = "axis_0: told mode 6, the drive does not show it within 1 s"
+        with pytest.raises(HomingError, match=says):
+            await rig.master.home(rig.homing(0))
+
+    on_a_rig(test, robot_axes=homing_axes(method=33))
 
 
 def test_a_drive_that_faults_while_homing_ends_it() -> None:
