@@ -9,7 +9,7 @@ from config.axis import Axis
 from config.bus import Bus
 from drivers.bounded import end_tasks
 from drivers.can.bus_lock import BusTakenError
-from drivers.can.conditions import CANNOT_OPEN, GONE, TAKEN
+from drivers.can.conditions import CANNOT_OPEN, DOWN, GONE, OFF, PASSIVE, TAKEN
 from drivers.can.frame import worst_case_bits
 from drivers.can.link import CanLink, FrameReceiver, LinkError, TrafficTap
 from drivers.canopen.codec import cob_ids
@@ -298,8 +298,10 @@ class DriveBus:
         now_ns = self._clock.now_ns()
         if present:
             self.conditions.set(condition, self.name, now_ns, detail)
-        else:
-            self.conditions.clear(condition, self.name, now_ns)
+            return
+        # A controller that was set down and up begins anew, and does not say so.
+        for over in (DOWN, OFF, PASSIVE) if condition is DOWN else (condition,):
+            self.conditions.clear(over, self.name, now_ns)
 
     def link_lost(self, error: OSError) -> None:
         self._link = None

@@ -329,6 +329,28 @@ def test_a_faster_cycle_and_a_slower_bus_work_too() -> None:
     assert on_a_rig(test, bus=slow).master.traffic.refused == 0
 
 
+@pytest.mark.parametrize(
+    ("trouble", "condition"), [("off", "bus_off"), ("passive=0.2s", "bus_error_passive")]
+)
+def test_a_controller_that_was_set_down_and_up_is_well_again(trouble: str, condition: str) -> None:
+    async def test(rig: Rig) -> None:
+        await rig.operational()
+        for adapter in rig.bus.adapters:
+            for port in adapter.ports():
+                port.restart_after_ns = None  # as SocketCAN without restart-ms
+        rig.inject(f"bus.can0.{trouble}")
+        await asyncio.sleep(0.1)
+        assert (condition, "can0") in rig.holding()
+        rig.inject("bus.can0.down=0.5s")
+        await asyncio.sleep(0.4)
+        assert ("bus_down", "can0") in rig.holding()
+        await asyncio.sleep(6.0)
+        await rig.enabled()
+        assert rig.holding() == set()
+
+    on_a_rig(test)
+
+
 def test_traffic_is_counted() -> None:
     async def test(rig: Rig) -> None:
         await rig.operational()
