@@ -59,6 +59,11 @@ _TOO_OLD: Final = "the model is older than risk.oldest_days: see the body anew, 
 class RiskFilesError(Exception):
     """The risk cannot be told with these files: names the file, and what to do."""
 
+    def __init__(self, text: str, *keys: str) -> None:
+        """keys: below `risk` in the robot file, to what is wrong."""
+        super().__init__(text)
+        self.keys = keys
+
 
 class RiskIdentity(NamedTuple):
     """Which body in which surroundings it is: digests, in hexadecimal digits."""
@@ -312,24 +317,27 @@ def read_risk_files(
     try:
         read = read_model(model_path)
     except RiskModelError as error:
-        raise RiskFilesError(f"{error}. Train it anew with `tentacled mdn train`") from None
+        text = f"{error}. Train it anew with `tentacled mdn train`"
+        raise RiskFilesError(text, "model") from None
     axes = len(file.robot.axes)
     if read.robot != file.robot.robot or read.model.inputs != axes:
         raise RiskFilesError(
             f"{model_path} is of the robot {read.robot!r} with {read.model.inputs} axes, and this "
-            f"is {file.robot.robot!r} with {axes}: name its own model under risk"
+            f"is {file.robot.robot!r} with {axes}: name its own model under risk",
+            "model",
         )
     made_with_g = float(read.about.get("tip_load_g", 0.0))
     for load_g in (settings.tip_load_g,) if tip_loads_g is None else tip_loads_g:
         if abs(load_g - made_with_g) > _SAME_LOAD_G:
             raise RiskFilesError(
                 f"{model_path} was made with {made_with_g:g} g at the tip, and not with "
-                f"{load_g:g} g: train one with that load, or go without a model"
+                f"{load_g:g} g: train one with that load, or go without a model",
+                "model",
             )
     try:
         around = read_surroundings(surface, file.path, BodySize.of(read.model.basis))
     except (EnvironmentFaultError, ValueError) as error:
-        raise RiskFilesError(str(error)) from None
+        raise RiskFilesError(str(error), "surface") from None
     return RiskFiles(read, around)
 
 
@@ -341,7 +349,8 @@ def _believed_until_ns(read: ModelFile, settings: RiskSettings, path: Path) -> i
     except (KeyError, ValueError, TypeError):
         raise RiskFilesError(
             f"{path} does not say when its clouds were seen, which risk.oldest_days asks for: "
-            "collect them with --seen-on"
+            "collect them with --seen-on",
+            "oldest_days",
         ) from None
     return int((seen_on_day + settings.oldest_days) * _DAY_NS)
 

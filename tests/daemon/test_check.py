@@ -43,6 +43,38 @@ def test_a_soft_arm_of_three_axes_is_refused(
     assert "axes: 3 axes cannot fill the 6 chambers of emulation.plant" in err
 
 
+@pytest.mark.parametrize(
+    ("shipped_line", "own_line", "key", "why"),
+    [
+        ("mesh: builtin:one_segment_post.stl", "mesh: own.stl", "risk.surface", "is empty"),
+        (
+            "model: builtin:one_segment_arm.npz",
+            "model: builtin:soft_arm.npz",
+            "risk.model",
+            "'soft",
+        ),
+    ],
+)
+def test_what_the_risk_cannot_be_told_with_is_found_where_it_is_named(
+    shipped_line: str,
+    own_line: str,
+    key: str,
+    why: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (tmp_path / "own.stl").touch()
+    path = tmp_path / "arm.yaml"
+    text = (SHIPPED_ROBOTS / "one_segment_arm.yaml").read_text()
+    path.write_text(text.replace(shipped_line, own_line))
+    code, out, err = checked(path, capsys)
+    assert (code, out) == (EXIT_CONFIGURATION, "")
+    assert f": {key}: " in err
+    assert why in err
+    line = int(err.removeprefix(f"{path}:").split(":")[0])
+    assert "\n".join(path.read_text().splitlines()[line - 2 : line]).count(own_line) == 1
+
+
 def test_an_experiment_without_its_waypoints_is_explained(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

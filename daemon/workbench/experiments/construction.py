@@ -18,14 +18,14 @@ from daemon.controllers.make_controller import make_controller
 from daemon.host.clock import MonotonicClock
 from daemon.recording.flight_recorder import FlightRecorder
 from daemon.reference.trajectories import make_trajectory
-from daemon.risk.body_risk_source import make_risk_source
+from daemon.risk.body_risk_source import RiskFilesError, make_risk_source
 from daemon.robot.axes import AxisRanges
 from daemon.robot.connections import RealConnections
 from daemon.service.dependencies import Dependencies
 from daemon.service.robot_service import RobotService
 from daemon.workbench.experiments.experiment_file import ExperimentFile
 from daemon.workbench.experiments.risk import risk_source_of
-from safety.risk_source import RiskSource
+from safety.risk_source import NoModel, RiskSource
 from sim_backends.faults import understand
 from sim_backends.lab.lab import Lab
 
@@ -36,10 +36,12 @@ def robot_problems(file: RobotFile) -> list[Problem]:
     """Why a robot that is sound by itself can still not be emulated or run."""
     problems: list[Problem] = []
     _lab(file.robot, file, file.problem, problems)
-    clock = MonotonicClock()
+    risk: list[RiskSource] = []
     problems += _why_not(
-        ("axes",), file.problem, lambda: _service(file, make_risk_source(file, clock))
+        ("risk",), file.problem, lambda: risk.append(make_risk_source(file, MonotonicClock()))
     )
+    asked = risk[0] if risk else NoModel()
+    problems += _why_not(("axes",), file.problem, lambda: _service(file, asked))
     return problems
 
 
@@ -110,6 +112,8 @@ def _why_not(where: Location, at: _At, build: Callable[[], object]) -> list[Prob
     """Whatever keeps it from being built is a problem of the file: nothing else is there yet."""
     try:
         build()
+    except RiskFilesError as error:
+        return [at((*where, *error.keys), str(error))]
     except Exception as error:
         return [at(where, str(error) or type(error).__name__)]
     return []
