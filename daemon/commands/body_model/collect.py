@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from daemon.commands.outcome.failures import UsageError
 from daemon.commands.outcome.result import Result
+from daemon.commands.terminal.seed_argument import seed_number
 from daemon.commands.terminal.work_sharing import add_scheduler_argument, share, workers_of
 from daemon.robot.checked_robot import add_robot_argument, robot_with_warnings_told
 
@@ -40,7 +41,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--points", type=int, default=256, metavar="N", help="kept of each cloud (default: 256)"
     )
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="default: %(default)s")
+    parser.add_argument(
+        "--seed", type=seed_number, default=1, metavar="N", help="default: %(default)s"
+    )
     parser.add_argument(
         "--processes", type=int, default=2, metavar="N", help="default: %(default)s"
     )

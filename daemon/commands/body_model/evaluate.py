@@ -9,6 +9,7 @@ from config.paths import named_model
 from daemon.commands.body_model.train import add_data_arguments, prepare_torch
 from daemon.commands.outcome.failures import as_failed
 from daemon.commands.outcome.result import Result
+from daemon.commands.terminal.seed_argument import seed_number
 from daemon.robot.checked_robot import add_robot_argument, robot_with_warnings_told
 
 if TYPE_CHECKING:
@@ -37,7 +38,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="train no network that has never been in the block of the configurations",
     )
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="default: %(default)s")
+    parser.add_argument(
+        "--seed", type=seed_number, default=1, metavar="N", help="default: %(default)s"
+    )
     parser.add_argument("--threads", type=int, default=1, metavar="N", help="default: %(default)s")
 
 

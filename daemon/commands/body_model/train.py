@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from daemon.commands.outcome.failures import CommandError, UsageError, as_failed
 from daemon.commands.outcome.result import Result
+from daemon.commands.terminal.seed_argument import seed_number
 from daemon.robot.checked_robot import add_robot_argument, robot_with_warnings_told
 
 if TYPE_CHECKING:
@@ -55,7 +56,9 @@ def add_training_arguments(parser: argparse.ArgumentParser, steps: int, what: st
     parser.add_argument(
         "--steps", type=int, default=steps, metavar="N", help=f"{what} (default: %(default)s)"
     )
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="default: %(default)s")
+    parser.add_argument(
+        "--seed", type=seed_number, default=1, metavar="N", help="default: %(default)s"
+    )
     parser.add_argument(
         "--threads",
         type=int,

@@ -8,6 +8,7 @@ from typing import Final
 from config.patience import patient
 from daemon.commands.outcome.result import Result, tell
 from daemon.commands.terminal.compiled import telling_progress
+from daemon.commands.terminal.seed_argument import seed_number
 from daemon.host.clock import MonotonicClock, run_in_real_time
 from daemon.host.logs import logging_to_stderr
 from daemon.host.resident_memory import give_back_compiler
@@ -37,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="faults and loads over time; builtin:lost_and_found is one that is shipped",
     )
-    parser.add_argument("--seed", type=int, metavar="N", help="instead of the robot file's")
+    parser.add_argument("--seed", type=seed_number, metavar="N", help="instead of the robot file's")
 
 
 def run(arguments: argparse.Namespace) -> Result:

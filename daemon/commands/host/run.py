@@ -12,6 +12,7 @@ from config.robot import Robot
 from daemon.commands.outcome.result import Result, tell
 from daemon.commands.terminal.compiled import telling_progress
 from daemon.commands.terminal.event_log import add_log_argument, event_line, style_of
+from daemon.commands.terminal.seed_argument import seed_number
 from daemon.controllers.make_controller import warm_up
 from daemon.files import check_folder_can_be_made, models_directory
 from daemon.host.clock import MonotonicClock, run_in_real_time
@@ -63,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--runs", type=Path, default=Path("runs"), metavar="DIR", help="where recordings go"
     )
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of controllers")
+    parser.add_argument("--seed", type=seed_number, default=1, metavar="N", help="of controllers")
     parser.add_argument(
         "--files",
         type=Path,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from daemon.commands.outcome.failures import CommandError, about
 from daemon.commands.outcome.result import Result
+from daemon.commands.terminal.seed_argument import seed_number
 
 if TYPE_CHECKING:
     from safety.risk.surroundings.environment import InsertionPort, Mesh
@@ -30,7 +31,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--triangles", type=int, default=5000, metavar="N", help="about so many (default: 5000)"
     )
-    parser.add_argument("--seed", type=int, default=0, metavar="S", help="of what is uneven")
+    parser.add_argument(
+        "--seed", type=seed_number, default=0, metavar="S", help="of what is uneven"
+    )
     parser.add_argument(
         "--size-mm", type=float, nargs=3, default=(200.0, 160.0, 240.0), metavar=("X", "Y", "Z"),
         help="of box and room (default: 200 160 240)",

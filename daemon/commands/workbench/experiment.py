@@ -7,6 +7,7 @@ from daemon.commands.outcome.failures import CommandError
 from daemon.commands.outcome.result import Result
 from daemon.commands.terminal.compiled import compile_all, telling_progress
 from daemon.commands.terminal.progress_line import Aside, ProgressLine
+from daemon.commands.terminal.seed_argument import seed_number
 from daemon.host.logs import logging_to_stderr
 from daemon.host.real_time import imported_for_good
 from daemon.host.stop_signals import all_like_ctrl_c
@@ -30,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="the run's folder, made new"
     )
-    parser.add_argument("--seed", type=int, metavar="N", help="instead of the file's")
+    parser.add_argument("--seed", type=seed_number, metavar="N", help="instead of the file's")
     parser.add_argument(
         "--real-time", action="store_true", help="with the devices in a process of their own"
     )

@@ -20,6 +20,7 @@ from config.loader import RobotFile
 from config.tasks.exploration import DesignedExploration, WaypointExploration
 from daemon.commands.outcome.failures import UsageError, about
 from daemon.commands.outcome.result import Result
+from daemon.commands.terminal.seed_argument import seed_number
 from daemon.host.stop_signals import all_like_ctrl_c
 from daemon.robot.checked_robot import add_robot_argument, robot_with_warnings_told
 
@@ -54,7 +55,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="random places of the axes to go to instead; 80 take five minutes of a soft arm",
     )
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="default: %(default)s")
+    parser.add_argument(
+        "--seed", type=seed_number, default=1, metavar="N", help="default: %(default)s"
+    )
     parser.add_argument(
         "--share",
         type=float,

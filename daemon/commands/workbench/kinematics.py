@@ -10,6 +10,7 @@ from config.emulation import ConcentricTubesPlant
 from config.paths import named_model
 from daemon.commands.outcome.failures import CommandError, UsageError, as_failed
 from daemon.commands.outcome.result import Result
+from daemon.commands.terminal.seed_argument import seed_number
 from daemon.robot.checked_robot import add_robot_argument, robot_with_warnings_told
 
 if TYPE_CHECKING:
@@ -51,7 +52,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SHARE",
         help="of the grid that is kept back to test the model with (default: %(default)s)",
     )
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="default: %(default)s")
+    parser.add_argument(
+        "--seed", type=seed_number, default=1, metavar="N", help="default: %(default)s"
+    )
 
 
 def run(arguments: argparse.Namespace) -> Result:

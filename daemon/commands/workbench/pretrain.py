@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from daemon.commands.outcome.failures import UsageError
 from daemon.commands.outcome.result import Result
+from daemon.commands.terminal.seed_argument import seed_number
 from daemon.robot.checked_robot import add_robot_argument, robot_with_warnings_told
 
 if TYPE_CHECKING:
@@ -44,7 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="how much later than its axes the body moves (default: found in the data)",
     )
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="default: %(default)s")
+    parser.add_argument(
+        "--seed", type=seed_number, default=1, metavar="N", help="default: %(default)s"
+    )
     parser.add_argument("--no-figures", action="store_true", help="the model only")
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from daemon.commands.outcome.exit_codes import EXIT_FAILED, EXIT_OK
 from daemon.commands.outcome.result import Result
 from daemon.commands.terminal.event_log import add_log_argument
+from daemon.commands.terminal.seed_argument import seed_number
 from daemon.commands.terminal.study_command import shipped_study
 from daemon.commands.terminal.work_sharing import add_scheduler_argument
 
@@ -29,7 +30,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--points", type=int, default=8, metavar="N", help="for each variant (default %(default)s)"
     )
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="of the points: default 1")
+    parser.add_argument(
+        "--seed", type=seed_number, default=1, metavar="N", help="of the points: default 1"
+    )
     parser.add_argument(
         "--jobs", type=int, default=2, metavar="N", help="processes at the same time (default 2)"
     )

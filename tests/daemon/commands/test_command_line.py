@@ -152,3 +152,20 @@ def test_the_help_of_a_command_fits_into_80_columns(
     shown = capsys.readouterr().out.splitlines()
     assert shown[0].startswith(f"usage: tentacled {' '.join(words)}")
     assert max(map(len, shown)) <= 80
+
+
+@pytest.mark.parametrize("number", ["-1", "many"])
+@pytest.mark.parametrize(
+    "words",
+    [
+        "experiment builtin:rectangle --out made",
+        "emulate builtin:soft_arm",
+        "run builtin:soft_arm",
+        "tune bench_tuning --out made",
+    ],
+)
+def test_what_is_no_seed_is_refused_before_anything_begins(
+    words: str, number: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = refused(f"{words} --seed {number}", capsys)
+    assert line.endswith(f"argument --seed: '{number}' is no seed: 0, 1, 2, ...")
