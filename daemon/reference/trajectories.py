@@ -40,7 +40,7 @@ _NEAREST_MM = 1e-3
 """A tip nearer to the point that it points at points anywhere."""
 _SHORTEST = 1e-6
 """Of what is half way between two opposite directions."""
-_CLOSED_MM = 1e-3
+_CLOSED_MM = 0.02
 _CLOSED_RAD = 1e-3
 """A cycle's end so near to its beginning is there."""
 
@@ -103,13 +103,21 @@ class Trajectory:
     @property
     def closed(self) -> bool:
         """Whether a cycle ends where it begins, and points there as it began."""
-        if float(np.linalg.norm(self.end_mm - self.start_mm)) > _CLOSED_MM:
-            return False
+        return not self.why_open
+
+    @property
+    def why_open(self) -> str:
+        """What its end is not like its beginning in; nothing where it is closed."""
+        gap_mm = float(np.linalg.norm(self.end_mm - self.start_mm))
+        if gap_mm > _CLOSED_MM:
+            return f"its end is {gap_mm:.2f} mm away from its beginning"
         pointing = self._cycle.pointing
         if pointing is None:
-            return True
-        apart = pointing(0.0)[0] - pointing(self.cycle_s)[0]
-        return float(np.linalg.norm(apart)) <= _CLOSED_RAD
+            return ""
+        apart_rad = float(np.linalg.norm(pointing(0.0)[0] - pointing(self.cycle_s)[0]))
+        if apart_rad > _CLOSED_RAD:
+            return "at its end it points otherwise than at its beginning"
+        return ""
 
     def in_cycle(self, t_s: float) -> Motion:
         """(3,) mm and (3,) mm/s at a time within one cycle, its very end included."""
@@ -141,6 +149,8 @@ def make_trajectory(options: Pointed, base: Path, cycles: int | None = None) -> 
     if options.pointing is not None and cycle.pointing is not None:
         raise ValueError("the waypoints say where to point, and so does `pointing`")
     trajectory = Trajectory(options.kind, _pointed(cycle, options.pointing), lasts_s, repeated)
+    if repeated > 1 and trajectory.why_open:
+        raise ValueError(f"it cannot be gone along {repeated} times: {trajectory.why_open}")
     if not trajectory.duration_s <= LONGEST_S:
         raise ValueError(f"all cycles together take longer than {LONGEST_S:g} s")
     return trajectory

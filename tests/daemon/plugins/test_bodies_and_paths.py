@@ -30,6 +30,8 @@ from tests.installed_package import installed, write_package
 PATH_OF = "the trajectory 'mine' of other_people 1.2"
 BODY_OF = "the plant 'mine' of other_people 1.2"
 MINE = {"kind": "mine", "cycle_s": 4.0}
+AWAY = "return np.array([2.0 * t_s, 0.0, 190.0]), np.array([2.0, 0.0, 0.0])"
+"""Of a path that leads away, at 2 mm/s."""
 
 
 def robot_with(tmp_path: Path, plant: dict[str, object]) -> Path:
@@ -54,6 +56,15 @@ def test_a_path_is_followed_as_the_package_has_it(tmp_path: Path) -> None:
         place, velocity = trajectory.at(float(t_s))
         assert place == pytest.approx([10.0 * np.sin(rate * t_s), 0.0, 190.0], abs=1e-6)
         assert velocity == pytest.approx([10.0 * rate * np.cos(rate * t_s), 0.0, 0.0], abs=1e-3)
+
+
+def test_a_path_that_does_not_end_where_it_begins_is_not_repeated(tmp_path: Path) -> None:
+    with installed(path_package(tmp_path, AWAY)):
+        once = load_trajectory_options(MINE)
+        assert make_trajectory(once, tmp_path).cycles == 1
+        twice = load_trajectory_options({**MINE, "cycles": 2})
+        with pytest.raises(ValueError, match=r"2 times: its end is 8.00 mm away"):
+            make_trajectory(twice, tmp_path)
 
 
 def test_nothing_of_the_package_runs_while_it_is_followed(tmp_path: Path) -> None:

@@ -173,6 +173,28 @@ def test_cycles_can_be_asked_for_otherwise() -> None:
         make_trajectory(RECTANGLE, HERE, cycles=10**300)
 
 
+@pytest.mark.parametrize(
+    ("last", "why"),
+    [
+        ((4.0, 0.0, 5.0, 180.0, 0.0, 0.0, 1.0), "its end is 5.00 mm away from its beginning"),
+        ((4.0, 0.0, 0.0, 180.0, 1.0, 0.0, 1.0), "at its end it points otherwise than"),
+    ],
+)
+def test_what_does_not_end_as_it_begins_is_gone_along_once(
+    last: tuple[float, ...], why: str
+) -> None:
+    first = (0.0, 0.0, 0.0, 180.0, 0.0, 0.0, 1.0)
+    between = (2.0, 5.0, 0.0, 180.0, 0.0, 0.0, 1.0)
+    rows = {"kind": "waypoints", "points": (first, between, last)}
+    trajectory = made(Waypoints.model_validate(rows))
+    assert not trajectory.closed
+    assert trajectory.why_open.startswith(why)
+    with pytest.raises(
+        ValueError, match=r"the last point must be the first one|gone along 2 times"
+    ):
+        made(Waypoints.model_validate({**rows, "cycles": 2}))
+
+
 def test_waypoints_are_met_at_their_times(tmp_path: Path) -> None:
     (tmp_path / "way.csv").write_text("t, x, y, z\n10, 0, 0, 180\n12, 4, 0, 180\n13,4,6,180\n")
     trajectory = make_trajectory(Waypoints(kind="waypoints", file="way.csv"), tmp_path)
