@@ -335,7 +335,7 @@ def read_risk_files(
                 "model",
             )
     try:
-        around = read_surroundings(surface, file.path, BodySize.of(read.model.basis))
+        around = read_surroundings(surface, file.path, BodySize.of(read.model))
     except (EnvironmentFaultError, ValueError) as error:
         raise RiskFilesError(str(error), "surface") from None
     return RiskFiles(read, around)

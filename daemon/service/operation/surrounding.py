@@ -89,7 +89,7 @@ class Surrounding:
     async def _exchange(
         self, source: BodyRiskSource, wanted: Surface, still_allowed: Callable[[], None]
     ) -> str:
-        size = BodySize.of(source.files.model.model.basis)
+        size = BodySize.of(source.files.model.model)
         try:
             around = await self._prepare(wanted, size, self._robot_path)
             risk, stl = await self._off_the_loop(

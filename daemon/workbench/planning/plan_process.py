@@ -83,7 +83,7 @@ def grid_among(files: RiskFiles, moving: Sequence[Sequence[float]]) -> DistanceG
         Region(Capsule((x, y, z), (x + dx, y + dy, z + dz), radius_mm))
         for x, y, z, dx, dy, dz, radius_mm in moving
     ]
-    within = covered(regions, BodySize.of(files.model.model.basis).reach)
+    within = covered(regions, BodySize.of(files.model.model).reach)
     if within is None:
         return files.grid
     return with_regions(reaching(files.grid, within), regions)

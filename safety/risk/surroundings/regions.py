@@ -178,7 +178,7 @@ class Reach(NamedTuple):
     base_mm: FloatArray
     """(3,)."""
     radius_mm: float
-    """The body's length, its thickness, and what is left free beyond."""
+    """How far its centreline goes, its thickness, and what is left free beyond."""
 
     def bounds(self) -> FloatArray:
         """(2, 3) mm."""
