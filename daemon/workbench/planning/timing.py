@@ -58,7 +58,13 @@ def times_along(
 def timed(
     places: FloatArray, tips_mm: FloatArray, clearances_mm: FloatArray, speeds: Speeds
 ) -> FloatArray:
-    """The same with (k, 3) tips that are known. The path's parameter is the number of the place."""
+    """The same with (k, 3) tips that are known. The path's parameter is the number of the place.
+
+    It is at rest only at its ends: of two places there is one more between, where it may move.
+    """
+    if len(places) == 2:
+        finer = _with_middle(places), _with_middle(tips_mm), _with_middle(clearances_mm)
+        return timed(*finer, speeds)[::2]
     by_place = _longest_beside(np.abs(np.diff(places, axis=0)))
     bends = np.gradient(np.gradient(places, axis=0), axis=0)
     tip_by_place = _longest_beside(np.linalg.norm(np.diff(tips_mm, axis=0), axis=1))
@@ -78,6 +84,11 @@ def timed(
         rate[k] = min(rate[k], most)
     lasts = 2.0 / np.maximum(rate[1:] + rate[:-1], _LEAST)
     return np.concatenate([[0.0], np.cumsum(lasts)])
+
+
+def _with_middle(two: FloatArray) -> FloatArray:
+    """(3, …) of (2, …)."""
+    return np.asarray(np.stack([two[0], two.mean(axis=0), two[1]]))
 
 
 def _longest_beside(steps: FloatArray) -> FloatArray:

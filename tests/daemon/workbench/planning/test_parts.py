@@ -98,6 +98,17 @@ def test_times_keep_to_velocity_and_acceleration_from_rest_to_rest() -> None:
     assert t_s[-1] == pytest.approx(6.0, rel=0.05)
 
 
+def test_a_way_of_one_piece_takes_as_long_as_its_axes_need() -> None:
+    """It is at rest at both of its places, and moves between them all the same."""
+    speeds = Speeds(1e3, np.array([5.0]), np.array([50.0]))
+    places = np.array([[0.0], [0.5]])
+    t_s = timed(places, np.zeros((2, 3)), np.full(2, 50.0), speeds)
+    assert t_s[0] == 0.0
+    # Half of the acceleration there, half of it back: at least this, and not much more.
+    least_s = 2.0 * np.sqrt(0.5 / 50.0)
+    assert least_s < t_s[1] < 2.0 * least_s
+
+
 def test_where_there_is_little_room_it_goes_slower() -> None:
     places = np.linspace(0.0, 10.0, 101)[:, None]
     tips = np.column_stack([np.zeros((101, 2)), np.linspace(0.0, 40.0, 101)])
