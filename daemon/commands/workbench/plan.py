@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from config.control import Port, Surface
+from config.control import PlacedMesh, Port, Surface
 from config.loader import RobotFile
 from config.paths import named_model
 from daemon.commands.outcome.exit_codes import EXIT_FAILED
@@ -194,8 +194,9 @@ def _surface(arguments: argparse.Namespace, file: RobotFile) -> Surface | None:
     surface = own or Surface(mesh="")
     update: dict[str, Any] = {}
     if arguments.surroundings is not None:
-        mesh = str(arguments.surroundings.absolute())
-        update |= {"mesh": mesh, "unit": "mm", "free": arguments.free}
+        # Unit and place are those of its own file, whatever the robot file's mesh has.
+        update |= PlacedMesh(mesh=str(arguments.surroundings.absolute())).model_dump()
+        update["free"] = arguments.free
     elif arguments.free is not None:
         update["free"] = arguments.free
     if arguments.no_port:

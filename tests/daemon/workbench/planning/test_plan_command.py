@@ -76,6 +76,18 @@ def test_where_there_is_none_the_reason_is_told_and_nothing_is_written(
     assert not out.exists()
 
 
+def test_a_mesh_that_is_named_stands_where_its_file_has_it(
+    wall: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Where the robot file puts its own mesh, and how it turns it, says nothing of another one."""
+    own = "    mesh: builtin:chest.stl"
+    text = Path(TENDONS).read_text().replace(own, f"{own}\n    at_mm: [0.0, 0.0, 500.0]\n   ")
+    robot = tmp_path / "robot.yaml"
+    robot.write_text(text)
+    assert main(["plan", str(robot), "--to", "88,0,166", *wall, "--json"]) == EXIT_FAILED
+    assert json.loads(capsys.readouterr().out)["result"]["none"] == "goal_in_solid"
+
+
 @pytest.mark.parametrize(
     ("words", "code", "told"),
     [
