@@ -326,6 +326,12 @@ def read_risk_files(
             f"is {file.robot.robot!r} with {axes}: name its own model under risk",
             "model",
         )
+    names = [axis.name for axis in file.robot.axes]
+    if (learnt := read.about.get("axes", names)) != names:
+        raise RiskFilesError(
+            f"{model_path} was made with the axes {learnt}, and this robot has {names}: put them "
+            "in that order, or train a model of these"
+        )
     made_with_g = float(read.about.get("tip_load_g", 0.0))
     for load_g in (settings.tip_load_g,) if tip_loads_g is None else tip_loads_g:
         if abs(load_g - made_with_g) > _SAME_LOAD_G:

@@ -103,6 +103,11 @@ def of_another_robot(folder: Path) -> None:
     write_model(folder / "arm.npz", arrays(), {**ABOUT, "robot": "another_arm"})
 
 
+def of_axes_in_another_order(folder: Path) -> None:
+    axes = ["straight_2", "straight_1", "straight_3", "helical"]
+    write_model(folder / "arm.npz", arrays(), {**ABOUT, "axes": axes})
+
+
 def with_a_load(folder: Path) -> None:
     write_model(folder / "arm.npz", arrays(), {**ABOUT, "tip_load_g": 14.2})
 
@@ -123,6 +128,7 @@ def too_thick(folder: Path) -> None:
     [
         (damaged, "arm.npz"),
         (of_another_robot, "is of the robot 'another_arm'"),
+        (of_axes_in_another_order, "was made with the axes"),
         (with_a_load, "was made with 14.2 g at the tip, and not with 0 g"),
         (open_mesh, "block.stl"),
         (too_thick, "grid"),
