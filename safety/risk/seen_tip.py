@@ -58,8 +58,8 @@ class SeenTip:
     beside: float
     """mm², of one coordinate of the tip: the variance of what the model has not seen."""
     value: FloatArray
-    """(3,) place in mm; or (6,) that and the direction, a unit vector, where it is measured and to
-    be believed."""
+    """(3,) place in mm; or (6,) that and the direction, where it is measured and to be believed: as
+    long as the model's slope of the centreline there."""
     agrees: bool
     """Whether the model has nothing against the tip: then what it says given the tip decides by
     itself. Else it may only make the risk higher."""
@@ -91,7 +91,8 @@ class TipConditioning:
     ) -> SeenTip:
         """A tip with the model's mixture for the axes at its time.
 
-        A direction that is far from where the model has it, given the place, is left out.
+        direction: a unit vector. One that is far from where the model has it, given the place, is
+        left out.
         """
         mean = _mean(mixture)
         off = place_mm - self._offset[:_PLACE] - self._place @ mean
@@ -102,12 +103,15 @@ class TipConditioning:
         given = self.there(seen, mixture)
         if given is None:
             return seen
-        turned = direction - self._offset[_PLACE:] - self._direction @ _mean(given)
+        along = self._offset[_PLACE:] + self._direction @ _mean(given)
+        # Longer than one where the body is longer than usual: that is no turn.
+        as_long = float(np.linalg.norm(along)) * direction
+        turned = as_long - along
         variance = 3.0 * self._direction_variance + _spread(given, self._direction)
         near = float(turned @ turned) <= _ASKEW**2 * variance  # never of no number
         if not near:
             return seen
-        return SeenTip(mean, beside, np.concatenate([place_mm, direction]), agrees)
+        return SeenTip(mean, beside, np.concatenate([place_mm, as_long]), agrees)
 
     def there(self, seen: SeenTip, mixture: Mixture) -> Mixture | None:
         """The model's mixture at another place of the axes, or at the same, given the tip.

@@ -68,6 +68,23 @@ def test_a_direction_tells_one_bend_from_another() -> None:
     assert middles[0] > middles[1] + 0.3
 
 
+@pytest.mark.parametrize("longer_mm", [-40.0, 0.0, 50.0])
+def test_a_direction_says_nothing_of_how_long_a_body_is(longer_mm: float) -> None:
+    """A straight one, longer or shorter than usual, that is seen where it is and points along."""
+    modes = np.zeros((3, 11, 3))
+    modes[0, :, 2] = SHARE
+    modes[1, :, 0] = modes[2, :, 1] = SHARE**2
+    basis = ShapeBasis.checked(BASIS.base_mm, modes, BASIS.radius_mm, BASIS.left_out_mm, ARC_MM)
+    mean = np.array([longer_mm, 0.0, 0.0])
+    mixture = Mixture(np.ones(1), mean[None], np.eye(3)[None] / 2.0)
+    given = TipConditioning(basis, 0.5, 0.02)
+    seen = given.seen(mixture, np.array([0.0, 0.0, 200.0 + longer_mm]), np.array([0.0, 0.0, 1.0]))
+    assert seen.value.size == 6
+    found = given.there(seen, mixture)
+    assert found is not None
+    np.testing.assert_allclose(found.means_mm[0], mean, atol=1e-4)
+
+
 @pytest.mark.parametrize(
     "along",
     [
