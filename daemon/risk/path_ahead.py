@@ -30,7 +30,9 @@ class PathAhead:
         places = np.asarray(u, np.float64)
         kept = _kept(places * risk.model.scale)
         self._u, self._t_s = places[kept].tolist(), np.asarray(t_s, np.float64)[kept]
-        self._touching = np.ones((len(self._u) - 1, risk.samples), np.bool_)
+        self._touching = np.ones((risk.samples, len(self._u) - 1), np.bool_)
+        """Which draws touch on each piece, the last one first: from there they are looked through.
+        """
         self._next = 0
         self._latest = np.full(risk.samples, len(self._u) - 2)
         """Of each draw, the last piece on which it touches; -1: it does nowhere."""
@@ -38,7 +40,7 @@ class PathAhead:
     @property
     def pieces(self) -> int:
         """How many there are to look at."""
-        return len(self._touching)
+        return len(self._u) - 1
 
     def look(self, seeing: BodyRisk | None = None) -> None:
         """At the next piece, and after the last one at the first one again. seeing: who has seen
@@ -47,11 +49,18 @@ class PathAhead:
             self._risk.see_as(seeing.sight)
         piece = self._next
         found = self._risk.of_way(self._u[piece], self._u[piece + 1])
-        self._touching[piece] = True if isinstance(found, str) else found.touching
+        touching = self._touching[:, self.pieces - 1 - piece]
+        touching[:] = True if isinstance(found, str) else found.touching
         self._next = (piece + 1) % self.pieces
-        backwards = self._touching[::-1]
-        last = self.pieces - 1 - backwards.argmax(axis=0)
-        self._latest = np.where(backwards.any(axis=0), last, -1)
+        self._latest[touching & (self._latest < piece)] = piece
+        # Of the others, only those are looked through that touched here last: of a long path, to
+        # look through all takes longer than a control step may.
+        free = np.flatnonzero(~touching & (self._latest == piece))
+        self._latest[free] = -1
+        if piece > 0:
+            before = self._touching[free, self.pieces - piece :]
+            last = np.where(before.any(axis=1), piece - 1 - before.argmax(axis=1), -1)
+            self._latest[free] = last
 
     def left(self, elapsed_s: float) -> float:
         """Of what is left of it after so long, upper limit as that of a step. What was not looked
@@ -61,7 +70,7 @@ class PathAhead:
 
     def worst(self) -> str:
         """Where on it most bodies touch, in words."""
-        piece = int(self._touching.sum(axis=1).argmax())
+        piece = self.pieces - 1 - int(self._touching.sum(axis=0).argmax())
         found = self._risk.of_way(self._u[piece], self._u[piece + 1])
         at = f"at {float(self._t_s[piece]):.1f} s"
         if isinstance(found, str):

@@ -1,5 +1,10 @@
 """The risk of the rest of a path: one body per draw, however many places the file has."""
 
+from collections.abc import Sequence
+from time import perf_counter
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -119,6 +124,54 @@ def test_what_the_tip_tells_counts_for_the_rest_of_the_path(
             path.look(seeing)
         risks.append(path.left(0.0))
     assert risks[0] < 0.05 < risks[1]
+
+
+class ByChance:
+    """Answers like a `BodyRisk`, for draws that touch here and there."""
+
+    samples = 100
+    model = SimpleNamespace(scale=np.ones(1))
+
+    def __init__(self) -> None:
+        self._random = np.random.default_rng(0)
+
+    def of_way(self, u_from: Sequence[float], u_to: Sequence[float]) -> object:
+        del u_from, u_to
+        if self._random.random() < 0.05:
+            return "nothing is known"
+        often = 0.3 if self._random.random() < 0.2 else 0.01
+        return SimpleNamespace(touching=self._random.random(self.samples) < often)
+
+
+@pytest.mark.parametrize("places", [2, 3, 40])
+def test_all_that_was_seen_of_what_is_left_counts_and_nothing_behind(places: int) -> None:
+    risk: Any = ByChance()
+    t_s = np.arange(float(places))
+    path = PathAhead(risk, t_s.tolist(), t_s[:, None].tolist())
+    answers = ByChance()
+    seen = np.ones((path.pieces, risk.samples), np.bool_)
+    for number in range(4 * path.pieces):
+        path.look()
+        found: Any = answers.of_way((), ())
+        seen[number % path.pieces] = True if isinstance(found, str) else found.touching
+        for here in range(places):
+            touching = int(seen[here:].any(axis=0).sum())
+            assert path.left(float(here)) == upper_limit(touching, risk.samples)
+
+
+def test_a_look_takes_no_longer_on_a_long_path() -> None:
+    took_s = []
+    for places in (100, 10_000):
+        risk: Any = ByChance()
+        t_s = np.arange(float(places))
+        path = looked_at(PathAhead(risk, t_s.tolist(), t_s[:, None].tolist()))
+        each = []
+        for _ in range(50):
+            began_s = perf_counter()
+            path.look()
+            each.append(perf_counter() - began_s)
+        took_s.append(float(np.median(each)))
+    assert took_s[1] < 10.0 * took_s[0]
 
 
 def test_a_path_of_two_places_has_one_piece(risk: BodyRisk) -> None:
