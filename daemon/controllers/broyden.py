@@ -74,6 +74,9 @@ class Exploration:
         self._out = np.zeros(axes.count)
         self._rests: list[list[Frame]] = []
         self._moving = False
+        self._asked = True
+        """Whether a step was asked for since the last frame. A robot that is held is not asked, and
+        its frames are of no excursion, however many they are."""
         self._elapsed_s = 0.0
         self._coordinates: int | None = None
         """Of what is seen of the tip. None before the first frame."""
@@ -100,12 +103,14 @@ class Exploration:
         if self._home is not None:
             self._home, self._left = None, self._home
         self._rests = []
+        self._asked = True
         self._begin_rest()
 
     def observe(self, observation: Observation) -> None:
         """Take a frame, if the body is at rest by now."""
-        if self.done:
+        if self.done or not self._asked:
             return
+        self._asked = False
         if self._coordinates is None:
             self._coordinates = POSITION if observation.tip_direction is None else POSE
         seen = task_of(observation, self._coordinates, self._options.pointing_mm_per_rad)
@@ -122,6 +127,7 @@ class Exploration:
         still = np.zeros(self._axes.count)
         if self.done:
             return still
+        self._asked = True
         dt_s = step_time(observation)
         self._elapsed_s += dt_s
         if self._home is None:

@@ -185,6 +185,51 @@ def test_where_it_was_carried_elsewhere_meanwhile_it_begins_there() -> None:
     assert np.abs(loop.targets - before).max() <= 0.2 * amplitude
 
 
+class LateRobot(LinearRobot):
+    """Its tip follows with a first-order lag of 0.5 s."""
+
+    shown: Vector | None = None
+
+    @property
+    def truth_mm(self) -> Vector:
+        before = self.targets if self.shown is None else self.shown
+        self.shown = before + (1.0 - np.exp(-DT_S / 0.5)) * (self.targets - before)
+        return np.asarray(self.jacobian @ (self.shown - 10.0))
+
+
+def found_lag_s(loop: LinearRobot) -> float:
+    """After the first motions, and what is worked out in spare time."""
+    loop.controller.reset(loop.seen())
+    while not loop.controller.ready:
+        loop.step()
+        loop.controller.learn()
+    return loop.controller._follower.leading.lag.lag_s
+
+
+def test_however_long_it_is_held_in_its_first_motions_they_tell_how_late_the_body_is() -> None:
+    options = OPTIONS.model_copy(update={"lead": True})
+    held, not_held = LateRobot(options=options), LateRobot(options=options)
+    held.controller.reset(held.seen())
+    for _ in range(16):
+        held.step()
+    for _ in range(6000):
+        held.frames += 1
+        held.controller.observe(held.seen())
+    assert found_lag_s(held) == pytest.approx(found_lag_s(not_held), abs=0.05)
+
+
+def test_what_is_seen_while_it_is_held_is_not_kept() -> None:
+    loop = LinearRobot()
+    loop.controller.reset(loop.seen())
+    for _ in range(16):
+        loop.step()
+    before = sum(map(len, loop.controller._exploration._rests))
+    for _ in range(1000):
+        loop.frames += 1
+        loop.controller.observe(loop.seen())
+    assert sum(map(len, loop.controller._exploration._rests)) <= before + 1
+
+
 def test_the_tip_is_brought_to_the_reference() -> None:
     loop = LinearRobot(noise_mm=0.05)
     loop.explore()
