@@ -77,6 +77,8 @@ class ExplorationController(ABC):
         self._turning_back = False
         self._left_s = 0.0
         """Until the line is given up."""
+        self._asked = True
+        """Whether a step was asked for since the last frame: of a robot that is held none is."""
 
     @property
     @abstractmethod
@@ -93,6 +95,7 @@ class ExplorationController(ABC):
         """(m,) where the next line leads, from `_start`."""
 
     def reset(self, observation: Observation) -> None:
+        self._asked = True
         self._walk.reset()
         if self._tension_keeping is not None:
             self._tension_keeping.begin()
@@ -104,6 +107,11 @@ class ExplorationController(ABC):
                 self._next_line(observation)
 
     def observe(self, observation: Observation) -> None:
+        """Of a robot that is held nothing is learnt: one place, seen for an hour, would count for
+        more than all that was explored."""
+        asked, self._asked = self._asked, False
+        if not asked:
+            return
         values = self._walls.values(observation)
         finite = np.isfinite(observation.u).all() and np.isfinite(values).all()
         if observation.believed and finite:
@@ -111,6 +119,7 @@ class ExplorationController(ABC):
             self._lateness.add(1e-9 * observation.t_ns, observation.u, observation.tip_mm)
 
     def propose(self, observation: Observation) -> Proposal:
+        self._asked = True
         self._left_s -= step_time(observation)
         if self._tension_keeping is not None:
             late_s = self._lateness.seconds

@@ -94,6 +94,22 @@ def walked(control: WaypointExplorationController, frames: int = 4000) -> Vector
     return np.array(places)
 
 
+def test_what_is_seen_while_it_is_held_teaches_it_nothing() -> None:
+    """An hour in one place would count for more than all that was explored."""
+    control, u = controller(waypoints=40), np.full(6, 25.0)
+    control.reset(still(u, u[:3]))
+    for _ in range(400):
+        control.observe(still(u, u[:3]))
+        u = u + control.propose(still(u, u[:3])).delta_u
+    for _ in range(2):
+        control.observe(still(u, u[:3]))
+    places = np.random.default_rng(1).uniform(0.0, TRAVEL_MM, (20, 6))
+    before = control._guess.at(places)
+    for _ in range(1000):
+        control.observe(still(u, u[:3] + 1.0))
+    np.testing.assert_array_equal(control._guess.at(places), before)
+
+
 def test_it_goes_to_as_many_places_as_asked_for_and_says_which() -> None:
     control, notes = controller(waypoints=3), []
     u, tip = np.full(6, 25.0), np.array([0.0, 0.0, 185.0])
