@@ -76,6 +76,8 @@ class LearningController(ABC):
         self._waiting: deque[MotionSample] = deque()
         self._unseen: Observation | None = None
         """The last one, of which nothing is learnt yet."""
+        self._asked = True
+        """Whether a step was asked for since the last frame: of a robot that is held none is."""
         self._axes = LaggedAxes(self._range)
         self._jumps = 0
         """Of the tip, that the Jacobian was told of."""
@@ -114,7 +116,7 @@ class LearningController(ABC):
         self._posture_changed()
 
     def reset(self, observation: Observation) -> None:
-        self._unseen = None
+        self._unseen, self._asked = None, True
         self._samples.break_off()
         self._axes.break_off()
         self._pointing.break_off()
@@ -129,9 +131,12 @@ class LearningController(ABC):
 
     def observe(self, observation: Observation) -> None:
         """Learnt from when there is time, at the latest with the next one: a frame waits for its
-        step, and one tells little of the body."""
+        step, and one tells little of the body. First motions are those that were asked for: what
+        is seen of a robot that is held meanwhile is none of them, and may be hours of frames."""
         self._work_off()
-        if not self._learnt or (self._options.learning and self._follower.probed):
+        asked, self._asked = self._asked, False
+        learns = self._options.learning and self._follower.probed
+        if learns if self._learnt else asked:
             self._unseen = observation
 
     def _work_off(self) -> bool:
@@ -169,6 +174,7 @@ class LearningController(ABC):
             self._work_in_next()
 
     def propose(self, observation: Observation) -> Proposal:
+        self._asked = True
         observation = observation._replace(u=self._follower.free(observation.u))
         if self.ready:
             return self._follow(observation)

@@ -131,6 +131,21 @@ def babbled(tubes: PoseKinematics, one: LearningController, points: bool) -> int
     return number
 
 
+def test_what_is_seen_while_it_is_held_is_no_first_motion(tubes: PoseKinematics) -> None:
+    one = made("forward_jacobian", babbling={"duration_s": 8.0}, lead=False)
+    one.reset(seen(tubes, AT))
+    u = AT.copy()
+    for number in range(40):
+        here = seen(tubes, u, number)
+        one.observe(here)
+        u = u + one.propose(here).delta_u
+    kept = len(one._pointing._first)
+    for number in range(40, 2000):
+        one.observe(seen(tubes, u, number))
+        one.learn()
+    assert len(one._pointing._first) <= kept + 2, "the last one is taken in after the next"
+
+
 def turned(tubes: PoseKinematics, one: LearningController) -> float:
     """rad that are left of 0.1 rad after some steps."""
     u = AT.copy()
