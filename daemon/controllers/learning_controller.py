@@ -36,6 +36,9 @@ from daemon.learning.samples.motion_samples import SamplingSettings
 from drivers.pose import Vector
 
 _UNKNOWN_BODY = SamplingSettings(lag_s=0.1)
+"""So late first motions are taken to come, unless options say how late. In them axes turn round all
+the time: of a body that is 0.3 s late, taken for prompt, they tell a Jacobian a third as large as
+its own, and turned."""
 _SAMPLES_PER_AXIS = 3
 """So many must babbling give before a Jacobian is fitted."""
 _WAITING_AT_MOST = 3
@@ -63,6 +66,7 @@ class LearningController(ABC):
         self._options = options
         self._robot = robot
         self._follower = TipFollower(options, robot)
+        self._take_for_late(_UNKNOWN_BODY)
         self._range = self._follower.axes.scale
         self._jacobian = self._new_jacobian()
         self._pointing = PointingJacobian(options, self._range)
@@ -292,11 +296,13 @@ class LearningController(ABC):
         self._follower.expect_hysteresis(jacobian.held_back)
         sampling = _UNKNOWN_BODY if model is None else model.sampling
         self._samples = self._sampler(sampling)
-        if self._options.lag_s is None:
-            self._follower.leading.lag.lag_s = sampling.lag_s
-        else:
-            self._follower.leading.lag.lag_s = self._options.lag_s
+        self._take_for_late(sampling)
         self._waiting.clear()
+
+    def _take_for_late(self, sampling: SamplingSettings) -> None:
+        """As late the body is taken to be until motions tell, whose samples are taken so."""
+        lag_s = self._options.lag_s
+        self._follower.leading.lag.lag_s = sampling.lag_s if lag_s is None else lag_s
 
     def _end_babbling(self) -> None:
         """Fit a Jacobian to what was seen. Raises ControllerError where it was too little."""

@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 
 from config.tasks.controllers import TipFollowing
+from daemon.control.controller import Observation
+from daemon.control.lag.body_lag import parts
 from daemon.control.tip_following import TipFollower
 from tests.daemon.control.closed_loop import (
+    DT_S,
     ROBOT,
     made_learner,
     pretrained,
@@ -54,6 +57,32 @@ def test_a_learner_leads_by_its_model_if_it_has_one(model: str) -> None:
     without = made_learner("reward_weighted", lead=True)
     assert with_model._follower.leading.modelled
     assert not without._follower.leading.modelled
+
+
+@pytest.mark.parametrize(("late_s", "said_s"), [(0.1, None), (0.4, 0.4)])
+def test_first_motions_tell_the_jacobian_of_a_body_that_is_as_late_as_it_is_taken_for(
+    late_s: float, said_s: float | None
+) -> None:
+    """Without a model, and whether or not anybody says how late it is."""
+    babbling = {"duration_s": 15.0}
+    learner = made_learner("forward_jacobian", babbling=babbling, lag_s=said_s)
+    random = np.random.default_rng(3)
+    true = 1.5 * random.normal(size=(3, 6))
+    dead_s, first_order_s = parts(late_s)
+    told = [np.full(6, 20.0)]
+    shown, frames, still = told[0], 0, np.zeros(3)
+    while not learner._jacobian.known:
+        frames += 1
+        due = told[max(len(told) - 1 - round(dead_s / DT_S), 0)]
+        shown = shown - np.expm1(-DT_S / first_order_s) * (due - shown)
+        tip, u = true @ shown + 0.1 * random.normal(size=3), told[-1]
+        seen = Observation(round(frames * DT_S * 1e9), DT_S, u, u, tip, still, tip, still)
+        if frames == 1:
+            learner.reset(seen)
+        learner.observe(seen)
+        told.append(u + learner.propose(seen).delta_u)
+    off = learner._jacobian.at(still, told[-1]) - true
+    assert np.linalg.norm(off) < 0.15 * np.linalg.norm(true)
 
 
 def test_motions_of_a_body_that_is_not_led_count_in_full() -> None:
