@@ -310,9 +310,7 @@ class TipFollower:
         near: (m,) a step that should be changed as little as need be; None: the posture's.
         Raises ControllerError for a Jacobian or targets that are not finite.
         """
-        if not (_all_finite(jacobian) and _all_finite(observation.targets)):
-            raise ControllerError("the controller's model is not a number here: learn it anew")
-        self._told = jacobian, observation.targets
+        self._tell(jacobian, observation)
         hysteresis, dt_s = self._hysteresis, step_time(observation)
         if near is None:
             near = self.drawn(observation) + self.drawn_further(observation)
@@ -380,6 +378,20 @@ class TipFollower:
         if drawn and on_the_way and self.predicts:
             return leaving_ends(axes, targets, bounds, step_time(observation))
         return bounds
+
+    def other_step(self, jacobian: Matrix, step: Vector, observation: Observation) -> Vector:
+        """(m,) a step that was found otherwise, as far as it may be. jacobian: (3, m), by which it
+        is known what of it is under way, and what the tip makes of it.
+
+        Raises ControllerError as `axis_step` does.
+        """
+        self._tell(jacobian, observation)
+        return self.within_limits(step, observation)
+
+    def _tell(self, jacobian: Matrix, observation: Observation) -> None:
+        if not (_all_finite(jacobian) and _all_finite(observation.targets)):
+            raise ControllerError("the controller's model is not a number here: learn it anew")
+        self._told = jacobian, observation.targets
 
     def within_limits(self, step: Vector, observation: Observation) -> Vector:
         """(m,) a step as far as travel and speed of each axis let it be."""

@@ -237,7 +237,7 @@ class RewardWeightedController(LearningController):
         command = self._command(tip_step / part, tip_mm, observation)
         local = part * command.delta_u
         if not options.fallback:
-            step = follower.within_limits(local, observation)
+            step = follower.other_step(jacobian, local, observation)
             return follower.proposal(step, observation, _note(command))
         trust = _trust(command) * _agreement(jacobian @ local, tip_step)
         near = trust * local + (1.0 - trust) * follower.drawn(observation, self._drawn_by(command))

@@ -454,6 +454,21 @@ def test_out_of_reach_nothing_winds_up(kind: str, model: str) -> None:
     assert followed(loop)[0].mean_mm < 0.8
 
 
+@pytest.mark.parametrize("fallback", [True, False])
+def test_what_is_under_way_is_known_whoever_makes_the_step_and_after_a_hold(fallback: bool) -> None:
+    options = {"babbling": {"duration_s": 12.0}, "fallback": fallback}
+    loop = ClosedLoop(made_learner("reward_weighted", **options))
+    loop.start()
+    loop.explore()
+    leading = learner(loop)._follower.leading
+    for _ in range(2):
+        loop.start()
+        here = loop.tip_mm
+        for k in range(40):
+            loop.step(here + 0.25 * k * np.array([1.0, 0.0, 0.0]), np.array([10.0, 0.0, 0.0]))
+        assert leading.left_mm[0] > 0.3, "a tip that is a tenth of a second late, at 10 mm/s"
+
+
 def test_the_paper_s_law_follows_by_itself(model: str) -> None:
     """No fallback, no feed-forward: 14.2 g are learnt all the same, and lag is what remains."""
     slow = wide_rectangle(cycle_s=60.0)
