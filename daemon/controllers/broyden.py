@@ -5,6 +5,7 @@ next there is mostly noise.
 """
 
 from collections import deque
+from contextlib import suppress
 from itertools import chain
 from math import isfinite
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 
 from config.robot import Robot
 from config.tasks.controllers import Broyden
-from daemon.array_files import ModelError
+from daemon.array_files import Arrays, ModelError
 from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.control.jacobian_estimate import FIRST_STD_MM, JacobianEstimate
 from daemon.control.lag.body_lag import BodyLag
@@ -47,6 +48,9 @@ _WAITS_AT_MOST = 10.0
 _FRAMES_AT_MOST = 4000
 _LAG_FRAMES_AT_ONCE = 3
 """In spare time, so that they are all told within a second or two."""
+
+_COUNTED = "pointing_mm_per_rad"
+"""In a file: as how many mm a radian counts in its rows of the direction."""
 
 Frame = tuple[float, Vector, Vector]
 """Time in s, (m,) where the axes were, (3,) where the tip was, or (6,) with its direction."""
@@ -342,16 +346,28 @@ class BroydenController:
             raise ModelError("there is nothing to save: the Jacobian is not measured yet")
         estimate = self._estimate
         arrays = {"jacobian": estimate.jacobian, "covariance": estimate.covariance}
+        if len(estimate.jacobian) == POSE:
+            arrays[_COUNTED] = np.array(self._options.pointing_mm_per_rad)
         save_model(path, self._metadata, arrays)
 
     def load(self, path: Path) -> None:
+        arrays = self._read(path)
+        jacobian, now = arrays["jacobian"], self._options.pointing_mm_per_rad
+        counted = float(arrays.get(_COUNTED, np.array(now)))  # files from before do not say
+        if not counted > 0.0:
+            raise ModelError(f"{path} is damaged: {_COUNTED} is {counted:g}, and must be above 0")
+        jacobian[POSITION:] *= now / counted
+        self._begin(jacobian, arrays["covariance"])
+
+    def _read(self, path: Path) -> Arrays:
+        """With the direction's rows, if it has them. Raises ModelError or OSError."""
         count = len(self._scale)
-        shapes = {"jacobian": (POSITION, count), "covariance": (count, count)}
-        try:
-            arrays = load_model(path, self._metadata, {**shapes, "jacobian": (POSE, count)})
-        except ModelError:
-            arrays = load_model(path, self._metadata, shapes)
-        self._begin(arrays["jacobian"], arrays["covariance"])
+        place = {"jacobian": (POSITION, count), "covariance": (count, count)}
+        pose = {**place, "jacobian": (POSE, count)}
+        for shapes in ({**pose, _COUNTED: ()}, pose):
+            with suppress(ModelError):
+                return load_model(path, self._metadata, shapes)
+        return load_model(path, self._metadata, place)
 
     def _begin(self, jacobian: Vector, covariance: Vector) -> None:
         self._estimate = JacobianEstimate(

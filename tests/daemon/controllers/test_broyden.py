@@ -367,6 +367,25 @@ def test_what_was_learnt_goes_on_from_a_file_without_exploring(tmp_path: Path) -
     assert again.error == loop.error
 
 
+def test_directions_in_a_file_mean_the_same_however_much_they_count(tmp_path: Path) -> None:
+    jacobian = np.random.default_rng(3).normal(size=(6, 6))
+    saved = BroydenController(OPTIONS, ROBOT)
+    saved._begin(jacobian, np.eye(6))
+    saved.save(tmp_path / "broyden.npz")
+    written, per_rad = saved.jacobian, []
+    assert written is not None
+    for mm_per_rad in (OPTIONS.pointing_mm_per_rad, 100.0):
+        options = OPTIONS.model_copy(update={"pointing_mm_per_rad": mm_per_rad})
+        loaded = BroydenController(options, ROBOT)
+        loaded.load(tmp_path / "broyden.npz")
+        found = loaded.jacobian
+        assert found is not None
+        np.testing.assert_array_equal(found[:3], written[:3])
+        per_rad.append(found[3:] / mm_per_rad)
+    np.testing.assert_allclose(per_rad[1], per_rad[0])
+    np.testing.assert_allclose(per_rad[0] * OPTIONS.pointing_mm_per_rad, written[3:])
+
+
 def test_before_there_is_a_jacobian_there_is_nothing_to_save(tmp_path: Path) -> None:
     with pytest.raises(ModelError, match="nothing to save"):
         BroydenController(OPTIONS, ROBOT).save(tmp_path / "broyden.npz")
