@@ -254,7 +254,7 @@ class BroydenController:
         self._first_lag = BodyLag()
         self._first = np.zeros((POSITION, len(self._scale)))
         self._points = False
-        """Whether the reference says where to point."""
+        """Whether the reference has ever said where to point: a hand does so when it likes."""
         self._last_seen_s = 0.0
 
     @property
@@ -271,7 +271,6 @@ class BroydenController:
         self._follower.set_posture(posture)
 
     def reset(self, observation: Observation) -> None:
-        self._points = points(observation)
         self._follower.reset(observation)
         self._exploration.reset()
         self._axes.break_off()
@@ -281,6 +280,8 @@ class BroydenController:
         measured = chain(observation.u.tolist(), observation.tip_mm.tolist())
         if not (observation.believed and all(map(isfinite, measured))):
             return
+        if points(observation) and not self._points:
+            self._begin_to_point()
         u, t_s = observation.u, observation.t_ns * 1e-9
         if self._options.leads:
             self._axes.see(t_s, u, observation.targets)
@@ -368,6 +369,17 @@ class BroydenController:
             with suppress(ModelError):
                 return load_model(path, self._metadata, shapes)
         return load_model(path, self._metadata, place)
+
+    def _begin_to_point(self) -> None:
+        """First motions showed what turns the tip, too, if they are over."""
+        self._points = True
+        estimate, exploration = self._estimate, self._exploration
+        if estimate is None or len(estimate.jacobian) == POSE or not exploration.done:
+            return
+        rows = exploration.jacobian[POSITION:]
+        if len(rows):
+            first = np.concatenate([estimate.jacobian, rows])
+            self._begin(first, np.eye(len(self._scale)) * FIRST_STD_MM**2)
 
     def _begin(self, jacobian: Vector, covariance: Vector) -> None:
         self._estimate = JacobianEstimate(

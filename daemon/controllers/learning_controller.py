@@ -71,9 +71,9 @@ class LearningController(ABC):
         self._jacobian = self._new_jacobian()
         self._pointing = PointingJacobian(options, self._range)
         self._points = False
-        """Whether the reference says where to point."""
+        """Whether the reference has ever said where to point: a hand does so when it likes."""
         self._seed = seed
-        self._babbling = Babbling(options.babbling, self._follower.axes, seed)
+        self._babbling = self._new_babbling()
         self._babbled: list[MotionSample] = []
         self._model: PretrainedModel | None = None
         self._samples = self._sampler(_UNKNOWN_BODY)
@@ -124,9 +124,9 @@ class LearningController(ABC):
         self._samples.break_off()
         self._axes.break_off()
         self._pointing.break_off()
-        self._points = self.steers_direction and points(observation)
+        self._points = self._points or self._shall_point(observation)
         if self._babbling.done and not self._learnt:
-            self._babbling = Babbling(self._options.babbling, self._follower.axes, self._seed)
+            self._babbling = self._new_babbling()
         self._babbling.reset()
         before = self._follower.posture
         self._follower.reset(observation)
@@ -138,6 +138,10 @@ class LearningController(ABC):
         step, and one tells little of the body. First motions are those that were asked for: what
         is seen of a robot that is held meanwhile is none of them, and may be hours of frames."""
         self._work_off()
+        if not (self.ready or self._points) and self._shall_point(observation):
+            self._points = True
+            self._babbling = self._new_babbling()  # of which all tells what turns the tip
+            self.reset(observation)
         asked, self._asked = self._asked, False
         learns = self._options.learning and self._follower.probed
         if learns if self._learnt else asked:
@@ -181,6 +185,7 @@ class LearningController(ABC):
         self._asked = True
         observation = observation._replace(u=self._follower.free(observation.u))
         if self.ready:
+            self._begin_to_point(observation)
             return self._follow(observation)
         if self._learnt:
             jacobian = self._jacobian.at(observation.tip_mm, observation.u)
@@ -261,6 +266,23 @@ class LearningController(ABC):
         """The follower has another one."""
 
     # Parts of the above.
+
+    def _new_babbling(self) -> Babbling:
+        return Babbling(self._options.babbling, self._follower.axes, self._seed)
+
+    def _shall_point(self, observation: Observation) -> bool:
+        return self.steers_direction and points(observation)
+
+    def _begin_to_point(self, observation: Observation) -> None:
+        """Raises ControllerError where a tip that is led shall point for the first time, and nobody
+        knows what turns it: small motions in the middle of others' would come as a surprise."""
+        if self._points or not self._shall_point(observation):
+            return
+        self._points = True
+        if not self._pointing.known:
+            raise ControllerError(
+                "what turns the tip is not known yet: resume, and small motions show it"
+            )
 
     def _task(self, observation: Observation, jacobian: Vector) -> tuple[Vector, Vector]:
         """(3,) mm that the tip shall move, and (3, m) `jacobian`; (6,) and (6, m) where it shall

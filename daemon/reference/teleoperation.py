@@ -93,16 +93,24 @@ class TeleoperationReference:
             self._setpoints.set(*self._newest[:-1])
 
     def wait(self) -> Aim:
-        return Aim(self._from_mm, AT_REST, LED_TO_THE_START)
+        """With where it points, once a hand has asked for that: the controller may have to find out
+        first what turns the tip."""
+        direction = None if self._wanted_direction is None else self._direction
+        turn = None if direction is None else AT_REST
+        return Aim(self._from_mm, AT_REST, LED_TO_THE_START, direction, turn)
 
     def advance(self, t_ns: int, dt_s: float) -> Aim:
         position, velocity = self._setpoints.advance(t_ns)
         pointing = self._pointing(dt_s if self._setpoints.valid(t_ns) else 0.0) or (None, None)
         return Aim(position, velocity, LED_TO_THE_START, *pointing)
 
+    @property
+    def _wanted_direction(self) -> Vector | None:
+        return None if self._newest is None else self._newest.direction
+
     def _pointing(self, dt_s: float) -> tuple[Vector, Vector] | None:
         """(3,) direction and its change in 1/s, `dt_s` later; None: the tip may point anywhere."""
-        wanted = None if self._newest is None else self._newest.direction
+        wanted = self._wanted_direction
         if wanted is None or self._direction is None:
             return None
         turn = Turn(self._direction, wanted)

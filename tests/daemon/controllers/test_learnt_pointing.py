@@ -165,6 +165,38 @@ def turned(tubes: PoseKinematics, one: LearningController) -> float:
     return angle_between(tubes.pose(u).direction, wanted)
 
 
+def test_a_hand_that_points_a_tip_that_is_led_is_told_that_small_motions_come_first(
+    tubes: PoseKinematics,
+) -> None:
+    one = made("forward_jacobian", babbling={"duration_s": 8.0}, lead=False)
+    babbled(tubes, one, points=False)
+    one.propose(seen(tubes, AT, 3000, points=False))
+    pointed = seen(tubes, AT, 3001)
+    one.observe(pointed)
+    with pytest.raises(ControllerError, match="resume, and small motions show it"):
+        one.propose(pointed)
+    assert babbled(tubes, one, points=False) > 300, "what it was asked for once is not forgotten"
+    assert turned(tubes, one) < 0.02
+
+
+def test_a_hand_that_points_during_first_motions_has_them_show_what_turns_the_tip(
+    tubes: PoseKinematics,
+) -> None:
+    one, u = made("forward_jacobian", babbling={"duration_s": 8.0}, lead=False), AT.copy()
+    one.reset(seen(tubes, u, points=False))
+    for number in range(300):
+        here = seen(tubes, u, number, points=False)
+        one.observe(here)
+        u = u + one.propose(here).delta_u
+    while not one.ready:
+        number += 1
+        here = seen(tubes, u, number)
+        one.observe(here)
+        u = u + one.propose(here).delta_u
+    assert number > 600
+    assert one._pointing.known
+
+
 @pytest.mark.parametrize("kind", ["forward_jacobian", "reward_weighted"])
 def test_who_knows_only_where_the_tip_goes_finds_out_what_turns_it_and_keeps_it(
     kind: str, tubes: PoseKinematics, tmp_path: Path

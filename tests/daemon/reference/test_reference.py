@@ -171,6 +171,17 @@ def test_a_setpoint_that_came_before_motion_began_counts() -> None:
     assert reference.advance(25 * MS, 0.025).position_mm[0] == pytest.approx(0.25)
 
 
+def test_who_waits_for_the_controller_says_that_a_hand_points() -> None:
+    """It may have to find out first what turns the tip."""
+    reference, along = TeleoperationReference(max_speed_mm_s=10.0, t_ns=0), np.array([0, 0, 1.0])
+    reference.begin(TIP, along)
+    assert reference.wait().direction is None
+    reference.set(0, TIP, 0.3, None, np.array([0.0, 0.6, 0.8]))
+    waiting = reference.wait()
+    assert waiting.direction is not None and waiting.turn is not None
+    assert waiting.direction.tolist() == along.tolist() and not waiting.turn.any()
+
+
 def test_teleoperation_follows_no_faster_than_it_may_and_not_for_ever() -> None:
     reference = TeleoperationReference(max_speed_mm_s=10.0, t_ns=0)
     reference.begin(TIP)

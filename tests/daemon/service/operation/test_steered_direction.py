@@ -54,10 +54,22 @@ def test_who_leads_the_position_alone_refuses_pointing_by_name() -> None:
     assert setpoints.take(setpoint(None), 0) == ""
 
 
-def test_tubes_turn_their_tip_to_where_a_hand_points_it_and_keep_its_place() -> None:
+@pytest.mark.parametrize(
+    ("controller", "seconds"),
+    [
+        (LEARNED, 10.0),
+        ({"kind": "broyden"}, 25.0),
+        ({"kind": "forward_jacobian", "babbling": {"duration_s": 10.0}}, 25.0),
+    ],
+)
+def test_tubes_turn_their_tip_to_where_a_hand_points_it_and_keep_its_place(
+    controller: dict[str, object], seconds: float
+) -> None:
+    """Those too that find out in first motions what turns it."""
+
     async def scene(rig: Rig) -> None:
         await rig.armed()
-        await rig.do(Teleoperate, controller=LEARNED)
+        await rig.do(Teleoperate, controller=controller)
         place = rig.status.tip_mm
         begun = rig.tips[-1].quaternion
         assert place is not None
@@ -68,7 +80,7 @@ def test_tubes_turn_their_tip_to_where_a_hand_points_it_and_keep_its_place() -> 
         # within it two carriages could do no more than move it.
         wanted = axis + np.tan(TURN_RAD) * np.array([0.0, 1.0, 0.0])
         wanted /= np.linalg.norm(wanted)
-        for sequence in range(1, 200):
+        for sequence in range(1, round(20 * seconds)):
             told = Setpoint(
                 token=rig.token,
                 sequence=sequence,
