@@ -1,7 +1,6 @@
 """Messages to bytes and back. What comes in is believed only when all of it is sound."""
 
 import math
-from collections.abc import Iterator
 from contextlib import suppress
 from enum import Enum
 from functools import cache
@@ -37,11 +36,14 @@ _MOST_BYTES: Final[dict[type[Message], int]] = {
 _MOST_COMMAND_BYTES: Final = 4096
 LARGEST_MESSAGE_BYTES: Final = 67584
 """An upload's part in base64, and what is said beside it."""
-_OF_BYTES: Final[dict[type[Message], str]] = {Upload: "$.data"}
-"""Where bytes may stand that are no text."""
+_OF_BYTES: Final[dict[type[Message], str]] = {Upload: "data"}
+"""Under which key bytes may stand that are no text."""
 _DEEPEST: Final = 16
+_LONGEST_KEY_TOLD: Final = 64
 _LARGEST_INT: Final = 2**63 - 1
 """In JSON a number may have any size; in msgpack, and in most languages, it may not."""
+_NUMBERS: Final = frozenset((int, float))
+_LONG_LIST: Final = 32
 
 
 class Format(Enum):
@@ -101,8 +103,8 @@ def decode_one_of(
     raw = _raw(payload, max(most_bytes(kind) for kind in kinds), form)
     request = _request(raw)
     kind = _kind(raw.get("type"), kinds, request)
-    for path, problem in _problems(raw, _OF_BYTES.get(kind)):
-        raise WireError("bad_payload", f"{problem} at {path}", request)
+    if found := _problem(raw, _OF_BYTES.get(kind)):
+        raise WireError("bad_payload", f"{found[1]} at ${found[0]}", request)
     try:
         return msgspec.convert(raw, kind)
     except (msgspec.ValidationError, OverflowError) as error:
@@ -156,33 +158,56 @@ def _kind(wire_tag: object, kinds: tuple[type[Message], ...], request: str) -> t
     raise WireError("bad_payload", f"{spoken} belongs here, not '{wire_tag[:64]}'", request)
 
 
-def _problems(raw: object, of_bytes: str | None) -> Iterator[tuple[str, str]]:
-    """Everything that must not be anywhere in a message, with where it is. of_bytes: the one place
-    where bytes may stand."""
-    waiting: list[tuple[str, object, int]] = [("$", raw, 0)]
-    while waiting:
-        path, value, depth = waiting.pop()
-        if isinstance(value, float):
-            if not math.isfinite(value):
-                yield path, f"{value} is not a finite number"
-        elif isinstance(value, int):
-            if not -_LARGEST_INT <= value <= _LARGEST_INT:
-                yield path, "a number with so many digits has no place"
-        elif isinstance(value, str):
-            if not _is_text(value):
-                yield path, "it is not text"
-        elif isinstance(value, dict):
-            for key, inner in value.items():
-                if not isinstance(key, str) or not _is_text(key):
-                    yield path, "a map's keys are words, which is not so"
-                    continue
-                waiting.append((f"{path}.{key}", inner, depth + 1))
-        elif isinstance(value, list):
-            waiting.extend((f"{path}[{n}]", inner, depth + 1) for n, inner in enumerate(value))
-        elif value is not None and not (isinstance(value, bytes) and path == of_bytes):
-            yield path, f"a {type(value).__name__} has no place"
-        if depth > _DEEPEST:
-            yield path, "nested too deeply"
+def _problem(value: object, of_bytes: str | None, depth: int = 0) -> tuple[str, str] | None:
+    """The first thing that must not be anywhere in a message, with where it is from here. of_bytes:
+    the one key of the message itself under which bytes may stand.
+
+    A path is put together on the way back only: those of all places, under a long key, would take
+    a gigabyte. A message may have 65 thousand places, and the loop waits for this.
+    """
+    if depth > _DEEPEST:
+        return "", "nested too deeply"
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            if not isinstance(key, str) or not _is_text(key):
+                return "", "a map's keys are words, which is not so"
+            if key == of_bytes and isinstance(inner, bytes):
+                continue
+            if found := _problem(inner, None, depth + 1):
+                return f".{key[:_LONGEST_KEY_TOLD]}{found[0]}", found[1]
+    elif isinstance(value, list):
+        inmost = depth == _DEEPEST
+        if len(value) >= _LONG_LIST and not inmost and _are_sound_numbers(value):
+            return None
+        for n, inner in enumerate(value):
+            if found := _problem(inner, None, depth + 1):
+                return f"[{n}]{found[0]}", found[1]
+    elif text := _wrong(value):
+        return "", text
+    return None
+
+
+def _are_sound_numbers(values: list[Any]) -> bool:
+    """Whether a list has nothing but numbers that may be there: a long one mostly is so, and to
+    look at each number by itself takes ten times as long."""
+    return (
+        _NUMBERS.issuperset(map(type, values))
+        and min(values) >= -_LARGEST_INT
+        and max(values) <= _LARGEST_INT
+        and all(map(math.isfinite, values))
+    )
+
+
+def _wrong(value: object) -> str:
+    """What is wrong with a value that holds no others; empty: nothing."""
+    if isinstance(value, float):
+        return "" if math.isfinite(value) else f"{value} is not a finite number"
+    if isinstance(value, int):
+        in_range = -_LARGEST_INT <= value <= _LARGEST_INT
+        return "" if in_range else "a number with so many digits has no place"
+    if isinstance(value, str):
+        return "" if _is_text(value) else "it is not text"
+    return "" if value is None else f"a {type(value).__name__} has no place"
 
 
 def _is_text(value: str) -> bool:

@@ -2,6 +2,7 @@
 
 import json
 import math
+import tracemalloc
 from typing import Any
 
 import msgspec
@@ -165,6 +166,34 @@ def test_empty_broken_deep_and_long_payloads_are_refused() -> None:
     assert "nested too deeply" in str(problem(encode(load), Load))
     long = encode(Arm(request="x" * 5000))
     assert str(problem(long, Arm)) == f"{len(long)} bytes are more than 4096"
+
+
+def test_many_places_under_a_long_key_take_no_more_room_than_others() -> None:
+    """The path of each would be as long as the key: a gigabyte, and a second of the loop."""
+    load = Load(trajectory={"k" * 32000: [True] * 32000})
+    payload = encode(load)
+    tracemalloc.start()
+    try:
+        assert decode(payload, Load) == load
+        peak_bytes = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak_bytes < 20 * len(payload)
+
+
+def test_a_long_key_is_told_cut_off() -> None:
+    load = Load(trajectory={"k" * 32000: [math.nan]})
+    error = problem(encode(load), Load)
+    assert str(error) == f"nan is not a finite number at $.trajectory.{'k' * 64}[0]"
+
+
+@pytest.mark.parametrize("wrong", [math.nan, 2**64 - 1, b"", [math.inf]])
+@pytest.mark.parametrize("place", [0, 17, 99])
+def test_one_wrong_thing_in_a_long_list_is_found(wrong: Any, place: int) -> None:
+    points: list[Any] = [0.5, 7] * 50
+    points[place] = wrong
+    error = problem(encode(Load(trajectory={"points": points})), Load)
+    assert f"at $.trajectory.points[{place}]" in str(error)
 
 
 def test_only_a_load_may_be_long() -> None:
