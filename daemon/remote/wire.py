@@ -10,7 +10,6 @@ import msgspec
 
 from daemon.messages import (
     Command,
-    Events,
     Load,
     Message,
     Obstacles,
@@ -31,7 +30,6 @@ _MOST_BYTES: Final[dict[type[Message], int]] = {
     Surround: 65536,
     Setpoint: 1024,
     Obstacles: 4096,
-    Events: LARGEST_ANSWER_BYTES,
 }
 _MOST_COMMAND_BYTES: Final = 4096
 LARGEST_MESSAGE_BYTES: Final = 67584
@@ -86,8 +84,8 @@ def encode(message: Message, form: Format = Format.MSGPACK) -> bytes:
 
 
 def most_bytes(kind: type[Message]) -> int:
-    """The size above which a message to the daemon is not looked at."""
-    fallback = _MOST_COMMAND_BYTES if issubclass(kind, Command) else LARGEST_MESSAGE_BYTES
+    """The size above which a message is not looked at, by the daemon or by who has asked it."""
+    fallback = _MOST_COMMAND_BYTES if issubclass(kind, Command) else LARGEST_ANSWER_BYTES
     return _MOST_BYTES.get(kind, fallback)
 
 

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from daemon.messages import (
     COMMANDS,
     TELEMETRY,
+    Answer,
     Arm,
     Event,
     Load,
@@ -201,6 +202,14 @@ def test_only_a_load_may_be_long() -> None:
     load = Load(trajectory={"points": points})
     assert most_bytes(Stop) < len(encode(load)) < most_bytes(Load)
     assert decode(encode(load), Load) == load
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_a_path_of_as_many_places_as_are_answered_can_be_read(form: Format) -> None:
+    at = [n / 7.0 for n in range(1000)]
+    path = {"t_s": at, "u": [[x] * 6 for x in at], "tip_mm": [[x] * 3 for x in at]}
+    answer = Answer(request="1", state="armed", path=path)
+    assert decode(encode(answer, form), Answer, form) == answer
 
 
 def test_bytes_and_dates_have_no_place() -> None:
