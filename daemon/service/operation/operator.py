@@ -161,11 +161,17 @@ class Operator:
     async def load(self, trajectory: Trajectory, options: ControllerOptions) -> None:
         """Make ready what `start` will follow. Raises RefusedError."""
         controller = self._loader.make_controller(options)
-        await self._load_checked(trajectory, controller, self._loader.bounds(options, controller))
+        bounds = self._loader.bounds(options, controller)
+        await self._load_checked(trajectory, controller, bounds, lambda: None)
 
     async def _load_checked(
-        self, trajectory: Trajectory, controller: Controller, bounds: Bounds
+        self,
+        trajectory: Trajectory,
+        controller: Controller,
+        bounds: Bounds,
+        still_allowed: Callable[[], None],
     ) -> None:
+        """still_allowed: raises CommandRefusedError once the command would be refused."""
         self._check_path(trajectory.path)
         asked = (("unreachable", looks), ("axis_too_slow", too_fast))
         for refusal, look in asked:
@@ -174,6 +180,8 @@ class Operator:
                     raise CommandRefusedError(refusal, why)
                 await asyncio.sleep(0)  # the bus cycle goes on in between
         ahead = await self._look_ahead(trajectory.path)
+        # Who has the lease by now must not start what somebody else has asked for before.
+        still_allowed()
         if self._service.supervisor.running:
             raise CommandRefusedError("wrong_state", "the robot was started meanwhile")
         self._check_path(trajectory.path)  # the surroundings may have changed meanwhile
@@ -292,11 +300,12 @@ class Operator:
         return await self._bring_to_rest(Request.STOP, command)
 
     async def _load(self, user: str, command: Load) -> Answer:
-        del user
         if self._service.supervisor.running:
             raise CommandRefusedError("wrong_state", "the robot is moving: hold or stop it first")
         trajectory, controller, bounds = await self._loader.to_follow(command)
-        await self._load_checked(trajectory, controller, bounds)
+        await self._load_checked(
+            trajectory, controller, bounds, lambda: self._check_lease(user, command)
+        )
         return self._answer(command, text=f"{trajectory.kind}, {trajectory.duration_s:g} s")
 
     async def _plan(self, user: str, command: Plan) -> Answer:

@@ -2,6 +2,7 @@
 
 import asyncio
 import re
+from typing import Any
 
 import pytest
 
@@ -20,6 +21,7 @@ from daemon.messages import (
     Stop,
     Teleoperate,
 )
+from daemon.service.motion_loader import MotionLoader
 from drivers.cia402.power_state import PowerState
 from safety.states import OperatingState
 from tests.daemon.service.rig import MODEL, SMALL_CIRCLE, USER, Rig, on_a_rig
@@ -152,6 +154,33 @@ def test_a_trajectory_is_followed_to_its_end_and_the_robot_stays_armed() -> None
         assert len(errors) > 700
         assert sum(errors) / len(errors) < 1.5
         assert rig.recording.table.rows()[0].samples > 700
+
+    on_a_rig(scene)
+
+
+def test_what_was_asked_for_under_a_lease_that_has_ended_is_not_loaded(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.do(Acquire)
+        rig.renewing, read = False, asyncio.Event()
+        to_follow = MotionLoader.to_follow
+
+        async def read_slowly(loader: MotionLoader, command: Load) -> Any:
+            await read.wait()
+            return await to_follow(loader, command)
+
+        monkeypatch.setattr(MotionLoader, "to_follow", read_slowly)
+        loading = asyncio.create_task(rig.refused(Load, trajectory=SMALL_CIRCLE, controller=MODEL))
+        await rig.until(lambda: rig.status.lease.holder is None)
+        rig.token = ""
+        await rig.do(Acquire)
+        read.set()
+        assert (await loading).name == "no_lease"
+        verbs = {verb.name: verb for verb in rig.status.verbs}
+        assert not verbs["start"].possible
+        await rig.do(Arm)
+        assert (await rig.refused(Start)).name == "nothing_loaded"
 
     on_a_rig(scene)
 
