@@ -21,8 +21,14 @@ from config.documents.yaml_document import YamlDocument
 M = TypeVar("M", bound=BaseModel)
 
 
+_MOST_TOLD: Final = 16
+"""Problems of one message: to look for what was meant by each of ten thousand takes a second, which
+whoever has to read the message does not have, and makes an answer that is too long to be sent."""
+_LONGEST_TOLD: Final = 400
+
+
 class OptionsError(ValueError):
-    """Options that cannot be used, with every problem found in them."""
+    """Options that cannot be used, with the problems found in them."""
 
     def __init__(self, problems: Sequence[str]) -> None:
         self.problems = tuple(problems)
@@ -30,13 +36,20 @@ class OptionsError(ValueError):
 
 
 def checked_options(model: type[M], key: str, mapping: Mapping[str, Any]) -> M:
-    """`model` with `mapping` under `key`. Raises OptionsError that names every wrong key."""
+    """`model` with `mapping` under `key`. Raises OptionsError that names every wrong key, or the
+    first ones of very many."""
     value = {key: dict(mapping)}
     try:
         return model.model_validate(value)
     except ValidationError as error:
-        found = schema_problems(YamlDocument("", value), model, error)
-        raise OptionsError([f"{one.key_path}: {one.message}" for one in found]) from None
+        found = schema_problems(YamlDocument("", value), model, error, _MOST_TOLD)
+        told = [_cut(f"{one.key_path}: {one.message}") for one in found]
+        more = error.error_count() - len(found)
+        raise OptionsError([*told, f"and {more} more"] if more else told) from None
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= _LONGEST_TOLD else f"{text[:_LONGEST_TOLD]} ..."
 
 
 class ConfigModel(BaseModel):

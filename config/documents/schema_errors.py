@@ -13,11 +13,12 @@ JsonSchema = Mapping[str, Any]
 
 
 def schema_problems(
-    document: YamlDocument, model: type[BaseModel], error: ValidationError
+    document: YamlDocument, model: type[BaseModel], error: ValidationError, most: int | None = None
 ) -> list[Problem]:
-    """Every violation in `error` as a problem in `document`."""
+    """Every violation in `error` as a problem in `document`, or the first ones."""
     schema = model.model_json_schema()
-    return [_problem(document, schema, details) for details in error.errors(include_url=False)]
+    found = error.errors(include_url=False)[:most]
+    return [_problem(document, schema, details) for details in found]
 
 
 def _problem(document: YamlDocument, schema: JsonSchema, details: ErrorDetails) -> Problem:

@@ -171,7 +171,7 @@ class Waypoints(Pointed):
     file: Annotated[str, Field(min_length=1)] | None = None
     """CSV with the header `t, x, y, z` (s and mm), relative to the file that names it. With
     `dx, dy, dz` behind it says where the tip points as well."""
-    points: Annotated[tuple[Row, ...], Field(strict=False)] | None = None
+    points: Annotated[tuple[Row, ...], Field(strict=False, fail_fast=True)] | None = None
     """The same rows here, instead of a file."""
     cycles: Cycles = 1
     """More than one: the last point must be the first."""

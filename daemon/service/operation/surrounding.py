@@ -77,7 +77,8 @@ class Surrounding:
             raise CommandRefusedError("busy", "others are being prepared already: wait for them")
         self._busy = True
         try:
-            return await self._exchange(source, self._wanted(source, command), still_allowed)
+            wanted = await self._wanted(source, command)
+            return await self._exchange(source, wanted, still_allowed)
         finally:
             self._busy = False
 
@@ -130,19 +131,19 @@ class Surrounding:
         if supervisor.arming:
             raise CommandRefusedError("wrong_state", "the robot is being armed: wait for it")
 
-    def _wanted(self, source: BodyRiskSource, command: Surround) -> Surface:
-        own = self._service.robot.risk.surface
-        if command.surface is None:
+    async def _wanted(self, source: BodyRiskSource, command: Surround) -> Surface:
+        own, asked = self._service.robot.risk.surface, command.surface
+        if asked is None:
             if command.add or own is None:
                 raise CommandRefusedError("bad_surroundings", "there is nothing to add")
             return own
         try:
             if not command.add:
-                surface = load_surface(command.surface)
+                surface = await self._off_the_loop(lambda: load_surface(asked))
                 main = self._found(surface)
                 bodies = [self._found(one) for one in surface.bodies]
                 return surface.model_copy(update={"mesh": main.mesh, "bodies": bodies})
-            more = load_more_surroundings(command.surface)
+            more = await self._off_the_loop(lambda: load_more_surroundings(asked))
             there = source.files.surroundings.surface
             bodies = [*there.bodies, *(self._found(one) for one in more.bodies)]
             together = {"bodies": bodies, "regions": [*there.regions, *more.regions]}
@@ -150,6 +151,8 @@ class Surrounding:
             return load_surface(kept.model_dump(mode="python"))
         except OptionsError as error:
             raise CommandRefusedError("bad_surroundings", str(error)) from None
+        except TimeoutError:
+            raise CommandRefusedError("not_prepared", "it took too long") from None
 
     def _found(self, one: PlacedMesh) -> PlacedMesh:
         """With the place of its file. Raises CommandRefusedError."""

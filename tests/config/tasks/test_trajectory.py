@@ -102,6 +102,26 @@ def test_wrong_controller_options_are_told_by_name() -> None:
         load_controller_options({"kind": "broyden", "gain_per_s": 0})
 
 
+@pytest.mark.parametrize("row", [[0.0, 0.0, 185.0], [0], "", 7])
+def test_of_many_rows_that_are_none_the_first_is_told(row: Any) -> None:
+    """To tell of each of them takes seconds, in which nothing else of the daemon goes on."""
+    told = complaints({"kind": "waypoints", "points": [row] * 5000})
+    assert "trajectory.points[0]" in told[0]
+    assert not any("points[1]" in one for one in told)
+    rows = {name: [row] * 5000 for name in ("t_s", "u", "tip_mm")}
+    told = complaints({"kind": "planned", "path": rows})
+    assert sum(map(len, told)) < 10_000
+
+
+def test_of_very_many_wrong_keys_the_first_are_told_and_how_many_more_there_are() -> None:
+    told = complaints({**RECTANGLE, **{f"key_{n}": 0 for n in range(5000)}})
+    assert told[0] == "trajectory.key_0: unknown key"
+    assert told[-1] == f"and {5000 - len(told) + 1} more"
+    assert sum(map(len, told)) < 10_000
+    (told_of_long,) = complaints({**RECTANGLE, "k" * 60_000: 0})
+    assert len(told_of_long) < 1000
+
+
 @pytest.mark.parametrize(
     "wrong",
     [
