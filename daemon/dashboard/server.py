@@ -116,7 +116,8 @@ class PageServer:
         role = self._rules.role(asked)
         if refused is not None:
             return _plain(refused.status, refused.text)
-        if role is None and request.method == "GET" and request.path == "/":
+        arrives = request.method == "GET" and request.path == "/"
+        if arrives and (role is None or self._known(request)):
             return self._let_in(request)
         if role is None:
             return _plain(401, "open the address that `tentacled dashboard` has printed")
@@ -130,11 +131,15 @@ class PageServer:
                 response.headers.setdefault(name, value)
         return response
 
+    def _known(self, request: web.Request) -> bool:
+        """Whether a token in the address gives a role: it counts before that of a cookie."""
+        return self._rules.role_of(request.query.get("token", "")) is not None
+
     def _let_in(self, request: web.Request) -> web.Response:
         """The token comes once in the address, and is a cookie from then on."""
-        token = request.query.get("token", "")
-        if self._rules.role_of(token) is None:
+        if not self._known(request):
             return _plain(401, "open the address that `tentacled dashboard` has printed")
+        token = request.query["token"]
         response = web.Response(
             status=303, headers={**security_headers(), "Location": _home(request)}
         )

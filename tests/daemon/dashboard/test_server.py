@@ -118,6 +118,23 @@ def test_the_token_comes_once_in_the_address_and_is_a_cookie_from_then_on(tmp_pa
     run_in_real_time(test())
 
 
+def test_a_browser_that_has_watched_becomes_an_operator_s_by_the_operator_s_address(
+    tmp_path: Path,
+) -> None:
+    async def test() -> None:
+        async with served(tmp_path) as page:
+            for before, token in ((VIEWER, OPERATOR), (OPERATOR, VIEWER)):
+                url = f"{page.base}/?token={token}"
+                got = await page.http.get(url, headers=page.sent(before), allow_redirects=False)
+                assert got.status == 303 and got.headers["Location"] == "/"
+                assert f"{page.cookie}={token};" in got.headers["Set-Cookie"]
+            url = f"{page.base}/?token=wrong"
+            got = await page.http.get(url, headers=page.sent(VIEWER), allow_redirects=False)
+            assert got.status == 303 and "Set-Cookie" not in got.headers
+
+    run_in_real_time(test())
+
+
 def test_other_hosts_origins_kinds_and_sizes_are_refused_on_the_wire(tmp_path: Path) -> None:
     async def test() -> None:
         async with served(tmp_path) as page:
