@@ -50,7 +50,8 @@ async def _hold(client: RobotClient, path: Path, user: str) -> Result:
                 taken = await _take_again(client, stopping)
                 if taken is None:
                     break
-                store_lease(path, StoredLease(user, taken.token))
+                answer = taken
+                store_lease(path, StoredLease(user, answer.token))
                 tell("lease", held, "the lease is yours again")
             await asyncio.wait((stopping,), timeout=_LOOK_EVERY_S)
         return await _give_back(client)
@@ -59,7 +60,7 @@ async def _hold(client: RobotClient, path: Path, user: str) -> Result:
         raise CommandError("input_output", text, place=str(path)) from None
     finally:
         stopping.cancel()
-        forget_lease(path)
+        forget_lease(path, answer.token)
 
 
 async def _take_again(client: RobotClient, stopping: asyncio.Task[None]) -> Answer | None:

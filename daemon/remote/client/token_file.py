@@ -36,7 +36,9 @@ def stored_token(path: Path) -> str:
     return ""
 
 
-def forget_lease(path: Path) -> None:
-    """Nobody holds it any more."""
+def forget_lease(path: Path, token: str) -> None:
+    """This one is not held any more; somebody else's that is kept there by now stays."""
     with suppress(OSError):
+        if stored_token(path) not in ("", token):
+            return
         path.unlink(missing_ok=True)

@@ -40,6 +40,7 @@ from daemon.messages import (
 )
 from daemon.remote.client.token_file import StoredLease, store_lease, token_file
 from daemon.remote.server.server import RemoteServer
+from daemon.service.lease import Lease
 from tests.daemon.remote.rig import ROBOT, WITHIN_S, FakeRobot
 
 
@@ -406,6 +407,26 @@ def test_a_lease_that_was_lost_is_taken_again_and_said_to_be(root: Path) -> None
         lease.send_signal(signal.SIGCONT)
         assert "the lease is lost" in lease.stderr.readline()
         assert "the lease is yours again" in lease.stdout.readline()
+
+
+def test_who_has_lost_the_lease_leaves_the_token_of_who_has_it_now(root: Path) -> None:
+    with (
+        Daemon(root / ROBOT, FakeRobot(lease_s=1.0)) as robot,
+        started("lease") as lease,
+    ):
+        assert lease.stdout is not None and lease.stderr is not None
+        assert "the lease is yours" in lease.stdout.readline()
+        lease.send_signal(signal.SIGSTOP)
+        ended = threading.Event()
+        while robot.lease.holder(robot.clock.now_ns()) is not None:
+            ended.wait(0.05)
+        robot.lease = Lease(60.0)
+        hold_lease(root / ROBOT, robot)
+        lease.send_signal(signal.SIGCONT)
+        assert "the lease is lost" in lease.stderr.readline()
+        lease.send_signal(signal.SIGINT)
+        assert lease.wait(WITHIN_S) == FAILED
+        assert tentacled("arm") == OK, "with the lease that somebody else has by now"
 
 
 def test_positions_on_standard_input_become_set_points(root: Path) -> None:
