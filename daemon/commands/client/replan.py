@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from daemon.commands.outcome.failures import CommandError
 from daemon.commands.outcome.result import Result
 from daemon.commands.terminal.place_arguments import add_goal_arguments, take_negative_numbers
 from daemon.commands.terminal.remote_arguments import (
@@ -61,7 +62,13 @@ def run(arguments: argparse.Namespace) -> Result:
             most_risk=arguments.most_risk,
             within_s=arguments.timeout,
         )
-        if arguments.out is not None and answer.path is not None:
+        if arguments.out is not None:
+            if answer.path is None:
+                text = (
+                    f"it is planned, but too long for an answer: {answer.file}, in the daemon's "
+                    "own folder (`run --files`), is the path"
+                )
+                raise CommandError("failed", text, place=str(arguments.out))
             content = json.dumps(answer.path, separators=(",", ":"))
             write_whole(arguments.out, (content + "\n").encode())
         if arguments.load:

@@ -32,6 +32,7 @@ from daemon.messages import (
     Answer,
     AxisStatus,
     Command,
+    Plan,
     Reason,
     ReferenceStatus,
     Refusal,
@@ -182,6 +183,33 @@ def test_waypoints_are_read_here_and_sent_as_data(
         assert tentacled("load", file) == CONFIGURATION
         assert "is no robot file" in capsys.readouterr().err
         assert len(robot.carried_out) == 1
+
+
+class PlanningRobot(FakeRobot):
+    """Has planned a path, which may be too long for an answer."""
+
+    path: dict[str, Any] | None = None
+
+    async def handle(self, user: str, command: Command) -> Answer | Refusal:
+        told = await super().handle(user, command)
+        if isinstance(command, Plan) and isinstance(told, Answer):
+            return replace(told, file="plan-1.json", path=self.path)
+        return told
+
+
+def test_a_planned_path_is_kept_where_it_is_wanted_or_that_it_is_not_is_told(
+    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "path.json"
+    with Daemon(root / ROBOT, PlanningRobot()) as robot:
+        assert isinstance(robot, PlanningRobot)
+        hold_lease(root / ROBOT, robot)
+        assert tentacled("replan", "--to", "1,2,3", "--out", out) == FAILED
+        assert "plan-1.json" in capsys.readouterr().err and not out.exists()
+        assert tentacled("replan", "--to", "1,2,3") == OK
+        robot.path = {"t_s": [0.0, 1.0]}
+        assert tentacled("replan", "--to", "1,2,3", "--out", out) == OK
+        assert json.loads(out.read_text()) == robot.path
 
 
 @pytest.mark.parametrize("name", ["arm", "disarm", "start", "hold", "resume", "clear"])
