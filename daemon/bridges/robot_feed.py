@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Final, Protocol
 
 from daemon.host.clock import MonotonicClock
@@ -24,6 +25,10 @@ class Listener(Protocol):
 
     def connected(self, me: WhoAmI, surroundings: Surroundings, mesh: bytes) -> None:
         """A daemon is there. mesh: a binary STL file in mm; empty where there is none."""
+        ...
+
+    def surrounded(self, surroundings: Surroundings, mesh: bytes) -> None:
+        """Others have taken the place of what was round the body."""
         ...
 
     def heard(self, message: Message, date_ns: int) -> None:
@@ -91,12 +96,25 @@ class RobotFeed:
         self._listener.connected(client.me, surroundings, mesh)
         date = DaemonDate()
         self._tell(await client.status(), date)
-        while True:
-            async with asyncio.timeout(_SILENT_S):
-                message = await anext(subscription)
-            if not client.connected:
-                raise DisconnectedError("the daemon has gone")
-            self._tell(message, date)
+        asked, looking = surroundings.counts_sha256, None
+        try:
+            while True:
+                async with asyncio.timeout(_SILENT_S):
+                    message = await anext(subscription)
+                if not client.connected:
+                    raise DisconnectedError("the daemon has gone")
+                self._tell(message, date)
+                if isinstance(message, Status) and message.risk.surroundings_sha256 != asked:
+                    asked = message.risk.surroundings_sha256
+                    looking = asyncio.create_task(self._look_round(client))
+        finally:
+            if looking is not None:
+                looking.cancel()
+
+    async def _look_round(self, client: RobotClient) -> None:
+        """A mesh comes in many parts: telemetry goes on."""
+        with suppress(ClientError):
+            self._listener.surrounded(*await client.surroundings())
 
     def _tell(self, message: Message, date: DaemonDate) -> None:
         arrived_ns = self._clock.wall_time_ns()

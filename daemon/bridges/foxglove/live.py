@@ -41,6 +41,10 @@ class FoxgloveServer:
         self.scene.connected(me, surroundings, mesh)
         self._wanted.surroundings = True
 
+    def surrounded(self, surroundings: Surroundings, mesh: bytes) -> None:
+        self.scene.surrounded(surroundings, mesh)
+        self._wanted.surroundings = True
+
     def heard(self, message: Message, date_ns: int) -> None:
         if self._wanted.surroundings:
             self._wanted.surroundings = False

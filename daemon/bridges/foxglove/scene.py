@@ -45,10 +45,16 @@ class FoxgloveScene:
         }
         self._trail_ns = 0
         self._around: SceneEntity | None = None
+        self._surrounded = False
+        """Whether some were shown."""
 
     def connected(self, me: WhoAmI, surroundings: Surroundings, mesh: bytes) -> None:  # noqa: ARG002
         """A live daemon. What was drawn of another time goes."""
         self._forget()
+        self.surrounded(surroundings, mesh)
+
+    def surrounded(self, surroundings: Surroundings, mesh: bytes) -> None:
+        """What is round the body from now on; `show_surroundings` tells it."""
         self._around = surroundings_entity(mesh, surroundings.transform, 0)
 
     def lost(self, why: str) -> None:  # noqa: ARG002
@@ -83,9 +89,14 @@ class FoxgloveScene:
         self._around = surroundings_entity(mesh, None, 0)
 
     def show_surroundings(self, date_ns: int) -> None:
-        """They never change: once in a file, and to whoever comes, live."""
+        """When others take their place, and to whoever comes, live."""
         if self._around is not None:
+            self._surrounded = True
             self._surroundings.log(SceneUpdate(entities=[self._around]), log_time=date_ns)
+        elif self._surrounded:
+            self._surrounded = False
+            gone = SceneEntityDeletion(type=SceneEntityDeletionType.All)
+            self._surroundings.log(SceneUpdate(deletions=[gone]), log_time=date_ns)
 
     def _lengthen_trails(self, tip: Tip, date_ns: int) -> None:
         if 0 <= date_ns - self._trail_ns < _TRAIL_EACH_NS:

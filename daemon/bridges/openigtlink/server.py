@@ -114,6 +114,9 @@ class OpenIGTLinkServer:
         self._robot = me.robot
         self._newest.clear()
 
+    def surrounded(self, surroundings: Surroundings, mesh: bytes) -> None:
+        """Nothing of them is told."""
+
     def heard(self, message: Message, date_ns: int) -> None:
         if isinstance(message, Tip):
             self._send(tip_frames(message, date_ns))

@@ -50,6 +50,9 @@ class RosPublisher:
     def connected(self, me: WhoAmI, surroundings: Surroundings, mesh: bytes) -> None:
         self._translation.connected(me, surroundings, mesh)
 
+    def surrounded(self, surroundings: Surroundings, mesh: bytes) -> None:
+        """Nothing of them is told."""
+
     def heard(self, message: Message, date_ns: int) -> None:
         for told in self._translation.told(message, date_ns):
             self._publish(told)

@@ -91,6 +91,9 @@ class _Telling:
         print(f"{me.robot}{simulated}: connected", flush=True)
         self._listener.connected(me, surroundings, mesh)
 
+    def surrounded(self, surroundings: Surroundings, mesh: bytes) -> None:
+        self._listener.surrounded(surroundings, mesh)
+
     def heard(self, message: Message, date_ns: int) -> None:
         self._listener.heard(message, date_ns)
 

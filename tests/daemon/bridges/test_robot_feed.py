@@ -5,10 +5,12 @@ from pathlib import Path
 
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from daemon.bridges.robot_feed import DaemonDate, RobotFeed
 from daemon.messages import Message, Status, Surroundings, Tip, WhoAmI
 from daemon.remote.client.address import LocalAddress
+from daemon.remote.surroundings import cut_surroundings
 from tests.daemon.remote.conftest import tmp_path as tmp_path
 from tests.daemon.remote.rig import ROBOT, publish_until, serving, tip, until
 
@@ -21,9 +23,13 @@ class Ears:
         self.me: list[WhoAmI] = []
         self.told: list[tuple[Message, int]] = []
         self.why: list[str] = []
+        self.around: list[tuple[str, bytes]] = []
 
     def connected(self, me: WhoAmI, surroundings: Surroundings, mesh: bytes) -> None:
         self.me.append(me)
+
+    def surrounded(self, surroundings: Surroundings, mesh: bytes) -> None:
+        self.around.append((surroundings.mesh, mesh))
 
     def heard(self, message: Message, date_ns: int) -> None:
         self.told.append((message, date_ns))
@@ -51,6 +57,27 @@ def test_it_waits_for_its_daemon_hears_it_and_hears_it_again(tmp_path: Path) -> 
                 await publish_until(server, tip(), lambda: ears.of(Tip))
                 assert robot.carried_out == [] and robot.lease.holder(0) is None
             await until(lambda time=time: len(ears.why) >= time + 1)  # type: ignore[misc]
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+
+    asyncio.run(story())
+
+
+def test_it_is_told_of_other_surroundings(tmp_path: Path) -> None:
+    async def story() -> None:
+        ears = Ears()
+        feed = RobotFeed(lambda: LocalAddress.in_folder(tmp_path), ears)
+        running = asyncio.create_task(feed.run())
+        async with serving(tmp_path) as (server, robot):
+            await until(lambda: ears.me)
+            assert ears.around == []
+            stl = bytes(84)
+            server.show(cut_surroundings("box.stl", stl, None, "a" * 64))
+            status = robot.status()
+            risk = replace(status.risk, surroundings_sha256="a" * 64)
+            await publish_until(server, replace(status, risk=risk), lambda: ears.around)
+            await asyncio.sleep(0.2)
+            assert ears.around == [("box.stl", stl)]
         running.cancel()
         await asyncio.gather(running, return_exceptions=True)
 

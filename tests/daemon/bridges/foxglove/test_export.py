@@ -11,7 +11,7 @@ import pytest
 from mcap.reader import make_reader
 
 from daemon.commands.terminal.command_line import main
-from daemon.messages import Body, Component, Message, Risk
+from daemon.messages import Body, Component, Message, Risk, SurroundingsChanged
 from daemon.recording.run_folder import RUN_FILE, SURROUNDINGS_FILE
 from tests.daemon.bridges.telling import tip
 from tests.daemon.recording.synthetic_run import BOOT_NS, WALL_NS, direct_run, event
@@ -60,6 +60,11 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def decoded(exported: Path) -> dict[str, list[tuple[int, Any]]]:
+    return decoded_of(exported)
+
+
+def decoded_of(exported: Path) -> dict[str, list[tuple[int, Any]]]:
+    """Date and message, by topic."""
     found: dict[str, list[tuple[int, Any]]] = defaultdict(list)
     with exported.open("rb") as file:
         reader = make_reader(
@@ -133,6 +138,30 @@ def test_surroundings_are_there_once_from_the_beginning(
     assert at == WALL_NS
     (points,) = [one.points for one in update.entities[0].triangles]
     assert [(p.x, p.y) for p in points] == pytest.approx([(0.0, 0.0), (0.01, 0.0), (0.0, 0.02)])
+
+
+def test_surroundings_are_others_from_when_others_take_their_place(tmp_path: Path) -> None:
+    def changed(after_ns: int, file: str) -> SurroundingsChanged:
+        return SurroundingsChanged(
+            t_ns=BOOT_NS + after_ns, sha256="", mesh="", triangles=1, surface="{}", file=file
+        )
+
+    files = (SURROUNDINGS_FILE, "surroundings-2.stl", "../secret.stl", SURROUNDINGS_FILE)
+    folder = tmp_path / "run"
+    folder.mkdir()
+    telemetry: list[Message] = [changed(100 * number, one) for number, one in enumerate(files)]
+    asyncio.run(direct_run(folder, telemetry))
+    (folder / SURROUNDINGS_FILE).write_bytes(STL)
+    (folder / "surroundings-2.stl").write_bytes(STL[:108] + STL[96:108] + STL[120:])
+    (tmp_path / "secret.stl").write_bytes(STL)
+    out = tmp_path / "drawn.mcap"
+    assert main(["export", str(folder), "--foxglove", str(out)]) == 0
+    told = decoded_of(out)["/surroundings"]
+    assert [at - WALL_NS for at, _ in told] == [0, 100, 200, 300]
+    shown = [len(update.entities[0].triangles[0].points) for _, update in told if update.entities]
+    assert shown == [3, 3, 3] and [len(update.deletions) for _, update in told] == [0, 0, 1, 0]
+    second = told[1][1].entities[0].triangles[0].points[1]
+    assert (second.x, second.y) == pytest.approx((0.0, 0.0))
 
 
 def test_events_are_a_log_and_telemetry_is_as_it_was_recorded(
