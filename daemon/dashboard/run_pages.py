@@ -25,6 +25,9 @@ from daemon.recording.run_folder import REPORT_FILE, SURROUNDINGS_FILE
 _AT_ONCE: Final = 2
 """Processes that read recordings, whoever asks for how many."""
 _PIECE_BYTES: Final = 1 << 18
+_TAKEN_WITHIN_S: Final = 30.0
+"""Of one piece, by a browser: one that takes no more (asleep, or of a page that hangs) gives up the
+place of a process to others."""
 _REPORTED_WITHIN_S: Final = 120.0
 _STYLE: Final = re.compile(rb"<style>(.*?)</style>", re.DOTALL)
 
@@ -78,10 +81,16 @@ class RunPages:
             response.content_type = "application/octet-stream"
             await response.prepare(request)
             piece = first
-            while piece:
-                await response.write(piece)
-                piece = await process.stdout.read(_PIECE_BYTES)
-            await response.write_eof()
+            try:
+                while piece:
+                    async with asyncio.timeout(_TAKEN_WITHIN_S):
+                        await response.write(piece)
+                    piece = await process.stdout.read(_PIECE_BYTES)
+                async with asyncio.timeout(_TAKEN_WITHIN_S):
+                    await response.write_eof()
+            except TimeoutError:
+                if request.transport is not None:
+                    request.transport.abort()
             return response
 
     async def _report(self, request: web.Request) -> web.StreamResponse:
@@ -139,7 +148,7 @@ class RunPages:
             finally:
                 with suppress(ProcessLookupError):
                     process.kill()
-                await process.wait()
+                await process.communicate()  # what is not read to its end stays open
 
 
 def _one_line(said: str) -> str:

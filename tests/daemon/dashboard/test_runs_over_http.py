@@ -1,11 +1,13 @@
 """Recordings over real HTTP: listed, replayed by a process of its own, fetched, reported on."""
 
 import asyncio
+import os
 import time
 from pathlib import Path
 
 import pytest
 
+from daemon.dashboard import run_pages
 from daemon.host.clock import run_in_real_time
 from tests.daemon.dashboard.test_replay_pack import Block
 from tests.daemon.dashboard.test_server import VIEWER, Served, served
@@ -73,6 +75,34 @@ def test_what_cannot_be_read_is_explained(tmp_path: Path, run: Path) -> None:
         async with served(tmp_path) as page:
             status, said, _ = await get(page, "/api/runs/arm-1/replay")
             assert status == 422 and b"run.mcap" in said and b"Traceback" not in said
+
+    run_in_real_time(test())
+
+
+def test_browsers_that_take_no_more_leave_others_room(
+    tmp_path: Path, run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run_pages, "_TAKEN_WITHIN_S", 0.5)
+    endless = "import sys\nwhile True: sys.stdout.buffer.write(bytes(65536))"
+    (tmp_path / "endless.py").write_text(endless)
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{os.environ.get('PYTHONPATH', '')}")
+    reading = run_pages.RunPages._reading
+
+    async def test() -> None:
+        async with served(tmp_path) as page:
+            with monkeypatch.context() as patched:
+                patched.setattr(
+                    run_pages.RunPages, "_reading", lambda pages, *_: reading(pages, "endless")
+                )
+                hung = [
+                    await page.http.get(f"{page.base}/api/runs/arm-1/replay", headers=page.sent())
+                    for _ in range(2)
+                ]
+            async with asyncio.timeout(30.0):
+                status, block, _ = await get(page, "/api/runs/arm-1/replay")
+            assert status == 200 and Block(block).messages("tip")
+            for one in hung:
+                one.close()
 
     run_in_real_time(test())
 
