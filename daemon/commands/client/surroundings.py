@@ -114,17 +114,14 @@ async def _of_meshes(arguments: argparse.Namespace, client: "RobotClient") -> di
 
 async def _sent(client: "RobotClient", surface: dict[str, Any], folder: Path) -> dict[str, Any]:
     """With the names of uploaded files. Raises CommandError."""
-    sent = {**surface, "bodies": [await _mesh_sent(client, b, folder) for b in _bodies(surface)]}
+    bodies = [await _mesh_sent(client, one, folder) for one in surface.get("bodies", [])]
+    sent = {**surface, "bodies": bodies}
     return await _mesh_sent(client, sent, folder) if "mesh" in surface else sent
 
 
-def _bodies(surface: dict[str, Any]) -> list[dict[str, Any]]:
-    bodies = surface.get("bodies")
-    return [one for one in bodies if isinstance(one, dict)] if isinstance(bodies, list) else []
-
-
-async def _mesh_sent(client: "RobotClient", one: dict[str, Any], folder: Path) -> dict[str, Any]:
-    name = one.get("mesh")
+async def _mesh_sent(client: "RobotClient", one: Any, folder: Path) -> Any:
+    """What is no body is left as it is: the daemon says so. Raises CommandError."""
+    name = one.get("mesh") if isinstance(one, dict) else None
     if not isinstance(name, str) or name.startswith(BUILTIN):
         return one
     path = folder / name
@@ -143,7 +140,15 @@ def _content(path: Path) -> dict[str, Any]:
         raise ConfigError(document.problems)
     if not isinstance(document.value, dict) or not isinstance(document.value.get("mesh"), str):
         raise ConfigError([document.problem((), "there is no `mesh` in it")])
+    wrong = [key for key in ("bodies", "regions") if not _is_list(document.value, key)]
+    if wrong:
+        text = "a list belongs here, or nothing: leave the key out"
+        raise ConfigError([document.problem((key,), text) for key in wrong])
     return document.value
+
+
+def _is_list(content: dict[str, Any], key: str) -> bool:
+    return isinstance(content.get(key, []), list)
 
 
 def _regions(arguments: argparse.Namespace) -> list[dict[str, Any]]:

@@ -212,6 +212,24 @@ def test_a_planned_path_is_kept_where_it_is_wanted_or_that_it_is_not_is_told(
         assert json.loads(out.read_text()) == robot.path
 
 
+@pytest.mark.parametrize("wrong", ["bodies:", "bodies: {mesh: wall.stl}", "regions:", "regions: 3"])
+def test_surroundings_of_a_file_are_sent_whole_or_not_at_all(
+    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], wrong: str
+) -> None:
+    file = tmp_path / "around.yaml"
+    with Daemon(root / ROBOT) as robot:
+        hold_lease(root / ROBOT, robot)
+        file.write_text(f"mesh: builtin:box\n{wrong}\n")
+        assert tentacled("surroundings", "--file", file, "--ball", "1,2,3,4") == CONFIGURATION
+        key = wrong.partition(":")[0]
+        assert f"{file}:2:" in (said := capsys.readouterr().err) and key in said
+        assert robot.carried_out == []
+        file.write_text("mesh: builtin:box\nbodies: [3]\n")
+        assert tentacled("surroundings", "--file", file) == OK
+        sent: Any = robot.carried_out[0][1]
+        assert sent.surface["bodies"] == [3], "for the daemon to refuse"
+
+
 @pytest.mark.parametrize("name", ["arm", "disarm", "start", "hold", "resume", "clear"])
 def test_without_the_lease_commands_are_refused_and_say_how_to_get_it(
     root: Path, capsys: pytest.CaptureFixture[str], name: str
