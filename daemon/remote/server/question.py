@@ -89,7 +89,15 @@ class Question:
 
     @property
     def payload_format(self) -> Format:
+        """By the encoding. `?encoding=json` speaks of what is sent, too, where that is a map in
+        JSON: none in msgpack begins with a brace."""
+        if self._wants_json and self.payload.lstrip().startswith(b"{"):
+            return Format.JSON
         return requested_format(self._query.encoding)
+
+    @property
+    def _wants_json(self) -> bool:
+        return self._query.parameters.get("encoding") == "json"
 
     def matches(self, key: str) -> bool:
         """Whether `key` is among what is asked for."""
@@ -97,8 +105,7 @@ class Question:
 
     def answer(self, message: Message) -> None:
         """Answer in the format that was asked for: by the encoding, or by `?encoding=json`."""
-        wants_json = self._query.parameters.get("encoding") == "json"
-        form = Format.JSON if wants_json else self.payload_format
+        form = Format.JSON if self._wants_json else self.payload_format
         payload, encoding = encode(message, form), encoding_of(message, form)
 
         def reply(query: zenoh.Query) -> None:

@@ -31,6 +31,7 @@ from daemon.remote.discovery import (
 )
 from daemon.remote.server.server import RemoteOpenError, RemoteServer
 from daemon.remote.wire import decode, decode_one_of, encode, encoding_of
+from daemon.service.lease import Lease
 from tests.daemon.remote.rig import (
     ROBOT,
     FakeRobot,
@@ -83,6 +84,27 @@ def test_the_state_is_the_newest_there_is_and_may_be_had_as_json(tmp_path: Path)
                 assert (status["type"], status["state"]) == ("status/1", "HOLD")
             (reply,) = await client.get(f"{KEY}/state")
             assert decode(reply.payload, Status).state == "HOLD"
+
+    run_in_real_time(test())
+
+
+def test_a_command_may_be_json_by_its_encoding_or_by_its_key(tmp_path: Path) -> None:
+    async def test() -> None:
+        async with serving(tmp_path) as (_, robot), raw(address(tmp_path)) as client:
+            said, packed = b' {"type": "stop/1"}', msgspec.msgpack.encode({"type": "acquire/1"})
+            command = b'{"type": "acquire/1", "request": "7"}'
+            key = f"{KEY}/cmd/local/acquire"
+            for asked, payload, encoding in (
+                (f"{key}?encoding=json", command, ""),
+                (key, command, "application/json"),
+                (f"{key}?encoding=json", packed, ""),
+                (f"{key}?encoding=json", packed, "application/msgpack"),
+            ):
+                robot.lease = Lease(60.0)
+                (reply,) = await client.get(asked, payload, encoding)
+                assert json.loads(reply.payload)["type"] == "answer/1", reply
+            (reply,) = await client.get(f"{key}?encoding=json", said)
+            assert "'acquire/1' belongs here" in json.loads(reply.payload)["text"]
 
     run_in_real_time(test())
 
