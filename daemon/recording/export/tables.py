@@ -104,7 +104,7 @@ def read_tables(path: Path, only: Sequence[str] = TABLES) -> RunTables:
     needed = wanted | (set(_OF_STEPS) if STEPS in only else set()) | {"state"}  # which knows axes
     rows = _Rows(needed)
     parts = RunParts(path)
-    for message in parts.messages(_TOPICS[name] for name in needed):
+    for message in parts.messages(_TOPICS.values()):  # of all of them `t_s` counts from the first
         rows.take(message.topic, message.wall_ns, message.data)
     if not any(rows.messages.values()):
         raise UnreadableRunError(f"{path}: there is no message in it")
@@ -123,16 +123,19 @@ class _Rows:
         self._first_ns: int | None = None
 
     def take(self, topic: str, wall_ns: int, data: bytes) -> None:
+        if self._first_ns is None or wall_ns < self._first_ns:
+            self._first_ns = wall_ns
+        name = topic.removeprefix("/")
+        if name not in self.messages:
+            return
         try:
             message: Message = _DECODERS[topic].decode(data)
         except msgspec.MsgspecError:
             self.unreadable += 1
             return
-        if self._first_ns is None or wall_ns < self._first_ns:
-            self._first_ns = wall_ns
         if isinstance(message, Status) and message.axes:
             self._axes = [(axis.name, axis.unit, axis.force_unit) for axis in message.axes]
-        self.messages[topic.removeprefix("/")].append((wall_ns, message))
+        self.messages[name].append((wall_ns, message))
 
     def tables(self, wanted: set[str], *, steps: bool) -> dict[str, Table]:
         made: dict[str, Table] = {}

@@ -10,7 +10,7 @@ import pytest
 from daemon import api
 from daemon.commands.outcome.exit_codes import EXIT_DATA, EXIT_OK, EXIT_UNAVAILABLE, EXIT_USAGE
 from daemon.commands.terminal.command_line import main
-from daemon.messages import Tip
+from daemon.messages import Message, Tip
 from daemon.recording.export.files import read_frame, read_frames, write_csv, write_parquet
 from daemon.recording.export.tables import STEPS, TABLES, read_tables
 from tests.daemon.recording.synthetic_run import (
@@ -18,6 +18,7 @@ from tests.daemon.recording.synthetic_run import (
     RATE_HZ,
     WALL_NS,
     direct_run,
+    event,
     make_run,
     messages,
 )
@@ -75,6 +76,16 @@ def test_every_kind_of_message_has_its_table(run: Path) -> None:
     assert "status_lateness_p99_s" in tables["loop"].columns
     with pytest.raises(ValueError, match="no table tips: there are steps, "):
         read_tables(run, ["tips"])
+
+
+def test_a_table_has_the_same_times_whichever_others_are_read(tmp_path: Path) -> None:
+    tip = Tip(sequence=1, t_ns=BOOT_NS + 500_000_000, state="running")
+    told: list[Message] = [event(1, BOOT_NS, "armed", "running"), tip]
+    asyncio.run(direct_run(tmp_path, told))
+    everything = read_tables(tmp_path).tables
+    assert everything["tip"].columns["t_s"] == pytest.approx([0.5])
+    for name, table in everything.items():
+        assert read_tables(tmp_path, [name]).tables[name].columns == table.columns
 
 
 def test_a_recording_without_axes_names_counts_them(tmp_path: Path) -> None:
