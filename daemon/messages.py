@@ -571,7 +571,7 @@ class Setpoint(Message, frozen=True, kw_only=True, tag="setpoint/1"):
 
     token: str
     sequence: int
-    """Rising; a set-point that is not newer than the last is dropped."""
+    """Rising under one lease; a set-point that is not newer than the last is dropped."""
     position_mm: list[float]
     valid_s: float
     """For how long after its arrival it may be followed."""

@@ -30,14 +30,15 @@ class Setpoints:
         self.reference = TeleoperationReference(_SPEED_MM_S, t_ns, _TURN_RAD_S)
         self._workspace = workspace
         self._pointing = pointing
-        self._last = -1
+        self._last, self._token = -1, ""
+        """Number of the newest, and the lease that it came under."""
 
     def take(self, setpoint: Setpoint, t_ns: int) -> str:
         """Follow a set-point that came at `t_ns`. Returns why not; empty if it is followed."""
         why = self._unwanted(setpoint)
         if why:
             return why
-        self._last = setpoint.sequence
+        self._last, self._token = setpoint.sequence, setpoint.token
         velocity = setpoint.velocity_mm_s
         self.reference.set(
             t_ns,
@@ -50,7 +51,8 @@ class Setpoints:
 
     def _unwanted(self, setpoint: Setpoint) -> str:
         velocity = setpoint.velocity_mm_s
-        if setpoint.sequence <= self._last:
+        # Who goes on under another lease counts from the beginning.
+        if setpoint.token == self._token and setpoint.sequence <= self._last:
             return f"it is not newer than number {self._last}"
         if len(setpoint.position_mm) != 3 or (velocity is not None and len(velocity) != 3):
             return "position and velocity have three numbers"

@@ -5,6 +5,7 @@ import re
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from daemon.messages import (
     Acquire,
@@ -305,6 +306,28 @@ def test_teleoperation_follows_setpoints_and_holds_when_they_stop() -> None:
         assert rig.status.tip_mm[0] - x > 3.5
         await rig.until_state(S.HOLD, within_s=1.0)
         assert "setpoint_late" in rig.causes
+
+    on_a_rig(scene)
+
+
+def test_who_goes_on_with_a_teleoperation_under_another_lease_counts_from_the_beginning() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.armed()
+        await rig.do(Teleoperate, controller=MODEL)
+        assert rig.status.tip_mm is not None
+        first = Setpoint(token=rig.token, sequence=5000, position_mm=rig.status.tip_mm, valid_s=0.2)
+        assert rig.operator.setpoint(USER, first) is None
+        rig.renewing = False
+        await rig.until(lambda: rig.status.lease.holder is None)
+        rig.token = ""
+        await rig.do(Acquire)
+        rig.renewing = True
+        assert rig.operator.setpoint(USER, replace(first, sequence=5001)) is not None
+        second = replace(first, token=rig.token, sequence=1)
+        assert rig.operator.setpoint(USER, second) is None
+        await rig.do(Resume)
+        again = rig.operator.setpoint(USER, second)
+        assert again is not None and "not newer" in again.reason
 
     on_a_rig(scene)
 
