@@ -67,9 +67,8 @@ class Uploads:
             await self._off_the_loop(lambda: _write(path, coming.parts))
         except (OSError, TimeoutError) as error:
             raise CommandRefusedError("not_kept", f"it cannot be kept: {error}") from None
-        self._there.pop(part.sha256, None)
-        self._there[part.sha256] = path
-        await self._off_the_loop(self._make_room)
+        unwanted = self._keep(part.sha256, path)
+        await self._off_the_loop(lambda: _remove(unwanted))
         return f"{coming.name} is there"
 
     def path(self, sha256: str) -> Path:
@@ -100,11 +99,15 @@ class Uploads:
             raise CommandRefusedError("wrong_offset", text)
         return there
 
-    def _make_room(self) -> None:
-        """What is in use is mapped into memory, and needs no file."""
+    def _keep(self, sha256: str, path: Path) -> list[Path]:
+        """Returns the files that have to go: the same under another name, and the oldest. What is
+        in use is mapped into memory, and needs no file."""
+        before = self._there.pop(sha256, path)
+        unwanted = [] if before == path else [before]
+        self._there[sha256] = path
         while len(self._there) > _MOST_FILES:
-            oldest = next(iter(self._there))
-            self._there.pop(oldest).unlink(missing_ok=True)
+            unwanted.append(self._there.pop(next(iter(self._there))))
+        return unwanted
 
 
 def _wrong(part: Upload) -> tuple[str, str] | None:
@@ -123,6 +126,11 @@ def _wrong(part: Upload) -> tuple[str, str] | None:
     if part.offset < 0 or part.offset + len(part.data) > part.size_bytes:
         return "wrong_offset", f"{part.name} has {part.size_bytes} bytes, and this part goes beyond"
     return None
+
+
+def _remove(paths: list[Path]) -> None:
+    for path in paths:
+        path.unlink(missing_ok=True)
 
 
 def _write(path: Path, parts: list[bytes]) -> None:

@@ -44,6 +44,22 @@ def test_a_file_is_there_when_its_last_part_has_come(tmp_path: Path) -> None:
     assert path.name == "wall.stl" and path.read_bytes() == CONTENT
 
 
+def test_no_more_files_are_kept_however_often_one_comes_under_another_name(tmp_path: Path) -> None:
+    uploads = Uploads(lambda: tmp_path, at_once)
+
+    def kept() -> list[str]:
+        return sorted(path.name for path in tmp_path.rglob("*") if path.is_file())
+
+    for name in ("a.stl", "b.stl", "b.stl", "c.stl"):
+        for part in parts(name=name):
+            asyncio.run(uploads.take("local", part))
+        assert kept() == [name] == [uploads.path(parts()[0].sha256).name]
+    for number in range(40):
+        for part in parts(bytes([number])):
+            asyncio.run(uploads.take("local", part))
+    assert len(kept()) == 32
+
+
 @examples(50)
 @given(st.binary(min_size=1, max_size=4000), st.integers(1, 700))
 def test_however_it_is_cut_it_comes_whole(content: bytes, size: int) -> None:
