@@ -144,11 +144,13 @@ class DeviceState:
     def take(self, report: Report, t_ns: int) -> tuple[float, ...]:
         """A report that came at `t_ns`. Returns how far the hand was moved, (6,) mm.
 
-        Where events were lost, everything counts as let go.
+        Where events were lost, everything counts as let go, and what is left of such a report is
+        not heard: the kernel does not say which of its keys were let go since.
         """
+        moved = [0.0] * len(MOTIONS)
         if report.lost:
             self.let_go()
-        moved = [0.0] * len(MOTIONS)
+            return tuple(moved)
         for kind, code, value in report.events:
             if kind == EV_KEY:
                 (self._held.add if value else self._held.discard)(code)

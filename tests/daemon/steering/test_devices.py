@@ -91,6 +91,15 @@ def test_keys_count_while_they_are_held(profile: str, dead_man: int, clutch: int
     assert not state.dead_man
 
 
+def test_of_a_report_with_events_lost_no_key_counts_as_held_and_no_way_as_gone() -> None:
+    state = DeviceState(PROFILES["mouse"])
+    left = (InputEvent(EV_KEY, 0x110, 1), InputEvent(EV_REL, 0, 400))
+    assert state.take(Report(left, lost=True), 0) == (0.0,) * 6
+    assert not state.dead_man
+    assert state.take(Report(left), 0)[0] > 0.0
+    assert state.dead_man
+
+
 def test_where_events_were_lost_everything_counts_as_let_go() -> None:
     events = InputEvent(EV_KEY, 0x137, 1), InputEvent(EV_ABS, 0, 32767)
     state = told("gamepad", *events)
