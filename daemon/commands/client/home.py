@@ -10,6 +10,7 @@ from daemon.commands.terminal.remote_arguments import (
     add_target_arguments,
     answer_result,
     run_talk,
+    seconds,
 )
 from daemon.messages import Event
 from daemon.remote.client.client_errors import HOMES_WITHIN_S
@@ -29,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_target_arguments(parser)
     parser.add_argument(
         "--timeout",
-        type=float,
+        type=seconds,
         default=HOMES_WITHIN_S,
         metavar="S",
         help="how long to wait for the answer; the axes have limits of their own",

@@ -3,7 +3,7 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from config.documents.problems import ConfigError
 from config.documents.yaml_document import read_yaml
@@ -18,6 +18,10 @@ from daemon.messages import Load
 from daemon.remote.wire import encode, most_bytes
 from daemon.robot.shipped_files import file_argument
 
+_MOST_CYCLES: Final = 1_000_000_000
+"""The daemon knows how many are too many for what is to be followed."""
+_DIGITS: Final = 11
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
@@ -28,7 +32,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_target_arguments(parser)
     add_timeout_argument(parser)
-    parser.add_argument("--cycles", type=int, metavar="N", help="instead of the file's")
+    parser.add_argument("--cycles", type=_cycles, metavar="N", help="instead of the file's")
+
+
+def _cycles(text: str) -> int:
+    """Raises ArgumentTypeError."""
+    number = int(text) if text.isascii() and text.isdecimal() and len(text) < _DIGITS else 0
+    if not 0 < number <= _MOST_CYCLES:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number from 1 to {_MOST_CYCLES}")
+    return number
 
 
 def run(arguments: argparse.Namespace) -> Result:

@@ -12,6 +12,7 @@ from daemon.commands.terminal.remote_arguments import (
     add_target_arguments,
     answer_result,
     run_talk,
+    seconds,
 )
 from daemon.files import check_can_be_made, write_whole
 
@@ -45,7 +46,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--controller", metavar="KIND", help="with --load: with its options' own defaults"
     )
     parser.add_argument(
-        "--timeout", type=float, default=150.0, metavar="S", help="how long to wait for the answer"
+        "--timeout",
+        type=seconds,
+        default=150.0,
+        metavar="S",
+        help="how long to wait for the answer",
     )
 
 

@@ -5,7 +5,12 @@ import asyncio
 from typing import Final
 
 from daemon.commands.outcome.result import Result, tell
-from daemon.commands.terminal.remote_arguments import add_target_arguments, as_json, run_talk
+from daemon.commands.terminal.remote_arguments import (
+    add_target_arguments,
+    as_json,
+    run_talk,
+    seconds,
+)
 from daemon.host.stop_signals import StopSignals
 from daemon.messages import Status
 from daemon.remote.client.client import RobotClient
@@ -18,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_target_arguments(parser)
     parser.add_argument("--watch", action="store_true", help="live, until Ctrl-C")
     parser.add_argument(
-        "--every", type=float, default=_EVERY_S, metavar="S", help="with --watch: how often"
+        "--every", type=seconds, default=_EVERY_S, metavar="S", help="with --watch: how often"
     )
 
 

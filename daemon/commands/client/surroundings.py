@@ -15,6 +15,7 @@ from daemon.commands.terminal.remote_arguments import (
     answer_result,
     as_json,
     run_talk,
+    seconds,
 )
 from daemon.messages import Surroundings
 
@@ -69,7 +70,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         )  # fmt: skip
     parser.add_argument("--keep-in", action="store_true", help="keep in these regions instead")
     parser.add_argument(
-        "--timeout", type=float, default=150.0, metavar="S", help="how long to wait for the answer"
+        "--timeout",
+        type=seconds,
+        default=150.0,
+        metavar="S",
+        help="how long to wait for the answer",
     )
 
 

@@ -2,10 +2,11 @@
 
 import argparse
 import asyncio
+import math
 import sys
 from collections.abc import Awaitable, Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
@@ -22,6 +23,9 @@ from daemon.remote.discovery import running_daemons
 if TYPE_CHECKING:  # `tentacled stop` must be quick, and needs no session
     from daemon.remote.client.client import RobotClient
 
+_LONGEST_S: Final = 604_800.0
+"""That somebody may want to wait: a week."""
+
 Talk = Callable[["RobotClient"], Awaitable[Result]]
 """What to do with a connected client. May raise ClientError."""
 
@@ -37,10 +41,21 @@ def add_target_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--user", metavar="NAME", help="with --connect: whose certificate")
 
 
+def seconds(text: str) -> float:
+    """A time to wait, as it is written. Raises ArgumentTypeError."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 <= value <= _LONGEST_S:
+        raise argparse.ArgumentTypeError(f"{text!r} is no time from 0 to {_LONGEST_S:.0f} s")
+    return value
+
+
 def add_timeout_argument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--timeout",
-        type=float,
+        type=seconds,
         default=ARMS_WITHIN_S,
         metavar="S",
         help="how long to wait for the answer",

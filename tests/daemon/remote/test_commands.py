@@ -272,6 +272,29 @@ def test_a_stop_that_the_drives_have_not_confirmed_is_a_failure_and_says_so(
         assert "NOT CONFIRMED" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        "arm --timeout",
+        "stop --timeout",
+        "home --timeout",
+        "status --watch --every",
+        "replan --to 1,2,3 --timeout",
+        "surroundings --reset --timeout",
+        "load builtin:rectangle --cycles",
+    ],
+)
+@pytest.mark.parametrize("number", ["nan", "inf", "-1", "1e300", "1" + 30 * "0", "x"])
+def test_a_number_that_nobody_can_mean_is_wrong_usage(
+    root: Path, capsys: pytest.CaptureFixture[str], words: str, number: str
+) -> None:
+    del root
+    with pytest.raises(SystemExit) as ended:
+        main([*words.split(), number])
+    assert ended.value.code == USAGE
+    assert words.split()[-1] in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("name", ["arm", "stop", "status", "lease"])
 def test_without_a_daemon_there_is_an_exit_code_for_that(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
