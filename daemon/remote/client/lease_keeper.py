@@ -36,8 +36,10 @@ class LeaseKeeper:
         """Take the lease and keep it. Raises ClientError."""
         answer = await self._renew(self.token, within_s)
         self.token = answer.token
-        if self._keeping is None or self._keeping.done():
-            self._keeping = asyncio.create_task(self._keep(answer.expires_in_s or 0.0))
+        # Begun anew: what became of renewals before says nothing of this lease.
+        if self._keeping is not None:
+            self._keeping.cancel()
+        self._keeping = asyncio.create_task(self._keep(answer.expires_in_s or 0.0))
         return answer
 
     async def stop(self) -> str:

@@ -74,6 +74,55 @@ def test_a_short_silence_is_survived_and_a_long_one_is_the_loss_of_the_lease() -
     kept(test)
 
 
+def test_a_lease_that_is_taken_again_before_its_loss_is_told_is_kept() -> None:
+    async def test(daemon: Daemon, keeper: LeaseKeeper) -> None:
+        granting = daemon.answers
+
+        def silent(token: str) -> Answer:
+            raise TimedOutError("no answer")
+
+        daemon.answers = silent
+        await asyncio.sleep(1.9)
+        daemon.answers = lambda token: daemon.granted("t2")
+        assert (await keeper.acquire(1.0)).token == "t2"
+        daemon.answers = granting
+        asked = len(daemon.asked)
+        await asyncio.sleep(5.0)
+        assert daemon.lost == []
+        assert len(daemon.asked) - asked >= 10 and keeper.token == "t2"
+
+    kept(test)
+
+
+def test_a_renewal_under_way_does_not_undo_what_was_acquired_since() -> None:
+    async def run() -> None:
+        lost: list[LeaseLostError] = []
+        answers: list[asyncio.Future[Answer]] = []
+
+        async def renew(token: str, within_s: float) -> Answer:
+            answers.append(asyncio.get_running_loop().create_future())
+            return await answers[-1]
+
+        keeper = LeaseKeeper(renew, lost.append)
+        first = asyncio.create_task(keeper.acquire(1.0))
+        await asyncio.sleep(0.0)
+        answers[0].set_result(Daemon.granted("t1"))
+        await first
+        await asyncio.sleep(0.5)
+        second = asyncio.create_task(keeper.acquire(1.0))
+        await asyncio.sleep(0.0)
+        answers[2].set_result(Daemon.granted("t2"))
+        await second
+        if not answers[1].done():  # the renewal, with the token before
+            refusal = Refusal(request="", state="", name="lease_taken", text="you have it")
+            answers[1].set_exception(RefusedError(refusal))
+        await asyncio.sleep(0.1)
+        assert lost == [] and keeper.token == "t2"
+        await keeper.stop()
+
+    run_in_virtual_time(run())
+
+
 def test_a_lease_that_somebody_else_has_taken_is_lost() -> None:
     async def test(daemon: Daemon, keeper: LeaseKeeper) -> None:
         def refused(token: str) -> Answer:
