@@ -28,7 +28,9 @@ _ALL_64: Final = (1 << 64) - 1
 _NS_PER_S: Final = 1_000_000_000
 
 _MOST_BODY_BYTES: Final = 1 << 16
-"""What clients may send: their questions have some dozens."""
+"""Of what is read: clients' questions have some dozens."""
+_MOST_PASSED_OVER: Final = 1 << 30
+"""Of what is not, as a picture that a client sends to everybody; a longer one is none."""
 
 
 class FramingError(ValueError):
@@ -73,18 +75,25 @@ class Deframer:
         """Of the newest frame's header."""
         self._most = most_body_bytes
         self._buffer = bytearray()
+        self._over = 0
+        """Bytes still to come of a body that is too long to be read: it is passed over."""
 
     def feed(self, data: bytes) -> Iterator[Frame]:
         """Every frame that is whole with these bytes. Raises FramingError: nothing that comes after
         can be told from what came before."""
         self._buffer += data
+        self._pass_over()
         while len(self._buffer) >= HEADER_BYTES:
             head = bytes(self._buffer[:HEADER_BYTES])
             version, kind, device, time, size, crc = _HEADER.unpack(head)
             if version not in VERSIONS:
                 raise FramingError(f"a header of version {version}")
-            if size > self._most:
+            if size > _MOST_PASSED_OVER:
                 raise FramingError(f"a body of {size} bytes")
+            if size > self._most:
+                self._over = HEADER_BYTES + size
+                self._pass_over()
+                continue
             end = HEADER_BYTES + size
             if len(self._buffer) < end:
                 return
@@ -94,6 +103,11 @@ class Deframer:
                 raise FramingError("the checksum is not that of the body")
             self.version = version
             yield _frame(version, _text(kind), _text(device), _date_ns(time), body)
+
+    def _pass_over(self) -> None:
+        passed = min(self._over, len(self._buffer))
+        del self._buffer[:passed]
+        self._over -= passed
 
 
 def _frame(version: int, kind: str, device: str, date_ns: int, body: bytes) -> Frame:

@@ -92,6 +92,16 @@ def test_a_body_that_would_fill_the_memory_is_refused_before_it_comes() -> None:
         list(Deframer().feed(bytes(head)))
 
 
+@pytest.mark.parametrize("piece", [1, 57, 1000, 1 << 20])
+def test_a_body_that_is_too_long_is_passed_over(piece: int) -> None:
+    long, short = Frame("IMAGE", "Slice", bytes(3000)), Frame("GET_STATUS", "")
+    stream = b"".join(map(packed, (short, long, long, short)))
+    deframer, came = Deframer(most_body_bytes=1000), list[Frame]()
+    for at in range(0, len(stream), piece):
+        came += deframer.feed(stream[at : at + piece])
+    assert came == [short, short]
+
+
 def test_a_version_that_is_not_known_is_refused() -> None:
     with pytest.raises(FramingError, match="version 3"):
         list(Deframer().feed(b"\0\3" + packed(Frame("TRANSFORM", "Tip"))[2:]))

@@ -177,6 +177,18 @@ def test_questions_are_answered_with_the_asker_s_own_header() -> None:
     asyncio.run(told())
 
 
+def test_a_picture_that_a_client_sends_to_everybody_is_ignored() -> None:
+    async def story() -> None:
+        async with serving() as (server, port):
+            one = await come(server, port)
+            one.ask("IMAGE", bytes(1 << 18))
+            one.ask("GET_CAPABIL")
+            await until(lambda: one.of("CAPABILITY"))
+            await one.close()
+
+    asyncio.run(story())
+
+
 def test_what_is_no_openigtlink_ends_that_client_alone() -> None:
     async def told() -> None:
         async with serving() as (server, port):
