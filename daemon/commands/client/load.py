@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace) -> Result:
         cycles=arguments.cycles,
         robot=_robot_name(content.get("robot"), arguments.file),
     )
-    if len(encode(command)) > most_bytes(Load):
+    if _sent_bytes(command, arguments.file) > most_bytes(Load):
         text = "more than a message holds: keep them in the daemon's own folder (`run --files`)"
         raise _unusable(arguments.file, f"its waypoints are {text}")
     return run_command(arguments, command)
@@ -78,9 +78,18 @@ def _run_path(arguments: argparse.Namespace) -> Result:
     )
     robot = trajectory["path"]["robot"]
     command = Load(trajectory=trajectory, cycles=arguments.cycles, robot=robot)
-    if len(encode(command)) > most_bytes(Load):
+    if _sent_bytes(command, arguments.file) > most_bytes(Load):
         raise _unusable(arguments.file, "is longer than a message may be")
     return run_command(arguments, command)
+
+
+def _sent_bytes(command: Load, path: Path) -> int:
+    """Raises CommandError where a number is too large to be sent."""
+    try:
+        return len(encode(command))
+    except OverflowError:
+        text = f"{path}: a number in it has more digits than one may have"
+        raise CommandError("configuration", text, place=str(path)) from None
 
 
 def _unusable(path: Path, text: str) -> CommandError:

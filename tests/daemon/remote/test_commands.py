@@ -185,6 +185,18 @@ def test_waypoints_are_read_here_and_sent_as_data(
         assert len(robot.carried_out) == 1
 
 
+def test_a_number_that_cannot_be_sent_is_the_file_s_fault(
+    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "load.yaml"
+    file.write_text(f"trajectory: {{kind: circle, radius_mm: 1{30 * '0'}}}\n")
+    with Daemon(root / ROBOT) as robot:
+        hold_lease(root / ROBOT, robot)
+        assert tentacled("load", file) == CONFIGURATION
+        assert f"{file}: a number" in capsys.readouterr().err
+        assert robot.carried_out == []
+
+
 class PlanningRobot(FakeRobot):
     """Has planned a path, which may be too long for an answer."""
 
