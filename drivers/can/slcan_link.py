@@ -2,7 +2,7 @@
 
 python-can drains the serial line after every frame and reads it byte by byte; a cycle of seven
 frames then costs more than the cycle. The adapter is asked for its status flags from time to time,
-which is also how its silence is noticed.
+which is also how its silence is noticed: some do not know the question, but pass on frames.
 """
 
 import array
@@ -160,6 +160,7 @@ class SlcanLink:
             return
         frame = decode_data_frame(line)
         if frame is not None:
+            self._answered, self._refused_in_a_row = True, 0  # off the bus it would hear none
             self._receiver.frame_received(frame.can_id, frame.data, t_ns)
             return
         try:
@@ -167,7 +168,9 @@ class SlcanLink:
         except SlcanError:  # a byte was lost: the next line is whole again
             self._pass(OVERFLOW, line[:20].decode("ascii", "replace"))
             return
+        self._answered = True
         if isinstance(reply, Received):
+            self._refused_in_a_row = 0
             if not reply.frame.can_id & _NOT_DATA:
                 self._receiver.frame_received(reply.frame.can_id, reply.frame.data, t_ns)
         elif isinstance(reply, Refused):
@@ -180,7 +183,6 @@ class SlcanLink:
             self._refused_in_a_row = 0
 
     def _status(self, flags: int) -> None:
-        self._answered = True
         for bits, condition in _CONDITION_OF_FLAG:
             if flags & bits:
                 self._receiver.condition_seen(condition, True, f"status flags {flags:#04x}")

@@ -19,6 +19,7 @@ from drivers.can.fd_link import FdLink
 from drivers.can.link import CanLink, LinkError
 from drivers.can.open_link import open_link
 from drivers.can.python_can_link import PythonCanLink
+from drivers.can.slcan import Refused
 from drivers.can.slcan_link import SlcanLink
 from drivers.exclusive_name import is_taken
 from sim_backends.devices.can.bus import CanBus
@@ -164,6 +165,29 @@ def test_a_serial_adapter_that_is_off_the_bus_is_opened_again(tmp_path: Path) ->
             await settle()
             assert one.link.send(0x701, b"\x05")
             await one.until(lambda: (0x701, b"\x05") in one.heard)
+
+    run_in_real_time(test())
+
+
+@pytest.mark.parametrize("refuses", [True, False])
+def test_a_serial_adapter_that_has_no_status_is_used_while_frames_come(
+    tmp_path: Path, refuses: bool
+) -> None:
+    """Many small ones: they refuse the question, or say nothing to it."""
+
+    async def test() -> None:
+        async with bench(tmp_path, "slcan") as one:
+            obey = one.adapter._received
+            if refuses:
+                one.adapter._status = Refused  # type: ignore[method-assign]
+            else:
+                one.adapter._pty._on_data = lambda data: obey(data.replace(b"F\r", b""))  # type: ignore[union-attr]
+            for number in range(50):  # eight refusals in a row would be a bus-off
+                one.say(0x701, b"\x05")
+                await asyncio.sleep(0.1)
+                assert one.receiver.lost == [], f"after {number} heartbeats"
+            await one.until(lambda: len(one.receiver.frames) == 50)
+            assert (OFF, True) not in one.receiver.conditions
 
     run_in_real_time(test())
 
