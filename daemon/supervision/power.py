@@ -64,7 +64,7 @@ class Power:
             self._enter(PowerPhase.LEFT_ALONE, t_ns)
             for bus in self._buses:
                 bus.set_goal(None)
-        elif self.phase is PowerPhase.LEFT_ALONE and any(bus.energised for bus in self._buses):
+        elif self.phase is PowerPhase.LEFT_ALONE and any(bus.leads_torque for bus in self._buses):
             # A drive that was lost when the others were switched off, or left by another master.
             self._switch_off(t_ns)
 

@@ -222,6 +222,15 @@ class DriveBus:
         return any(channel.state.energised for channel in self.channels)
 
     @property
+    def leads_torque(self) -> bool:
+        """Whether any of these is set up, and so does what it is told."""
+        return any(
+            node.state is NodeState.OPERATIONAL
+            and any(channel.state.energised for channel in node.channels)
+            for node in self.nodes.values()
+        )
+
+    @property
     def following(self) -> bool:
         """Whether every axis is enabled and moves when its target moves."""
         return all(channel.following for channel in self.channels)
