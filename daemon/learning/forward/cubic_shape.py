@@ -35,6 +35,10 @@ _PARTS: Final = 5
 _LINES_AT_LEAST: Final = 2 * _PARTS
 _MOTIONS_PER_COEFFICIENT: Final = 5
 """At least: fewer tell less than they cost."""
+_STOOD: Final = 1e-4
+"""Of how far the axis went that went farthest, in mm or rad: one that went no farther than this
+stood still, and what it seems to have done is its encoder's. In shares of that, a step of it would
+be thousands of its ways, and noise a large Jacobian."""
 _HELD_BACK: Final = (0.0, 0.15, 0.3, 0.45, 0.6)
 """Shares that are tried; between the best ones a parabola tells."""
 _FreeAxes = tuple[Vector, Vector]
@@ -126,10 +130,12 @@ def _weights(motions: MotionTable) -> Vector:
 
 
 def _travel(motions: MotionTable) -> tuple[Vector, Vector]:
-    """(m,) middle and half of where the axes have been."""
+    """(m,) middle and half of where the axes have been; of one that stood still, as far as any."""
     lowest, highest = motions.u.min(axis=0), motions.u.max(axis=0)
     half = 0.5 * (highest - lowest)
-    return 0.5 * (lowest + highest), np.where(half > 0.0, half, 1.0)
+    farthest = float(half.max())
+    stood = half <= _STOOD * farthest
+    return 0.5 * (lowest + highest), np.where(stood, farthest if farthest > 0.0 else 1.0, half)
 
 
 def _free(motions: MotionTable, share: float) -> _FreeAxes:

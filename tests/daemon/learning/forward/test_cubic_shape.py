@@ -53,6 +53,20 @@ def test_the_jacobian_of_a_cubic_body_is_found_from_small_noisy_motions() -> Non
         np.testing.assert_allclose(shape.jacobian(u), jacobian(u), atol=0.06)
 
 
+def test_of_an_axis_that_stood_but_for_its_encoder_nothing_is_made_up() -> None:
+    """As long a way as others' is taken for its travel: in shares of its own, a millimetre of it
+    would be many thousands of ways, and what follows them step by step take seconds."""
+    seen, random = motions(cubic), np.random.default_rng(5)
+    u, moved = seen.u.copy(), seen.delta_u.copy()
+    u[:, 2] = 10.0 + 1e-3 * random.integers(-1, 2, len(u))
+    moved[:, 2] = 1e-3 * random.integers(-1, 2, len(u))
+    tips = cubic(u + moved) - cubic(u) + 0.2 * random.normal(size=(len(u), 3))
+    shape = CubicShape.of(replace(seen, u=u, delta_u=moved, delta_tip_mm=tips))
+    assert shape is not None
+    assert shape.held_back.travel.min() > 0.9 * TRAVEL_MM
+    assert np.abs(shape.jacobian(u[0])[:, 2]).max() < 0.5
+
+
 def along_lines(share: float, noise_mm: float = 0.05) -> MotionTable:
     """Motions of the cubic body along 40 lines, whose axes hold back a share of them."""
     random, stops = np.random.default_rng(6), StopOperators(np.array([share]))
