@@ -21,6 +21,9 @@ _SEARCH_STEPS = 30
 _METRICS = (0.05, 5e4)
 """Fields with these metrics reach over everything, or over single samples."""
 _SMALLEST = 1e-9
+_STOOD = 1e-3
+"""Of the largest step, in shares of the axes' travel: an axis whose steps are smaller stood still,
+and what it seems to have done is its encoder's."""
 
 
 def forward_settings(motions: MotionTable, travel: Vector, metric: float) -> LwprSettings:
@@ -31,6 +34,8 @@ def forward_settings(motions: MotionTable, travel: Vector, metric: float) -> Lwp
     axes = motions.axes
     p_mm = _SPREADS * float(np.sqrt(motions.tip_mm.var(axis=0).mean()))
     steps = np.sqrt((motions.delta_u**2).mean(axis=0))
+    largest = travel * (steps / travel).max()
+    steps = np.where(steps > _STOOD * largest, steps, largest)
     step_mm = float(np.sqrt((motions.delta_tip_mm**2).mean()))
     scales = np.concatenate([np.full(3, p_mm), travel, steps])
     return LwprSettings(

@@ -5,7 +5,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from daemon.learning.forward.forward_model import receptive_fields, slopes_by_step
+from daemon.learning.forward.forward_model import (
+    forward_settings,
+    receptive_fields,
+    slopes_by_step,
+)
 from daemon.learning.forward.pretraining import (
     EpochErrors,
     Pretraining,
@@ -13,6 +17,8 @@ from daemon.learning.forward.pretraining import (
     PretrainingSettings,
     pretrain,
 )
+from daemon.learning.lwpr.model import Lwpr
+from daemon.learning.samples.motion import MotionTable
 from daemon.learning.samples.motion_samples import SamplingSettings
 from tests.daemon.learning.frames_of_arm import ARM, arm_dataset
 
@@ -113,6 +119,21 @@ def test_the_slopes_are_those_of_the_arm() -> None:
         true = ARM.tip(u)[1]
         shares.append(np.linalg.norm(slopes - true) / np.linalg.norm(true))
     assert np.median(shares) < 0.35
+
+
+def test_an_axis_that_stood_but_for_its_encoder_is_not_said_to_move_the_tip() -> None:
+    random, count = np.random.default_rng(3), 800
+    u, moved = random.uniform(15.0, 35.0, (count, 6)), random.normal(0.0, 1.5, (count, 6))
+    u[:, 5] = 10.0 + 1e-3 * random.integers(-1, 2, count)
+    moved[:, 5] = 1e-3 * random.integers(-1, 2, count)
+    true = 1.5 * random.normal(size=(3, 6))
+    seen = moved @ true.T + 0.2 * random.normal(size=(count, 3))
+    motions = MotionTable(u @ true.T, u, moved, seen, np.arange(count) // 50)
+    model = Lwpr(forward_settings(motions, np.full(6, 50.0), 1.0))
+    model.fit(motions.inputs, seen, 3)
+    slopes = slopes_by_step(model, motions.tip_mm[0], u[0])
+    np.testing.assert_allclose(slopes[:, :5], true[:, :5], atol=0.05)
+    assert np.abs(slopes[:, 5]).max() < 1.0
 
 
 def test_local_controllers_get_the_fields_of_the_model() -> None:
