@@ -99,9 +99,9 @@ def _of_robot(
     assert file.robot.emulation is not None
     overridden = _overridden(document, file.robot.emulation, experiment)
     robot = file.robot.model_copy(update={"emulation": overridden})
-    why = _why_not_followed(experiment, robot, path.parent)
-    if why:
-        raise ConfigError([document.problem(("trajectory",), why)])
+    problems = _why_not_carried_out(document, experiment, robot, path.parent)
+    if problems:
+        raise ConfigError(problems)
     return ExperimentFile(path, experiment, file, robot, document)
 
 
@@ -112,8 +112,11 @@ def _robot_meant(name: str, path: Path) -> str:
     return did_you_mean(name, (f"{BUILTIN}{file.stem}" for file in path.parent.glob("*.yaml")))
 
 
-def _why_not_followed(experiment: Experiment, robot: Robot, folder: Path) -> str:
-    """Why the trajectory cannot be followed, as far as that is known without a controller."""
+def _why_not_carried_out(
+    document: YamlDocument, experiment: Experiment, robot: Robot, folder: Path
+) -> list[Problem]:
+    """Why the trajectory cannot be followed, as far as that is known without a controller, and
+    what cannot happen on it."""
     # Who only wants to know where the robot file is does not wait for numpy.
     from daemon.control.reachability import Bounds, unreachable
     from daemon.reference.trajectories import make_trajectory
@@ -121,12 +124,23 @@ def _why_not_followed(experiment: Experiment, robot: Robot, folder: Path) -> str
     try:
         trajectory = make_trajectory(experiment.trajectory, folder)
     except ValueError as error:
-        return str(error)
+        return [document.problem(("trajectory",), str(error))]
     controller = experiment.controller
     speed = getattr(controller, "max_tip_speed_mm_s", None)
     alone = position_only(controller)
     bounds = Bounds(robot.workspace, tip_speed_mm_s=speed, position_only=alone)
-    return unreachable(trajectory, bounds) or ""
+    why = unreachable(trajectory, bounds)
+    problems = [document.problem(("trajectory",), why)] if why else []
+    for index, happening in enumerate(experiment.happenings):
+        at_s, at_cycle = happening.at_s, happening.at_cycle
+        if at_s is not None and at_s >= trajectory.duration_s:
+            text = f"the trajectory is over after {trajectory.duration_s:g} s: this never happens"
+            problems.append(document.problem(("happenings", index, "at_s"), text))
+        if at_cycle is not None and at_cycle >= trajectory.cycles:
+            last = trajectory.cycles - 1
+            text = f"cycles count from 0, and the last one is {last}: this never happens"
+            problems.append(document.problem(("happenings", index, "at_cycle"), text))
+    return problems
 
 
 def robot_path(name: str, path: Path) -> Path:

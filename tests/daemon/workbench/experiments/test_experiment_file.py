@@ -65,3 +65,20 @@ def test_who_cannot_point_is_told_with_the_trajectory(tmp_path: Path) -> None:
     assert "trajectory: pid_constant_curvature leads the tip by its position alone" in told
     (tmp_path / "experiment.yaml").write_text(text)
     assert load_experiment(tmp_path / "experiment.yaml").experiment.controller.kind == "broyden"
+
+
+@pytest.mark.parametrize(
+    ("when", "why"),
+    [
+        ("at_cycle: 1", "happenings[1].at_cycle: cycles count from 0, and the last one is 0"),
+        ("at_s: 30", "happenings[1].at_s: the trajectory is over after 30 s"),
+    ],
+)
+def test_what_would_happen_after_the_end_is_told_with_its_line(
+    when: str, why: str, tmp_path: Path
+) -> None:
+    other = "happenings:\n  - {at_s: 29.9, tip_load_g: 10}\n"
+    told = problem(tmp_path, f"{EXPERIMENT}{other}  - {{{when}, tip_load_g: 20}}\n")
+    assert told.endswith(f"{why}: this never happens")
+    assert "experiment.yaml:12:" in told
+    assert "happenings[0]" not in told
