@@ -92,6 +92,21 @@ def test_an_experiment_without_its_waypoints_is_explained(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(("longest", "line"), [("longest_s: 4\n", 5), ("", 1)])
+def test_a_trajectory_that_takes_longer_than_the_experiment_may_is_explained(
+    longest: str, line: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "long.yaml"
+    path.write_text(
+        "experiment: long\nrobot: builtin:soft_arm\ncontroller: {kind: broyden}\n"
+        f"trajectory: {{kind: hold, position_mm: [0, 0, 185], duration_s: 7200}}\n{longest}"
+    )
+    code, _, err = checked(path, capsys)
+    assert code == EXIT_CONFIGURATION
+    assert err.startswith(f"{path}:{line}:")
+    assert "longest_s: the trajectory takes 7200 s" in err
+
+
 def test_a_controller_that_does_not_fit_the_robot_is_explained(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

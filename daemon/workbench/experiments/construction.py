@@ -65,6 +65,13 @@ def experiment_problems(file: ExperimentFile) -> list[Problem]:
         ("robot",), file.problem, lambda: _service(robot_file, risk_source_of(file, clock))
     )
     experiment = file.experiment
+    lasts_s = make_trajectory(experiment.trajectory, file.path.parent).duration_s
+    if lasts_s > experiment.longest_s:
+        text = (
+            f"the trajectory takes {lasts_s:g} s, and the experiment is given up after "
+            f"{experiment.longest_s:g} s: raise longest_s, or make the trajectory shorter"
+        )
+        problems.append(file.problem(("longest_s",), text))
     if experiment.pretraining is None:
         made: list[Controller] = []
         problems += _why_not(
