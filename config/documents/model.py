@@ -42,7 +42,7 @@ def checked_options(model: type[M], key: str, mapping: Mapping[str, Any]) -> M:
     try:
         return model.model_validate(value)
     except ValidationError as error:
-        found = schema_problems(YamlDocument("", value), model, error, _MOST_TOLD)
+        found = schema_problems(YamlDocument("", value), model, error, most=_MOST_TOLD)
         told = [_cut(f"{one.key_path}: {one.message}") for one in found]
         more = error.error_count() - len(found)
         raise OptionsError([*told, f"and {more} more"] if more else told) from None

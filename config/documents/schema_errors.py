@@ -13,16 +13,27 @@ JsonSchema = Mapping[str, Any]
 
 
 def schema_problems(
-    document: YamlDocument, model: type[BaseModel], error: ValidationError, most: int | None = None
+    document: YamlDocument,
+    model: type[BaseModel],
+    error: ValidationError,
+    *below: str,
+    most: int | None = None,
 ) -> list[Problem]:
-    """Every violation in `error` as a problem in `document`, or the first ones."""
-    schema = model.model_json_schema()
+    """Every violation in `error` as a problem in `document`, or the first `most`.
+
+    below: keys to what the model is of; none: it is of all of the document.
+    """
+    schema: dict[str, Any] = model.model_json_schema()
+    for key in reversed(below):
+        schema = {"properties": {key: schema}, "$defs": schema.get("$defs", {})}
     found = error.errors(include_url=False)[:most]
-    return [_problem(document, schema, details) for details in found]
+    return [_problem(document, schema, details, below) for details in found]
 
 
-def _problem(document: YamlDocument, schema: JsonSchema, details: ErrorDetails) -> Problem:
-    location, at_key = location_in_file(document.value, details["loc"])
+def _problem(
+    document: YamlDocument, schema: JsonSchema, details: ErrorDetails, below: tuple[str, ...]
+) -> Problem:
+    location, at_key = location_in_file(document.value, (*below, *details["loc"]))
     kind, value = details["type"], details["input"]
     if kind == "missing":
         return document.problem(location, "this key is required and is not there")

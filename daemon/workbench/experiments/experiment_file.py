@@ -151,16 +151,15 @@ def robot_path(name: str, path: Path) -> Path:
 
 
 def _overridden(document: YamlDocument, emulation: Emulation, experiment: Experiment) -> Emulation:
+    plant = emulation.plant
+    below: tuple[str, ...] = ("plant",)
     try:
-        other = other_plant(emulation.plant, experiment.plant)
+        other = other_plant(plant, experiment.plant)
         if experiment.pretraining is not None and experiment.pretraining.plant is not None:
-            other_plant(emulation.plant, experiment.pretraining.plant)
+            below = ("pretraining", "plant")
+            other_plant(plant, experiment.pretraining.plant)
     except ValidationError as error:
-        problems: list[Problem] = [
-            document.problem(("plant", *map(str, details["loc"])), details["msg"], at_key=True)
-            for details in error.errors()
-        ]
-        raise ConfigError(problems) from None
+        raise ConfigError(schema_problems(document, type(plant), error, *below)) from None
     update = {"plant": other, "tip_load_g": experiment.tip_load_g}
     return emulation.model_copy(update=update)
 

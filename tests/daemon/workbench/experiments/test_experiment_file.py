@@ -82,3 +82,21 @@ def test_what_would_happen_after_the_end_is_told_with_its_line(
     assert told.endswith(f"{why}: this never happens")
     assert "experiment.yaml:12:" in told
     assert "happenings[0]" not in told
+
+
+@pytest.mark.parametrize(
+    ("more", "told"),
+    [
+        ("plant: {mas_g: 3}", "plant.mas_g: unknown key (did you mean 'mass_g'?)"),
+        (
+            "plant: {segments: [{lenght_mm: 3, length_mm: 90}]}",
+            "plant.segments[0].lenght_mm: unknown key (did you mean 'length_mm'?)",
+        ),
+        ("plant: {body: worm}", "plant.body: must be 'as_made', 'worn', 'slow', 'heavy' or "),
+        ("pretraining: {plant: {mass_g: x}}", "pretraining.plant.mass_g: should be a valid "),
+    ],
+)
+def test_what_is_wrong_with_another_body_is_told_as_of_a_robot_file(
+    more: str, told: str, tmp_path: Path
+) -> None:
+    assert told in problem(tmp_path, f"{EXPERIMENT}{more}\n")
