@@ -224,8 +224,10 @@ class FromMotions(KindOptions):
     """What controllers have in common that know the robot from motions it has made."""
 
     model: str | None = None
-    """File that pre-training made, or that such a controller saved. None: the first motions are
-    motor babbling, and everything is learnt from them and from what follows."""
+    """File that pre-training made, or that such a controller saved: `builtin:` and the name of one
+    that is shipped, or a file relative to where the experiment is started, not to its file. None:
+    the first motions are motor babbling, and everything is learnt from them and from what
+    follows."""
 
     sample_tip_mm: Positive = 2.0
     """A motion is a sample when the tip has moved so far ..."""
