@@ -11,6 +11,9 @@ from typing import Final
 from daemon.host.resident_memory import give_back_compiler, lock_memory
 
 _PRIORITY: Final = 50
+_NEW_ONES_ORDINARY: Final = os.SCHED_RESET_ON_FORK
+"""Threads and processes made later stay ordinary: only this thread is in a hurry. Whoever is not
+root can ask for this, and not take it back (sched_setscheduler(2))."""
 CPU_LATENCY: Final = Path("/dev/cpu_dma_latency")
 """Whoever holds this file open tells Linux how many microseconds a processor may take to wake up
 (PM QoS). With none it does not sleep, so that it neither has to wake up when a frame comes, nor has
@@ -51,8 +54,7 @@ class RealTime:
         gc.freeze()
         gc.disable()
         self._hurrying = True
-        # Threads and processes made later stay ordinary: only this thread is in a hurry.
-        policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+        policy = os.SCHED_FIFO | _NEW_ONES_ORDINARY
         try:
             os.sched_setscheduler(0, policy, os.sched_param(_PRIORITY))
         except OSError as error:
@@ -89,7 +91,8 @@ class RealTime:
         self._hurrying = False
         if self._has_priority:
             self._has_priority = False
-            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+            policy = os.SCHED_OTHER | _NEW_ONES_ORDINARY
+            os.sched_setscheduler(0, policy, os.sched_param(0))
         gc.enable()
         if self._kept_awake is not None:
             os.close(self._kept_awake)

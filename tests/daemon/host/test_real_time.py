@@ -3,12 +3,17 @@
 import gc
 import os
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
+from daemon.host import real_time
 from daemon.host.real_time import RealTime
+from tests.ordinary_user import NOBODY
+
+_SET_SCHEDULER = os.sched_setscheduler
+"""Of the system, whatever tests put in its place."""
 
 
 @pytest.fixture(autouse=True)
@@ -62,3 +67,44 @@ def test_the_collector_is_off_meanwhile(tmp_path: Path) -> None:
     assert not gc.isenabled()
     real_time.leave()
     assert gc.isenabled()
+
+
+def test_who_is_not_root_gives_the_priority_back(tmp_path: Path) -> None:
+    """As the service's own user does. That user may not take back that new threads are ordinary."""
+    awake = tmp_path / "cpu_dma_latency"
+    awake.touch()
+    awake.chmod(0o666)
+    tmp_path.chmod(0o755)
+
+    def hurry_twice() -> None:
+        if os.getuid() == 0:
+            os.setuid(NOBODY)
+        os.sched_setscheduler = _SET_SCHEDULER
+        # Another policy than the ordinary one that everybody may ask for.
+        os.SCHED_FIFO, real_time._PRIORITY = os.SCHED_BATCH, 0  # type: ignore[misc]
+        asked = RealTime(awake)
+        for _ in range(2):
+            asked.enter()
+            assert not asked.refused and "SCHED_FIFO" in str(asked)
+            asked.leave()
+            assert os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_OTHER
+            assert gc.isenabled() and not str(asked)
+
+    assert in_a_child(hurry_twice) == ""
+
+
+def in_a_child(work: Callable[[], None]) -> str:
+    """What went wrong in it: what it is like then, this process had better not be."""
+    readable, writable = os.pipe()
+    child = os.fork()
+    if not child:
+        try:
+            work()
+        except BaseException as error:
+            os.write(writable, repr(error).encode())
+        os._exit(0)
+    os.close(writable)
+    with os.fdopen(readable, "rb") as said:
+        text = said.read().decode()
+    os.waitpid(child, 0)
+    return text
