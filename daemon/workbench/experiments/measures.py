@@ -16,9 +16,9 @@ from daemon.workbench.experiments.step_statistics import Array, StepSeries, trac
 
 _RECOVERED_MM: Final = 1.0
 _FOR_S: Final = 1.0
+"""Below that for so long a tip is back."""
 _DISTURBED_S: Final = 3.0
 """So long after a load has changed, errors are of that, which nobody could expect."""
-"""Below that for so long a tip is back."""
 _OVERSHOOT_WITHIN_S: Final = 5.0
 """After the farthest point of a push."""
 _SMALLEST_PUSH_MM: Final = 1.0
@@ -106,15 +106,19 @@ def _after(back_s: float | None) -> str:
 def load_changes(
     tip_load_g: float, happenings: Sequence[Happening], cycle_s: float
 ) -> list[LoadChange]:
-    """Those at once, in the order of their times."""
-    changes = []
-    for one in happenings:
-        if one.tip_load_g is not None and one.fill_g_s is None:
-            at_s = one.at_s if one.at_s is not None else (one.at_cycle or 0) * cycle_s
-            changes.append(LoadChange(at_s, one.tip_load_g))
-    ordered = sorted(changes, key=lambda change: change.at_s)
-    before = [tip_load_g, *(change.load_g for change in ordered)]
-    return [c for c, load_g in zip(ordered, before, strict=False) if c.load_g != load_g]
+    """Those at once, in the order of their times, where another load hung there before, be it one
+    that was poured in."""
+
+    def at_s(one: Happening) -> float:
+        return one.at_s if one.at_s is not None else (one.at_cycle or 0) * cycle_s
+
+    changes, before_g = list[LoadChange](), tip_load_g
+    for one in sorted(happenings, key=at_s):
+        if one.tip_load_g is not None:
+            if one.fill_g_s is None and one.tip_load_g != before_g:
+                changes.append(LoadChange(at_s(one), one.tip_load_g))
+            before_g = one.tip_load_g
+    return changes
 
 
 def measured(series: StepSeries, duration_s: float, loads: Sequence[LoadChange]) -> Measures | None:
@@ -192,15 +196,18 @@ def _recovery(
 
 
 def _back_s(t_s: Array, error_mm: Array) -> float | None:
-    """From when on the error was small for a whole second, the first time."""
-    starts = np.concatenate([[t_s[0]], t_s[error_mm >= _RECOVERED_MM]])
-    ends = np.concatenate([starts[1:], [t_s[-1]]])
-    for begin_s, end_s in zip(starts, ends, strict=True):
-        if end_s - begin_s >= _FOR_S:
-            later = t_s[t_s > begin_s]
-            below_at_once = begin_s == t_s[0] and error_mm[0] < _RECOVERED_MM
-            return 0.0 if below_at_once else float(later[0])
+    """From when on the error was small for a whole second of motion, the first time."""
+    moved_s = np.concatenate([[0.0], np.cumsum(_while_it_moves(np.diff(t_s)))])
+    off = np.flatnonzero(error_mm >= _RECOVERED_MM)
+    for begin, end in zip([0, *off], [*off, len(t_s) - 1], strict=True):
+        if moved_s[end] - moved_s[begin] >= _FOR_S:
+            return 0.0 if error_mm[begin] < _RECOVERED_MM else float(t_s[begin + 1])
     return None
+
+
+def _while_it_moves(dt_s: Array) -> Array:
+    """Nothing for the time in which the robot stood: nobody knows the error then."""
+    return np.where(dt_s < _GAP_S, dt_s, 0.0)
 
 
 def _overshoot_mm(t_s: Array, off_mm: Array, peak: int) -> float:

@@ -162,3 +162,21 @@ def test_effort_is_the_axes_way_by_the_paths_and_acceleration_that_of_all_of_the
 
 def test_nothing_is_measured_of_nothing() -> None:
     assert measured(series(np.zeros(0)), 10.0, []) is None
+
+
+def test_what_was_poured_in_and_is_taken_off_at_once_is_a_step() -> None:
+    happenings = [
+        Happening(at_s=2.0, tip_load_g=40.0, fill_g_s=10.0),
+        Happening(at_s=8.0, tip_load_g=0.0),
+    ]
+    assert load_changes(0.0, happenings, 8.0) == [LoadChange(8.0, 0.0)]
+
+
+def test_a_tip_is_not_back_while_the_robot_stands() -> None:
+    """Held for ten seconds in the middle of a push: far off before, and far off after it."""
+    held = series(pushed(0.75))
+    held.clock_s[held.t_s > 2.3] += 10.0
+    found = measured(held, 10.0, [LoadChange(2.0, 30.0)])
+    assert found is not None
+    assert found.recoveries[0].back_s == pytest.approx(10.75, abs=1.5 * DT_S)
+    assert found.recoveries[0].true_back_s == pytest.approx(10.75, abs=1.5 * DT_S)
