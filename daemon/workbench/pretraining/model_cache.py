@@ -1,7 +1,7 @@
 """Models of emulated robots, made when they are first asked for, and kept.
 
-A model belongs to the robot file with everything in it, the emulated body included, and to how it
-was made. Where any of this changes, there is another model.
+A model belongs to the robot file with everything in it, the emulated body included, to what is in
+the files that it names, and to how it was made. Where any of this changes, there is another model.
 """
 
 import hashlib
@@ -23,6 +23,7 @@ from daemon.learning.forward.pretrained_model import KIND, PretrainedModel
 from daemon.learning.forward.pretraining import EpochErrors, PretrainingSettings, pretrain
 from daemon.learning.samples.motion_samples import SamplingSettings
 from daemon.workbench.experiments.experiment_file import ExperimentFile, other_plant
+from daemon.workbench.experiments.named_files import robot_contents
 from daemon.workbench.experiments.trial import Tell, TrialError
 from daemon.workbench.pretraining.explore import Exploring, config_sha256, explore
 
@@ -124,6 +125,9 @@ def _key(file: RobotFile, options: Exploring, settings: PretrainingSettings, see
         "format": KIND,
         "recipe": _RECIPE,
     }
+    files = robot_contents(file)
+    if files:
+        made_of["files"] = files
     text = json.dumps(made_of, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:_KEY_DIGITS]
 

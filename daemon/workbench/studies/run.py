@@ -21,6 +21,7 @@ from daemon.recording.result import Result
 from daemon.recording.run_folder import formatted_json
 from daemon.workbench.experiments.experiment_file import ExperimentFile
 from daemon.workbench.experiments.measures import Measures
+from daemon.workbench.experiments.named_files import experiment_contents, robot_contents
 from daemon.workbench.studies.study_file import StudyFile, merged
 from sim_backends.lab.bodies import another_body
 from sim_backends.plants.concentric.body_error import matched_variation
@@ -61,6 +62,10 @@ class Run:
             "robot": self.file.robot.model_dump(mode="json"),
             "seed": self.seed,
         }
+        robot_file = replace(self.file.file, robot=self.file.robot)
+        files = {**robot_contents(robot_file), **experiment_contents(self.file)}
+        if files:
+            parts["files"] = files
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 

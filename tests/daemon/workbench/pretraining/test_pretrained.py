@@ -1,10 +1,12 @@
 """An experiment's controller gets the model of the experiment's body, without the load."""
 
+import os
+from importlib.resources import files
 from pathlib import Path
 
 import pytest
 
-from config.loader import RobotFile
+from config.loader import RobotFile, load_robot
 from config.tasks.experiment import Pretraining
 from daemon.learning.forward.pretraining import PretrainingError
 from daemon.workbench.experiments.experiment_file import load_experiment
@@ -68,6 +70,23 @@ def test_where_nobody_is_asked_for_the_risk_nobody_is_while_the_body_is_explored
     controller_of(tmp_path, f"{tendons}risk: {asked}\n")
     ((file, _, _),) = made.asked
     assert file.robot.risk.model == model
+
+
+def test_what_is_in_the_files_that_a_robot_names_makes_it_another_model(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """The gate asks for the risk while the body is explored: by the body's model, in the mesh."""
+    monkeypatch.setattr(model_cache, "_usable", lambda path, file: True)
+    shipped = Path(str(files("config") / "robots" / "tendon_arm.yaml")).read_text()
+    robot = tmp_path / "robot.yaml"
+    robot.write_text(shipped.replace("builtin:tendon_arm.npz", "body.npz"))
+    body = tmp_path / "body.npz"
+    body.write_bytes(b"as it was learnt first")
+    first = model_cache.pretrained(load_robot(robot))
+    assert model_cache.pretrained(load_robot(robot)) == first
+    body.write_bytes(b"as it was learnt again")
+    os.utime(body, ns=(0, 0))
+    assert model_cache.pretrained(load_robot(robot)) != first
 
 
 def test_a_seed_of_its_own_makes_one_model_for_all_seeds(made: Made, tmp_path: Path) -> None:

@@ -49,6 +49,25 @@ def test_runs_differ_in_what_they_depend_on_and_in_where_they_leave_it(study: St
     assert [run.fingerprint for run in plan(study, 2, 2)] == [run.fingerprint for run in runs]
 
 
+def test_what_is_in_the_files_that_a_run_names_makes_it_another_one(tmp_path: Path) -> None:
+    """And where they lie does not: shares of a study come from several machines."""
+
+    def fingerprint(folder: str, way_mm: float) -> str:
+        path = write_study(tmp_path / folder)
+        experiment = tmp_path / folder / "calm.yaml"
+        head, _, rest = experiment.read_text().partition("trajectory:")
+        tail = rest[rest.index("controller:") :]
+        experiment.write_text(f"{head}trajectory: {{kind: waypoints, file: way.csv}}\n{tail}")
+        rows = f"t,x,y,z\n0,0,0,185\n5,{way_mm},0,185\n"
+        (tmp_path / folder / "way.csv").write_text(rows)
+        (run,) = plan(load_study(path), 1, 0, ["calm", "arcs"])
+        return run.fingerprint
+
+    first = fingerprint("here", 5.0)
+    assert fingerprint("there", 5.0) == first
+    assert fingerprint("here", -9.0) != first
+
+
 def test_a_plant_has_another_body_and_the_same_tracker_and_load(study: StudyFile) -> None:
     runs = [*plan(study, 1, 0, ["loaded", "arcs"]), *plan(study, 1, 2, ["loaded", "arcs"])]
     emulations = [run.file.robot.emulation for run in runs]
