@@ -57,7 +57,7 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
     """What held runs; each cause once."""
     cycles: list[CycleSummary]
     converged: int
-    """Runs whose error settled below 1 mm."""
+    """Runs whose error settled below 1 mm: of one that was given up nobody knows."""
     converged_s: Spread | None
     """Of those."""
     refusals: Spread | None
@@ -88,6 +88,11 @@ def summary(outcomes: Sequence[Outcome], cycles: int, unstable_above_mm: float) 
     timed = [result.computing for result in results if result.computing is not None]
     limits = [result.limits for result in results if result.limits is not None]
     fits = [outcome.fit for outcome in outcomes if outcome.fit is not None]
+    settled = [
+        outcome.result.converged_s
+        for outcome in outcomes
+        if outcome.result is not None and not outcome.failure
+    ]
     verdicts: dict[Verdict, int] = {}
     for verdict in sorted(outcome.verdict(unstable_above_mm) for outcome in outcomes):
         verdicts[verdict] = verdicts.get(verdict, 0) + 1
@@ -99,8 +104,8 @@ def summary(outcomes: Sequence[Outcome], cycles: int, unstable_above_mm: float) 
         failures=sorted({outcome.failure for outcome in outcomes if outcome.failure}),
         causes=sorted({cause for result in results for cause in result.faults}),
         cycles=[_cycle(outcomes, number) for number in range(cycles)],
-        converged=sum(result.converged_s is not None for result in results),
-        converged_s=_spread_of(results, lambda result: result.converged_s),
+        converged=sum(at_s is not None for at_s in settled),
+        converged_s=_spread_of(settled, lambda at_s: at_s),
         refusals=_spread_of(results, lambda result: result.refusals),
         holds=_spread_of(results, lambda result: result.holds),
         step_median_ms=_spread_of(timed, lambda one: one.median_ms),

@@ -93,6 +93,15 @@ def test_only_runs_that_settled_say_when() -> None:
     assert summary([outcome([1.0])], 1, 99.0).converged_s is None
 
 
+def test_a_run_that_was_given_up_has_not_settled() -> None:
+    """However small its error was until then."""
+    lost = outcome([0.5], settled_s=0.0, failure="the robot is fault: node_lost")
+    found = summary([lost, outcome([1.0], settled_s=40.0)], 2, 99.0)
+    assert found.converged == 1
+    assert found.converged_s is not None
+    assert (found.converged_s.low, found.converged_s.high) == (40.0, 40.0)
+
+
 def test_results_of_before_have_no_such_figures() -> None:
     bare = Result(
         robot="soft_arm",
