@@ -1,15 +1,20 @@
 """What a study has found so far: summaries of its runs, and what became of its aims."""
 
 from collections.abc import Sequence
+from math import isfinite
+from typing import Final
 
 import msgspec
 
 from daemon.reference.trajectories import make_trajectory
 from daemon.workbench.experiments.experiment_file import ExperimentFile
-from daemon.workbench.studies.run import Outcome
+from daemon.workbench.studies.run import Outcome, Verdict
 from daemon.workbench.studies.study_file import StudyFile
 from daemon.workbench.studies.summary import Summary, cycle_mean_mm, summary
 from daemon.workbench.studies.table import number
+
+_LOST: Final[tuple[Verdict, ...]] = ("unstable", "failed", "refused")
+"""What is said of runs that were given up, before anything moved or later, or should have been."""
 
 
 class StudyAim(msgspec.Struct, frozen=True, kw_only=True):
@@ -83,7 +88,7 @@ def _aims(
                 aims.append(_aim(one, text, mean_mm <= aim_mm))
         if row.aim_mm is not None:
             runs = f"{one.runs} runs"
-            lost = one.verdicts.get("unstable", 0) + one.verdicts.get("failed", 0)
+            lost = sum(one.verdicts.get(verdict, 0) for verdict in _LOST)
             aims.append(_aim(one, f"{lost} of {runs} unstable or given up", not lost))
         others = grouped.get((row.first_no_worse_than or "", one.variant))
         if others:
@@ -92,14 +97,14 @@ def _aims(
 
 
 def _first_no_worse(one: Summary, mine: Sequence[Outcome], others: Sequence[Outcome]) -> StudyAim:
-    """Compares run by run: same body, same tracker."""
+    """Compares run by run: same body, same tracker. A run that was lost is worse than any."""
     other_mm = {(run.plant, run.seed): cycle_mean_mm(run, 0) for run in others}
     pairs = [
         (cycle_mean_mm(run, 0), other_mm[run.plant, run.seed])
         for run in mine
         if (run.plant, run.seed) in other_mm
     ]
-    better = sum(here <= there for here, there in pairs)
+    better = sum(here <= there for here, there in pairs if isfinite(here))
     text = f"first cycle no worse than in {others[0].experiment}: {better} of {len(pairs)} runs"
     return _aim(one, text, 2 * better > len(pairs))
 

@@ -106,6 +106,21 @@ def test_aims_are_told_reached_or_missed_for_each_controller(
     assert f"MISSED   loaded, measured Jacobian: {pairs}" in lines
 
 
+def test_no_aim_is_reached_by_runs_that_were_refused_or_lost(file: StudyFile) -> None:
+    """Not even where they were lost alike in what they are compared with."""
+    lost = [
+        outcome([], seed, name, failure="the axes are too slow")
+        for name in ("calm", "loaded")
+        for seed in (1, 2)
+    ]
+    refused = [msgspec.structs.replace(one, refused=True, result=None) for one in lost]
+    for outcomes in (lost, refused):
+        lines = aims_text(file, findings(file, outcomes, planned=8))
+        assert "MISSED   loaded, measured Jacobian: 2 of 2 runs unstable or given up" in lines
+        pairs = "first cycle no worse than in calm: 0 of 2 runs"
+        assert f"MISSED   loaded, measured Jacobian: {pairs}" in lines
+
+
 def test_what_went_wrong_is_told_with_its_reason(file: StudyFile, found: Findings) -> None:
     assert trouble_text(file, found) == [
         "loaded, measured Jacobian: 1 held; causes: tracker_late",
