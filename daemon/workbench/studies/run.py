@@ -186,7 +186,8 @@ class Outcome(msgspec.Struct, frozen=True, kw_only=True):
     fit: ForwardFit | None = None
     """Of the model that its controller began with. None: it had none."""
     commit: str | None = None
-    """Of the program; with a `+` where files differed from it."""
+    """Of the program, with a `+` where files differed from it; its version where it was installed.
+    None: nothing was recorded."""
 
     def verdict(self, unstable_above_mm: float) -> Verdict:
         """In one word: the worst that can be said."""

@@ -171,7 +171,7 @@ def _commit(folder: Path) -> str | None:
         read = msgspec.json.decode(data, type=Provenance)
     except (OSError, msgspec.MsgspecError):
         return None
-    return None if read.commit is None else read.commit + ("+" if read.modified else "")
+    return read.version if read.commit is None else read.commit + ("+" if read.modified else "")
 
 
 def _nobody(line: str) -> None:

@@ -32,6 +32,7 @@ TABLES_FILE: Final = "tables.md"
 DATA_FILE: Final = "tables.json"
 COMPARISON_FIGURE: Final = "comparison.png"
 _DPI: Final = 160
+_COMMIT_DIGITS: Final = 12
 
 
 def reproduction_tables(file: StudyFile, found: Findings) -> list[Table]:
@@ -171,5 +172,10 @@ def _text(
 def _runs_text(found: Findings) -> str:
     text = f"{len(found.runs)} of {found.planned} runs, in virtual time."
     if found.commits:
-        text += f" Made by {', '.join(commit[:12] for commit in found.commits)}."
+        text += f" Made by {', '.join(map(_short, found.commits))}."
     return text + "\n"
+
+
+def _short(commit: str) -> str:
+    """With its `+`, where files differed from it."""
+    return commit[:_COMMIT_DIGITS] + ("+" if commit.endswith("+") else "")

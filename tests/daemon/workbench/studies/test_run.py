@@ -1,11 +1,14 @@
 """The plan of a study: which runs there are, and what makes one another."""
 
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
 
 from config.documents.problems import ConfigError
 from config.tasks.controllers import ConstantCurvature
+from daemon.recording import run_folder
+from daemon.workbench.studies import worker
 from daemon.workbench.studies.run import plan
 from daemon.workbench.studies.study_file import StudyFile, load_study
 from tests.daemon.workbench.studies.made_up import STUDY, write_study
@@ -116,3 +119,13 @@ def test_a_dither_needs_lines_to_waypoints(tmp_path: Path) -> None:
     path = write_study(tmp_path, STUDY + POOR.replace("waypoints: 80, ", ""))
     with pytest.raises(ConfigError, match=r"study\.yaml:\d+:\d+: .*say how many"):
         load_study(path)
+
+
+def test_a_run_says_which_version_made_it_where_that_was_installed(
+    study: StudyFile, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(run_folder, "_checkout", lambda: (None, None))
+    (run, *_) = plan(study, 1, 0, ["calm", "arcs"])
+    run.file.describe(tmp_path, None, 1)
+    assert worker._commit(tmp_path) == version("tentacled")
+    assert worker._commit(tmp_path / "nothing") is None

@@ -163,6 +163,22 @@ def test_pictures_and_tables_are_written(file: StudyFile, found: Findings, tmp_p
     assert data["summaries"][0]["cycles"][0]["mean_mm"]["median"] == 2.5
 
 
+def test_what_made_the_runs_is_named_with_what_differed_from_it(
+    file: StudyFile, tmp_path: Path
+) -> None:
+    """Runs of several programs do not quite compare: none of them is kept quiet."""
+    commit = "0123456789abcdef0123456789abcdef01234567"
+    made_by = [commit, f"{commit}+", "1.2.0"]
+    outcomes = [
+        msgspec.structs.replace(outcome([2.0, 0.5], seed), commit=one)
+        for seed, one in enumerate(made_by)
+    ]
+    found = findings(file, outcomes, planned=8)
+    write_up(file, found, tmp_path, [], comparison_figures)
+    text = (tmp_path / "tables.md").read_text()
+    assert "Made by 0123456789ab, 0123456789ab+, 1.2.0." in text
+
+
 def test_one_picture_compares_all(file: StudyFile, found: Findings, tmp_path: Path) -> None:
     written = write_up(file, found, tmp_path, comparison_tables(file, found), comparison_figures)
     picture = matplotlib.image.imread(written[-1])
