@@ -5,8 +5,11 @@ systemd-networkd. Nothing is installed: the commands that do it are shown.
 """
 
 import argparse
+import re
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+from shlex import quote
 from typing import Final
 
 from config.loader import load_robot
@@ -15,6 +18,8 @@ from daemon.commands.outcome.result import Result
 from daemon.robot.shipped_files import file_argument
 
 _BITRATE: Final = 1_000_000
+_PLAIN: Final = re.compile(r"[\w./@:+=-]+")
+"""What is one word by itself."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -43,10 +48,11 @@ def run(arguments: argparse.Namespace) -> Result:
     return Result(told, "\n".join([*shown, commands]))
 
 
-def service_files(program: str, robot: Robot | None = None) -> dict[str, str]:
-    """Each file's text by its name. program: what starts `tentacled`, with its whole path."""
+def service_files(program: Sequence[str], robot: Robot | None = None) -> dict[str, str]:
+    """Each file's text by its name. program: what starts `tentacled`, word by word, the first one
+    with its whole path."""
     files = {
-        "tentacled@.service": _UNIT.replace("PROGRAM", program),
+        "tentacled@.service": _UNIT.replace("PROGRAM", " ".join(map(_for_systemd, program))),
         "90-tentacled.rules": _RULES,
     }
     for interface, bitrate in _interfaces(robot).items():
@@ -65,20 +71,27 @@ def _interfaces(robot: Robot | None) -> dict[str, int]:
     return {bus.channel: bus.bitrate_bit_s for bus in buses if bus.interface == "socketcan"}
 
 
-def _program() -> str:
+def _for_systemd(word: str) -> str:
+    """One word of a command, after systemd.service(5). No program has quotes in its path there."""
+    escaped = word.replace("%", "%%")
+    return escaped if _PLAIN.fullmatch(word) else f'"{escaped}"'
+
+
+def _program() -> list[str]:
     """The command that this interpreter's environment has; else the interpreter and our module."""
     command = Path(sys.executable).parent / "tentacled"
-    module = f"{sys.executable} -m daemon.commands.terminal.command_line"
-    return str(command) if command.is_file() else module
+    module = [sys.executable, "-m", "daemon.commands.terminal.command_line"]
+    return [str(command)] if command.is_file() else module
 
 
 def _commands(folder: Path, files: dict[str, str], name: str) -> str:
-    network = " ".join(str(folder / one) for one in files if one.startswith("80-"))
+    network = " ".join(quote(str(folder / one)) for one in files if one.startswith("80-"))
+    unit, rules = (quote(str(folder / one)) for one in ("tentacled@.service", "90-tentacled.rules"))
     lines = [
         "# to install them; the robot file belongs to /etc/tentacled/" + f"{name}.yaml",
         "sudo useradd --system --user-group --groups dialout tentacled",
-        f"sudo install -m 644 {folder / 'tentacled@.service'} /etc/systemd/system/",
-        f"sudo install -m 644 {folder / '90-tentacled.rules'} /etc/udev/rules.d/",
+        f"sudo install -m 644 {unit} /etc/systemd/system/",
+        f"sudo install -m 644 {rules} /etc/udev/rules.d/",
         f"sudo install -m 644 {network} /etc/systemd/network/" if network else "",
         f"sudo systemctl daemon-reload && sudo systemctl enable --now tentacled@{name}",
     ]

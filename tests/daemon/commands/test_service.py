@@ -1,7 +1,9 @@
 """`tentacled service`: files that systemd and udev understand."""
 
+import shlex
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -49,9 +51,32 @@ def test_the_robots_own_interfaces_are_set_up(
 
 
 def test_a_program_is_named_with_its_whole_path() -> None:
-    unit = service_files("/opt/tentacled/bin/tentacled")["tentacled@.service"]
+    unit = service_files(["/opt/tentacled/bin/tentacled"])["tentacled@.service"]
     assert "\nExecStart=/opt/tentacled/bin/tentacled run /etc/tentacled/%i.yaml " in unit
     assert "\nRestartPreventExitStatus=64 65 78\n" in unit
+
+
+def test_a_program_and_files_lie_where_paths_have_spaces(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    place = tmp_path / "our lab, 100% ours"
+    program = place / "bin" / "tentacled"
+    program.parent.mkdir(parents=True)
+    program.write_text("#!/bin/sh\n")
+    program.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(program.with_name("python")))
+    files = place / "files to install"
+    assert main(["service", "--write", str(files)]) == 0
+    told = capsys.readouterr().out
+    named = [shlex.split(line)[4:-1] for line in told.splitlines() if "sudo install" in line]
+    assert {Path(one) for line in named for one in line} == set(files.iterdir())
+    if shutil.which("systemd-analyze") is None:
+        pytest.skip("systemd-analyze is not installed")
+    unit = str(files / "tentacled@.service")
+    done = subprocess.run(
+        ["systemd-analyze", "verify", unit], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout + done.stderr) == (0, "")
 
 
 def test_a_wrong_robot_file_is_not_started_again(
