@@ -6,6 +6,7 @@ import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Thread
 from typing import Final
 
 from daemon.host.resident_memory import give_back_compiler, lock_memory
@@ -109,6 +110,23 @@ class RealTime:
             )
             if true
         )
+
+
+def why_no_priority() -> str:
+    """Why drives would move without it; empty: they would not. A thread tries, and ends with it."""
+    refused: list[str] = []
+
+    def ask() -> None:
+        policy = os.SCHED_FIFO | _NEW_ONES_ORDINARY
+        try:
+            os.sched_setscheduler(0, policy, os.sched_param(_PRIORITY))
+        except OSError as error:
+            refused.append(error.strerror or str(error))
+
+    thread = Thread(target=ask)
+    thread.start()
+    thread.join()
+    return "".join(refused)
 
 
 # Times at which much is made that stays: to look through it for garbage, over and over, is a

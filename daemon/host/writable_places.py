@@ -8,7 +8,7 @@ files has to do; child processes hear of it by the environment.
 import os
 import stat
 import tempfile
-from collections.abc import MutableMapping
+from collections.abc import Mapping, MutableMapping
 from pathlib import Path
 from typing import Final
 
@@ -47,6 +47,15 @@ def ensure_writable_places(environment: MutableMapping[str, str] = os.environ) -
         for variable, name in missing.items():
             environment[variable] = str(place / name)
     return list(missing)
+
+
+def kernels_are_kept(environment: Mapping[str, str] = os.environ) -> bool:
+    """Whether what is compiled is there at the next start: in the first of numba's own places."""
+    home = Path(environment.get("HOME") or _home())
+    cache = Path(environment.get("XDG_CACHE_HOME") or home / _HOMES["XDG_CACHE_HOME"])
+    if named := environment.get(_NUMBA):
+        return _can_be_made(Path(named))
+    return _can_be_made(_KERNELS / "__pycache__") or _can_be_made(cache)
 
 
 def _home() -> str:

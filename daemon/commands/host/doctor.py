@@ -4,7 +4,6 @@ import argparse
 import grp
 import importlib
 import os
-import resource
 import sys
 from collections.abc import Iterator
 from importlib.metadata import entry_points
@@ -13,7 +12,8 @@ from typing import Final, NamedTuple
 
 from daemon.commands.outcome.exit_codes import EXIT_FAILED, EXIT_OK
 from daemon.commands.outcome.result import Result
-from daemon.host.real_time import CPU_LATENCY
+from daemon.host.real_time import CPU_LATENCY, why_no_priority
+from daemon.host.writable_places import kernels_are_kept
 from drivers.can.preflight import can_interfaces
 
 _OURS: Final = ("config", "daemon", "drivers", "safety", "sim_backends")
@@ -89,13 +89,13 @@ def _plugin() -> Finding:
 
 
 def _compiled_code() -> Finding:
-    folder = _ROOT / "sim_backends" / "plants"
-    if os.access(folder, os.W_OK) or os.environ.get("NUMBA_CACHE_DIR"):
+    if kernels_are_kept():
         return Finding(True, False, "compiled physics is kept between starts")
     return Finding(
         False,
         False,
-        f"{folder} cannot be written: every start compiles for a minute; set NUMBA_CACHE_DIR",
+        "compiled physics cannot be written anywhere: every start compiles for a minute; set "
+        "NUMBA_CACHE_DIR",
     )
 
 
@@ -127,13 +127,14 @@ def _interfaces() -> Finding:
 
 
 def _real_time() -> Finding:
-    limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
-    if os.getuid() == 0 or limit != 0:
+    why_not = why_no_priority()
+    if not why_not:
         return Finding(True, False, "real-time scheduling is allowed")
     return Finding(
         False,
         False,
-        "real-time scheduling is not allowed: LimitRTPRIO= in a service, or rtprio in limits.conf",
+        f"real-time scheduling is not allowed ({why_not}): LimitRTPRIO=80 in a service, or rtprio "
+        "in limits.conf",
     )
 
 
