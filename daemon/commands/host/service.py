@@ -20,6 +20,8 @@ from daemon.robot.shipped_files import file_argument
 _BITRATE: Final = 1_000_000
 _PLAIN: Final = re.compile(r"[\w./@:+=-]+")
 """What is one word by itself."""
+_PROTECTED: Final = ("/home", "/root", "/run/user")
+"""By `ProtectHome=yes`, after systemd.exec(5)."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -84,10 +86,24 @@ def _program() -> list[str]:
     return [str(command)] if command.is_file() else module
 
 
+def _out_of_sight() -> str:
+    """Which of what the program is made of lies where the service sees nothing; empty: none."""
+    python = Path(sys.executable)
+    for place in (python, python.resolve()):
+        if any(place.is_relative_to(hidden) for hidden in _PROTECTED):
+            return str(place)
+    return ""
+
+
 def _commands(folder: Path, files: dict[str, str], name: str) -> str:
     network = " ".join(quote(str(folder / one)) for one in files if one.startswith("80-"))
     unit, rules = (quote(str(folder / one)) for one in ("tentacled@.service", "90-tentacled.rules"))
+    hidden = _out_of_sight()
     lines = [
+        f"# {hidden} lies in a home folder, which the service cannot see: install tentacled "
+        "elsewhere first, in /opt/tentacled for one, and let that one write these files"
+        if hidden
+        else "",
         "# to install them; the robot file belongs to /etc/tentacled/" + f"{name}.yaml",
         "sudo useradd --system --user-group --groups dialout tentacled",
         f"sudo install -m 644 {unit} /etc/systemd/system/",

@@ -79,6 +79,20 @@ def test_a_program_and_files_lie_where_paths_have_spaces(
     assert (done.returncode, done.stdout + done.stderr) == (0, "")
 
 
+@pytest.mark.parametrize(
+    ("python", "hidden"),
+    [("/home/alice/lab/.venv/bin/python", True), ("/opt/tentacled/bin/python", False)],
+)
+def test_a_program_that_the_service_could_not_see_is_told(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], python: str, hidden: bool
+) -> None:
+    monkeypatch.setattr(sys, "executable", python)
+    assert main(["service", "--print"]) == 0
+    told = capsys.readouterr().out
+    assert "\nProtectHome=yes\n" in told
+    assert (f"# {python} lies in a home folder" in told) == hidden
+
+
 def test_a_wrong_robot_file_is_not_started_again(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
