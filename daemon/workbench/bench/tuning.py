@@ -80,14 +80,22 @@ def with_candidates(file: StudyFile, made: Sequence[Candidate]) -> StudyFile:
 
 
 def scores(outcomes: Sequence[Outcome], study: Study) -> dict[str, float]:
-    """By variant: the mean of the logarithms of its runs' settled errors in mm."""
+    """By variant: the mean of the logarithms of its runs' settled errors in mm.
+
+    What all refuse nobody can follow, and it counts for nobody. Who refuses alone has not finished.
+    """
+
+    def where(outcome: Outcome) -> tuple[str, int, int]:
+        return outcome.experiment, outcome.plant, outcome.seed
+
+    possible = {where(outcome) for outcome in outcomes if not outcome.refused}
     logs: dict[str, list[float]] = {}
     for outcome in outcomes:
         finished = outcome.verdict(study.unstable_above_mm) == "finished"
         error_mm = study.unstable_above_mm
         if finished and outcome.measures is not None:
             error_mm = max(outcome.measures.settled_mm, _LEAST_MM)
-        if not outcome.refused:
+        if where(outcome) in possible:
             logs.setdefault(outcome.variant, []).append(log(error_mm))
     return {variant: sum(values) / len(values) for variant, values in logs.items()}
 

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from daemon.commands.outcome.exit_codes import EXIT_FAILED, EXIT_USAGE
@@ -81,19 +82,21 @@ def test_half_of_the_points_see_twice_the_cells() -> None:
     assert stages(1, 4) == [Stage(1, 4)]
 
 
-def test_a_run_that_was_given_up_counts_as_unstable_and_one_refused_does_not(
+def test_a_run_that_was_given_up_counts_as_unstable_and_one_that_all_refuse_does_not(
     file: StudyFile,
 ) -> None:
-    def run(variant: str, failure: str = "", refused: bool = False) -> Outcome:
-        one = made_up.outcome([1.0], variant=variant, failure=failure)
-        fields = {name: getattr(one, name) for name in one.__struct_fields__}
-        return Outcome(**{**fields, "refused": refused})
+    """Who alone refuses the hard one of two paths is no better for it."""
 
-    scored = scores(
-        [run("arcs_0", failure="node lost"), run("arcs_1", failure="too fast", refused=True)],
-        file.study,
-    )
-    assert scored == {"arcs_0": pytest.approx(2.9957, abs=1e-4)}
+    def run(experiment: str, variant: str, failure: str = "", refused: bool = False) -> Outcome:
+        one = made_up.outcome([1.0], 1, experiment, variant, failure)
+        return msgspec.structs.replace(one, refused=refused)
+
+    everybody = [run("fast", f"arcs_{number}", "too fast", refused=True) for number in (0, 1)]
+    lost = run("calm", "arcs_0", "node lost")
+    assert scores([*everybody, lost], file.study) == {"arcs_0": pytest.approx(2.9957, abs=1e-4)}
+    alone = run("calm", "arcs_1", "too fast", refused=True)
+    scored = scores([*everybody, lost, alone], file.study)
+    assert scored["arcs_1"] == scored["arcs_0"] == pytest.approx(2.9957, abs=1e-4)
 
 
 def test_the_best_of_each_variant_are_kept(file: StudyFile, tmp_path: Path) -> None:
