@@ -202,8 +202,18 @@ def comparison_figure(file: StudyFile, found: Findings) -> Figure:
         _axes(panel, [one for one in found.summaries if one.experiment == shown[place]])
         if place % _ACROSS == 0:
             panel.set_ylabel("mean tip error / mm")
-    handles, labels = panels.flat[0].get_legend_handles_labels()
-    made.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 6))
+    drawn = {
+        label: handle
+        for panel in panels.flat[: len(shown)]
+        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True)
+    }
+    ordered = [one.label for one in variants if one.label in drawn]
+    made.legend(
+        [drawn[label] for label in ordered],
+        ordered,
+        loc="outside lower center",
+        ncols=min(len(ordered), 6),
+    )
     return made
 
 

@@ -13,6 +13,7 @@ from daemon.workbench.studies.error_tables import (
     more_table,
     trouble_text,
 )
+from daemon.workbench.studies.figures import comparison_figure
 from daemon.workbench.studies.findings import Findings, findings
 from daemon.workbench.studies.study_file import StudyFile, load_study
 from daemon.workbench.studies.table import Table, ordinal
@@ -184,6 +185,15 @@ def test_one_picture_compares_all(file: StudyFile, found: Findings, tmp_path: Pa
     picture = matplotlib.image.imread(written[-1])
     assert written[-1].name == "comparison.png"
     assert (picture[..., :3].min(axis=2) < 0.9).mean() > 0.005
+
+
+def test_the_picture_names_controllers_that_the_first_experiment_has_not_seen_yet(
+    file: StudyFile,
+) -> None:
+    outcomes = [outcome([2.0, 0.5], 1, "calm"), *OUTCOMES[2:]]
+    made = comparison_figure(file, findings(file, outcomes, planned=8))
+    (legend,) = made.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["measured Jacobian", "arcs"]
 
 
 def test_where_nothing_was_run_there_is_no_picture(file: StudyFile, tmp_path: Path) -> None:
