@@ -81,7 +81,10 @@ def _free(metafunc: pytest.Metafunc, name: str) -> bool:
         names = mark.args[0] if mark.args else mark.kwargs.get("argnames", "")
         if name in (re.split(r"\s*,\s*", names) if isinstance(names, str) else names):
             return False
-    return name in metafunc.fixturenames
+    # pytest tells nowhere else whose a fixture is: the last of its definitions is the one used.
+    definitions = getattr(metafunc, "_arg2fixturedefs", {}).get(name, ())
+    theirs = bool(definitions) and definitions[-1].func.__module__ != __name__
+    return name in metafunc.fixturenames and not theirs
 
 
 @pytest.fixture
@@ -147,7 +150,9 @@ def pytest_runtest_makereport(
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     report = yield
     labs = item.stash.get(_LABS, [])
-    if report.when != "call" or not labs:
+    # A fixture of theirs may run experiments too; where that fails there is no other report.
+    tells = report.when == "call" or (report.when == "setup" and report.failed)
+    if not tells or not labs:
         return report
     runs = [run for one in labs for run in one.runs]
     for run in runs:
@@ -157,20 +162,25 @@ def pytest_runtest_makereport(
     kept = _kept(item, report.failed, [run.folder for run in runs])
     if report.failed and runs:
         text = "\n\n".join(run.explanation() for run in runs)
-        told = f"\n\nkept in {kept}" if kept is not None else ""
-        report.sections.append(("tentacled", text + told))
+        report.sections.append(("tentacled", f"{text}\n\n{kept}".rstrip()))
     return report
 
 
-def _kept(item: pytest.Item, failed: bool, folders: list[Path]) -> Path | None:
-    """Where the runs are kept, each with its report; None: nowhere."""
+def _kept(item: pytest.Item, failed: bool, folders: list[Path]) -> str:
+    """Where the runs are kept, each with its report, or why they are not; empty: nobody wants it.
+
+    A test fails or passes all the same.
+    """
     root, which = (item.config.getoption(f"--tentacled-{name}") for name in ("artifacts", "keep"))
     if root is None or which == "none" or (which == "failed" and not failed):
-        return None
+        return ""
     from daemon.testing.labs import keep
 
     place = Path(root).absolute() / re.sub(r"[^\w.\[\]=-]+", "_", item.nodeid)
-    shutil.rmtree(place, ignore_errors=True)
-    for folder in folders:
-        keep(folder, place / folder.name)
-    return place
+    try:
+        shutil.rmtree(place, ignore_errors=True)
+        for folder in folders:
+            keep(folder, place / folder.name)
+    except OSError as error:
+        return f"not kept in {place}: {error}"
+    return f"kept in {place}"

@@ -137,6 +137,46 @@ def test_names_that_are_somebody_elses_stay_theirs(suite: pytest.Pytester) -> No
     assert run(suite, "test_theirs.py", *asked).stdout.str().count("::test_") == 4
 
 
+THEIRS = """
+import pytest
+
+@pytest.fixture
+def seed():
+    return 77
+
+@pytest.fixture
+def followed(lab):
+    return lab.run("short.yaml", longest_s=2.0)
+
+def test_their_seed_with_our_lab(lab, seed):
+    assert seed == 77
+
+def test_followed(followed):
+    pass
+"""
+
+
+def test_a_fixture_of_theirs_may_run_experiments_and_give_seeds(suite: pytest.Pytester) -> None:
+    suite.makepyfile(test_theirs=THEIRS)
+    artifacts = suite.path / "kept"
+    result = run(suite, "test_theirs.py", "--tentacled-artifacts", str(artifacts))
+    result.assert_outcomes(passed=1, errors=1)
+    told = result.stdout.str()
+    assert "run-0: circle, constant_curvature" in told and f"kept in {artifacts}" in told
+    (kept,) = artifacts.iterdir()
+    assert "test_followed" in kept.name
+    assert (kept / "run-0" / "result.json").is_file()
+
+
+def test_runs_that_cannot_be_kept_end_no_session(suite: pytest.Pytester) -> None:
+    no_folder = suite.path / "a file"
+    no_folder.touch()
+    words = ("-k", "too_good or many", "--tentacled-artifacts", str(no_folder))
+    result = run(suite, *words)
+    result.assert_outcomes(passed=4, failed=1)
+    assert f"not kept in {no_folder}" in result.stdout.str()
+
+
 def test_a_real_robot_is_never_moved_by_accident(suite: pytest.Pytester) -> None:
     robot = Path(__file__).parents[3] / "config" / "robots" / "soft_arm.yaml"
     for words, why in (
