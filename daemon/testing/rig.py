@@ -27,12 +27,25 @@ class RigClient(BlockingRobotClient):
             raise RigError(f"it moves {robot}: --tentacled-rig-yes {robot} is not given")
         try:
             super().__init__(LocalAddress.in_folder(default_runtime_directory(robot)))
-            self.acquire()
+            try:
+                self.acquire()
+            except BaseException:
+                super().close()
+                raise
         except ClientError as error:
             raise RigError(f"{robot}: {error}; start it with `tentacled run {file}`") from None
 
     def close(self) -> None:
-        """Stop the robot, give the lease back, hang up."""
-        if self.connected:
-            self.stop()
-        super().close()
+        """Stop the robot, give the lease back, hang up.
+
+        Whatever became of the stop: a lease that is kept on would let the robot go on too. Raises
+        ClientError, and RigError where the drives have not said that they are off.
+        """
+        stopped = True
+        try:
+            if self.connected:
+                stopped = self.stop().confirmed
+        finally:
+            super().close()
+        if not stopped:
+            raise RigError("the robot was stopped, and its drives have not said that they are off")
