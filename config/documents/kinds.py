@@ -17,7 +17,13 @@ from importlib.metadata import EntryPoint, entry_points
 from operator import or_
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, get_args
 
-from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdapter
+from pydantic import (
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    TypeAdapter,
+    ValidationError,
+)
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import PydanticCustomError, PydanticKnownError, core_schema
 
@@ -289,7 +295,15 @@ class Named:
             options = kind_of(self.group, name).options
         except KindError as error:
             raise PydanticCustomError("kind_refused", "{why}", {"why": str(error)}) from None
-        return options.model_validate(value)
+        try:
+            return options.model_validate(value)
+        except ValidationError:
+            raise
+        except (Exception, SystemExit) as error:  # whatever a package's own checks do
+            if known[name].shipped:
+                raise
+            why = f"{known[name]} cannot check its options: {described(error)}"
+            raise PydanticCustomError("kind_refused", "{why}", {"why": why}) from error
 
 
 @contextmanager

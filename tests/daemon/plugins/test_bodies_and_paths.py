@@ -208,6 +208,26 @@ def test_the_options_of_a_broken_package_are_told_with_its_name(
         assert "cannot be" in capsys.readouterr().out
 
 
+def test_a_package_s_own_check_that_fails_is_told_with_its_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(
+        "experiment: mine\nrobot: builtin:soft_arm\n"
+        "trajectory: {kind: hold, position_mm: [0, 0, 180], duration_s: 1}\n"
+        "controller: {kind: mine}\n"
+    )
+    gain = "    gain: float = 1.0\n"
+    check = f"{gain}\n    def model_post_init(self, _):\n        {{}}['no such key']\n"
+    options = OPTIONS.replace(gain, check)
+    with installed(controller_package(tmp_path / "site", options=options)):
+        assert main(["check", str(path)]) == EXIT_CONFIGURATION
+    whose = "the controller 'mine' of other_people 1.2"
+    assert capsys.readouterr().err == (
+        f"{path}:4:20: controller.kind: {whose} cannot check its options: KeyError: 'no such key'\n"
+    )
+
+
 def test_what_is_installed_is_listed_with_ours(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
