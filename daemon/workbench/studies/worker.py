@@ -108,6 +108,7 @@ def _take_models(models: Files) -> None:
 
 def _outcome(run: Run, folder: Path) -> Outcome:
     refusal, failure, fit = "", "", None
+    fingerprint = run.fingerprint  # of files as they are now, and not when it has ended
     try:
         refusal = _why_forbidden(run.file, run.seed) if run.foreseen else ""
         if not refusal:
@@ -123,7 +124,7 @@ def _outcome(run: Run, folder: Path) -> Outcome:
         variant=run.variant,
         plant=run.plant,
         seed=run.seed,
-        fingerprint=run.fingerprint,
+        fingerprint=fingerprint,
         fit=fit,
         failure=failure or refusal,
         refused=bool(refusal),
