@@ -12,6 +12,7 @@ import msgspec
 
 from config.axis import AxisBase
 from config.emulation import ConcentricTubesPlant
+from config.tasks.controllers import ControllerOptions, load_controller_options
 from config.tasks.experiment import Pretraining
 from config.tasks.study import Variant
 from daemon.files import write_whole
@@ -26,6 +27,10 @@ from daemon.workbench.studies.study_file import StudyFile, merged
 from sim_backends.lab.bodies import another_body
 from sim_backends.plants.concentric.body_error import matched_variation
 from sim_backends.plants.concentric.relative import RelativeRangeError
+
+_ASKED: Final = "forward_jacobian"
+"""Whose model answers: it is the one that every learning controller begins with."""
+_OF_WHO_IS_ASKED: Final = {"damping_mm", "posture_gain_per_s"}
 
 
 class PlanError(ValueError):
@@ -43,12 +48,17 @@ class Run:
     seed: int
     file: ExperimentFile
     """With this variant's controller, and this body."""
-    foreseen: bool = False
-    """Whether it is first asked, by a model of the body that is known before, whether the axes are
-    fast enough for the path: the same for all controllers."""
+    asked: ControllerOptions | None = None
+    """The controller that is first asked, by a model of the body that is known before, whether the
+    axes are fast enough for the path: the same for all controllers. None: nobody is asked."""
 
     def __str__(self) -> str:
         return f"{self.experiment}, {self.variant}, plant {self.plant}, seed {self.seed}"
+
+    @property
+    def foreseen(self) -> bool:
+        """Whether somebody is first asked."""
+        return self.asked is not None
 
     def folder(self, root: Path) -> Path:
         """Where it leaves what comes out of it."""
@@ -66,6 +76,10 @@ class Run:
         files = {**robot_contents(robot_file), **experiment_contents(self.file)}
         if files:
             parts["files"] = files
+        if self.asked is not None:
+            asked = self.asked.model_dump(include=_OF_WHO_IS_ASKED, exclude_defaults=True)
+            if asked:
+                parts["asked"] = asked
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
@@ -77,6 +91,7 @@ def plan(study: StudyFile, seeds: int, plants: int, only: Sequence[str] = ()) ->
     """
     experiments = [name for name in study.experiments if name in only]
     variants = [variant for variant in study.study.variants if variant.variant in only]
+    asked = {name: _asked(study.experiments[name]) for name in study.cells}
     rows = [
         (name, variant.variant, plant, _prepared(study, name, variant, plant))
         for plant in _numbers(study, plants)
@@ -84,7 +99,7 @@ def plan(study: StudyFile, seeds: int, plants: int, only: Sequence[str] = ()) ->
         for variant in variants or study.study.variants
     ]
     return [
-        Run(name, variant, plant, seed, file, foreseen=name in study.cells)
+        Run(name, variant, plant, seed, file, asked.get(name))
         for seed in range(1, seeds + 1)
         for name, variant, plant, file in rows
     ]
@@ -107,6 +122,12 @@ def shared(runs: Sequence[Run], share: Share) -> list[Run]:
     ordered = sorted(runs, key=lambda run: (run.fingerprint, str(run)))
     mine = {id(run) for number, run in enumerate(ordered) if share.has(number)}
     return [run for run in runs if id(run) in mine]
+
+
+def _asked(file: ExperimentFile) -> ControllerOptions:
+    """With the damping and the posture of the experiment's own controller."""
+    stated = file.experiment.controller.model_dump(include=_OF_WHO_IS_ASKED)
+    return load_controller_options({**stated, "kind": _ASKED})
 
 
 def _prepared(study: StudyFile, name: str, variant: Variant, plant: int) -> ExperimentFile:

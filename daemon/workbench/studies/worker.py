@@ -4,11 +4,9 @@ import shutil
 import tempfile
 from dataclasses import replace
 from pathlib import Path
-from typing import Final
 
 import msgspec
 
-from config.tasks.controllers import load_controller_options
 from daemon.controllers.make_controller import make_controller
 from daemon.files import models_directory, write_whole
 from daemon.learning.forward.forward_fit import ForwardFit
@@ -16,15 +14,12 @@ from daemon.learning.forward.pretrained_model import PretrainedModel
 from daemon.recording.result import read_result
 from daemon.recording.run_folder import PROVENANCE_FILE, RUN_FILES, Provenance
 from daemon.workbench.experiments.construction import why_too_fast
-from daemon.workbench.experiments.experiment_file import ExperimentFile, load_experiment
+from daemon.workbench.experiments.experiment_file import ExperimentFile
 from daemon.workbench.experiments.in_virtual_time import carry_out_in_virtual_time
 from daemon.workbench.experiments.measures import measures_of
 from daemon.workbench.experiments.trial import RefusedTrialError, TrialError
 from daemon.workbench.pretraining.model_cache import with_model
 from daemon.workbench.studies.run import Outcome, Run, write_outcome
-
-_ASKED: Final = "forward_jacobian"
-"""Whose model answers: it is the one that every learning controller begins with."""
 
 
 def carry_out_run(run: Run, root: Path, keep_recording: bool) -> Outcome:
@@ -54,7 +49,7 @@ def make_model(run: Run) -> None:
 def _with_one_that_needs_it(run: Run) -> ExperimentFile:
     """The experiment with a controller that wants the model, if only the one that is asked whether
     the path can be followed."""
-    return as_asked(run.file) if run.foreseen else run.file
+    return as_asked(run) if run.foreseen else run.file
 
 
 # On a machine that shares no disk with ours: what is needed goes there, what comes out comes home.
@@ -110,7 +105,7 @@ def _outcome(run: Run, folder: Path) -> Outcome:
     refusal, failure, fit = "", "", None
     fingerprint = run.fingerprint  # of files as they are now, and not when it has ended
     try:
-        refusal = _why_forbidden(run.file, run.seed) if run.foreseen else ""
+        refusal = _why_forbidden(run) if run.foreseen else ""
         if not refusal:
             file = with_model(run.file, run.seed, _nobody)
             fit = _fit(file)
@@ -134,28 +129,23 @@ def _outcome(run: Run, folder: Path) -> Outcome:
     )
 
 
-def _why_forbidden(file: ExperimentFile, seed: int) -> str:
+def _why_forbidden(run: Run) -> str:
     """Why the axes are too slow for the path, whichever controller follows it; empty: they are not,
     or the experiment has no pre-training, and nobody knows.
 
     The model may have to be made. Raises TrialError, OSError.
     """
-    if file.experiment.pretraining is None:
+    if run.file.experiment.pretraining is None:
         return ""
-    ready = with_model(as_asked(file), seed, _nobody)
-    controller = make_controller(ready.experiment.controller, ready.robot, seed)
+    ready = with_model(as_asked(run), run.seed, _nobody)
+    controller = make_controller(ready.experiment.controller, ready.robot, run.seed)
     return why_too_fast(ready, controller) or ""
 
 
-def as_asked(file: ExperimentFile) -> ExperimentFile:
-    """The experiment with the controller that is asked whether its path can be followed.
-
-    The same for all variants: damping and posture are those of the experiment's own controller.
-    """
-    stated = load_experiment(file.path).experiment.controller
-    given = stated.model_dump(include={"damping_mm", "posture_gain_per_s"})
-    options = load_controller_options({**given, "kind": _ASKED})
-    return replace(file, experiment=file.experiment.model_copy(update={"controller": options}))
+def as_asked(run: Run) -> ExperimentFile:
+    """The experiment with the controller that is asked whether its path can be followed."""
+    experiment = run.file.experiment.model_copy(update={"controller": run.asked})
+    return replace(run.file, experiment=experiment)
 
 
 def _fit(file: ExperimentFile) -> ForwardFit | None:

@@ -41,7 +41,7 @@ def test_another_path_is_meant_itself() -> None:
 def test_whether_a_path_can_be_followed_is_asked_alike_for_all_variants() -> None:
     asked: dict[str, set[str]] = {}
     for run in plan(load_study(shipped_study("bench")), 1, 0):
-        asked.setdefault(run.experiment, set()).add(repr(as_asked(run.file).experiment))
+        asked.setdefault(run.experiment, set()).add(repr(as_asked(run).experiment))
     assert {len(one) for one in asked.values()} == {1}
 
 

@@ -7,9 +7,10 @@ import pytest
 from config.documents.problems import ConfigError
 from config.tasks.controllers import Broyden
 from daemon.reference.trajectories import make_trajectory
-from daemon.workbench.studies.run import plan
+from daemon.workbench.studies.run import Run, plan
 from daemon.workbench.studies.study_file import StudyFile, load_study
 from daemon.workbench.studies.study_matrix import length_mm
+from daemon.workbench.studies.worker import as_asked
 from tests.daemon.workbench.studies.made_up import write_study
 
 STUDY = """
@@ -70,6 +71,25 @@ def test_a_gain_is_a_share_of_each_controllers_own(bench: StudyFile) -> None:
             gains.append(controller.gain_per_s)
     assert gains == [2.5, 1.0, 5.0, 2.0]
     assert all(run.foreseen for run in runs.values())
+
+
+def test_who_is_asked_whether_a_path_can_be_followed_is_part_of_a_run(tmp_path: Path) -> None:
+    """Its damping is the experiment's own, whatever that of the variant is; and it goes with the
+    run to machines on which there are none of these files."""
+    text = STUDY.replace("{gain_per_s: 1.0}", "{gain_per_s: 1.0, damping_mm: 3.0}")
+    path, experiment = write_study(tmp_path, text), tmp_path / "calm.yaml"
+
+    def planned() -> Run:
+        return plan(load_study(path), 1, 0, ["arm_slow_still_empty", "slowly"])[0]
+
+    before = planned().fingerprint
+    stated = experiment.read_text().replace("gain_per_s", "damping_mm: 17.0, gain_per_s")
+    experiment.write_text(stated)
+    run = planned()
+    assert run.fingerprint != before
+    experiment.unlink()
+    asked = as_asked(run).experiment.controller
+    assert (asked.kind, getattr(asked, "damping_mm", None)) == ("forward_jacobian", 17.0)
 
 
 @pytest.mark.parametrize(
