@@ -240,7 +240,8 @@ class FromMotions(KindOptions):
     """A motion that takes longer is none, but standing still and creeping."""
 
     lag_s: NotNegative | None = None
-    """How much later than its axes the body moves. None: as pre-training found it."""
+    """How much later than its axes the body moves. None: as pre-training or the first motions show
+    it."""
 
     sample_noise_mm: Positive = 0.3
     """What one coordinate of the tip's motion in a sample is uncertain by."""

@@ -21,6 +21,7 @@ from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.control.lag.lagged_axes import LaggedAxes
 from daemon.control.task import POSITION, points
 from daemon.control.tip_following import TipFollower
+from daemon.controllers.exploration.first_motions import FirstMotions
 from daemon.controllers.exploration.motor_babbling import Babbling
 from daemon.controllers.learning_samples import LearningSamples, sampling_with
 from daemon.controllers.learnt_jacobian import (
@@ -36,12 +37,14 @@ from daemon.learning.samples.motion_samples import SamplingSettings
 from drivers.pose import Vector
 
 _UNKNOWN_BODY = SamplingSettings(lag_s=0.1)
-"""So late first motions are taken to come, unless options say how late. In them axes turn round all
-the time: of a body that is 0.3 s late, taken for prompt, they tell a Jacobian a third as large as
-its own, and turned."""
+"""So late first motions are taken to come until they tell otherwise, unless options say how late.
+In them axes turn round all the time: of a body that is 0.3 s late, taken for prompt, they tell a
+Jacobian a third as large as its own, and turned."""
 _SAMPLES_PER_AXIS = 3
 """So many must babbling give before a Jacobian is fitted."""
 _WAITING_AT_MOST = 3
+_SEEN_AGAIN_AT_ONCE = 4
+"""Frames of the first motions, of a body that is later than expected: all within a few seconds."""
 _LATE = 0.5
 """From where so much of a lag is led by prediction, what a load makes of the body is told by the
 jump alone. Motions that are learnt from at once tell it too late: the first of a slow body's loads
@@ -66,7 +69,6 @@ class LearningController(ABC):
         self._options = options
         self._robot = robot
         self._follower = TipFollower(options, robot)
-        self._take_for_late(_UNKNOWN_BODY)
         self._range = self._follower.axes.scale
         self._jacobian = self._new_jacobian()
         self._pointing = PointingJacobian(options, self._range)
@@ -75,8 +77,9 @@ class LearningController(ABC):
         self._seed = seed
         self._babbling = self._new_babbling()
         self._babbled: list[MotionSample] = []
+        self._first_motions = self._new_first_motions()
         self._model: PretrainedModel | None = None
-        self._samples = self._sampler(_UNKNOWN_BODY)
+        self._take_for_late(_UNKNOWN_BODY)
         self._waiting: deque[MotionSample] = deque()
         self._unseen: Observation | None = None
         """The last one, of which nothing is learnt yet."""
@@ -124,9 +127,11 @@ class LearningController(ABC):
         self._samples.break_off()
         self._axes.break_off()
         self._pointing.break_off()
+        if self._first_motions is not None:
+            self._first_motions.break_off()
         self._points = self._points or self._shall_point(observation)
-        if self._babbling.done and not self._learnt:
-            self._babbling = self._new_babbling()
+        if self._babbling.done and not (self._learnt or self._looks_back):
+            self._babble_anew()
         self._babbling.reset()
         before = self._follower.posture
         self._follower.reset(observation)
@@ -140,11 +145,11 @@ class LearningController(ABC):
         self._work_off()
         if not (self.ready or self._points) and self._shall_point(observation):
             self._points = True
-            self._babbling = self._new_babbling()  # of which all tells what turns the tip
+            self._babble_anew()  # of which all tells what turns the tip
             self.reset(observation)
         asked, self._asked = self._asked, False
         learns = self._options.learning and self._follower.probed
-        if learns if self._learnt else asked:
+        if learns if self._learnt else asked and not self._looks_back:
             self._unseen = observation
 
     def _work_off(self) -> bool:
@@ -153,9 +158,49 @@ class LearningController(ABC):
         self._follower.work_off()
         if observation is not None:
             self._take_in(observation)
-        return observation is not None
+        elif self._looks_back:
+            self._look_back()
+        else:
+            return False
+        return True
+
+    @property
+    def _looks_back(self) -> bool:
+        """Whether the first motions are over, and still to tell how late the body is."""
+        first = self._first_motions
+        return first is not None and self._babbling.done and not first.told
+
+    def _look_back(self) -> None:
+        """What of that is done at once: first motions of a body that is not as late as they were
+        taken to be are learnt from anew."""
+        first = self._first_motions
+        assert first is not None
+        if not first.asked:
+            if first.ask():
+                self._babbled = []
+                self._samples = self._sampler(replace(_UNKNOWN_BODY, lag_s=0.0))
+                self._pointing = PointingJacobian(self._options, self._range)
+            return
+        for _ in range(_SEEN_AGAIN_AT_ONCE):
+            observation = first.next_again()
+            if observation is None:
+                self._samples.break_off()
+            else:
+                self._see_first(observation)
+            if first.told:
+                return
+
+    def _see_first(self, observation: Observation) -> None:
+        """One of the first motions again, `u` as the tip shows it."""
+        if self._points and observation.believed:
+            self._pointing.observe(observation)
+        sample = self._samples.add(observation)
+        if sample is not None:
+            self._babbled.append(sample)
 
     def _take_in(self, observation: Observation) -> None:
+        if self._first_motions is not None:
+            self._first_motions.see(observation)
         if self._options.leads and observation.believed:
             lag = self._follower.leading.lag
             t_s = observation.t_ns * 1e-9
@@ -190,6 +235,9 @@ class LearningController(ABC):
         if self._learnt:
             jacobian = self._jacobian.at(observation.tip_mm, observation.u)
             return self._follower.probe(jacobian, observation)
+        if self._looks_back:
+            note = "works out how late the body follows"
+            return Proposal(np.zeros(len(self._range)), note, 0)
         if self._babbling.done:
             self._end_babbling()
             return Proposal(np.zeros(len(self._range)))
@@ -270,6 +318,17 @@ class LearningController(ABC):
     def _new_babbling(self) -> Babbling:
         return Babbling(self._options.babbling, self._follower.axes, self._seed)
 
+    def _babble_anew(self) -> None:
+        self._babbling = self._new_babbling()
+        if self._first_motions is not None:
+            self._first_motions.go_on()
+
+    def _new_first_motions(self) -> FirstMotions | None:
+        """None: it is said how late the body is."""
+        if self._options.lag_s is not None:
+            return None
+        return FirstMotions(self._range, _UNKNOWN_BODY.lag_s)
+
     def _shall_point(self, observation: Observation) -> bool:
         return self.steers_direction and points(observation)
 
@@ -317,12 +376,13 @@ class LearningController(ABC):
         self._follower.leading.modelled = model is not None
         self._follower.expect_hysteresis(jacobian.held_back)
         sampling = _UNKNOWN_BODY if model is None else model.sampling
-        self._samples = self._sampler(sampling)
+        self._first_motions = None
         self._take_for_late(sampling)
         self._waiting.clear()
 
     def _take_for_late(self, sampling: SamplingSettings) -> None:
         """As late the body is taken to be until motions tell, whose samples are taken so."""
+        self._samples = self._sampler(sampling)
         lag_s = self._options.lag_s
         self._follower.leading.lag.lag_s = sampling.lag_s if lag_s is None else lag_s
 
@@ -340,7 +400,13 @@ class LearningController(ABC):
             )
         jacobian = self._new_jacobian()
         jacobian.measured(_fitted_jacobian(babbled, self._range))
+        first = self._first_motions
         self._adopt(None, jacobian, {})
+        if first is not None and first.lag != first.expected:
+            # These axes were measured, and are told before that.
+            late_s = first.lag.lag_s + self._axes.late_s
+            self._take_for_late(replace(_UNKNOWN_BODY, lag_s=late_s))
+            self._follower.leading.lag.take_for(late_s, first.lag.dead_share)
         for sample in babbled:
             self._work_in(sample, self._follower.made_up_for)
         self._babbled = []

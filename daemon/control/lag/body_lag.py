@@ -105,6 +105,14 @@ class BodyLag:
         self._seen_s = 0.0
         self._settled = False
 
+    def take_for(self, lag_s: float, dead_share: float) -> None:
+        """So late the body is, as other motions have told. It is looked for further on."""
+        self.lag_s, self.dead_share = lag_s, dead_share
+        if len(self._shares) == 1:
+            self._shares = np.array([dead_share])
+            self._dead_s = dead_share * self._delays
+            self._first_order_s = np.maximum(self._delays - self._dead_s, 1e-9)
+
     def break_off(self) -> None:
         """What comes next does not go on from here. What was found stays."""
         self._track.clear()

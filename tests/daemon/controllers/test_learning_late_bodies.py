@@ -1,12 +1,15 @@
 """What motions of a body teach that answers late: less than a prompt one's, and no load at once."""
 
+from contextlib import suppress
+
 import numpy as np
 import pytest
 
 from config.tasks.controllers import TipFollowing
-from daemon.control.controller import Observation
+from daemon.control.controller import ControllerError, Observation
 from daemon.control.lag.body_lag import parts
 from daemon.control.tip_following import TipFollower
+from daemon.controllers.learning_controller import LearningController
 from tests.daemon.control.closed_loop import (
     DT_S,
     ROBOT,
@@ -59,30 +62,90 @@ def test_a_learner_leads_by_its_model_if_it_has_one(model: str) -> None:
     assert not without._follower.leading.modelled
 
 
-@pytest.mark.parametrize(("late_s", "said_s"), [(0.1, None), (0.4, 0.4)])
-def test_first_motions_tell_the_jacobian_of_a_body_that_is_as_late_as_it_is_taken_for(
-    late_s: float, said_s: float | None
+class LateBody:
+    """Its tip is a linear function of the axes as they show: it knows a lag, and nothing else."""
+
+    def __init__(self, late_s: float, learner: LearningController) -> None:
+        self.learner = learner
+        self.true = 1.5 * np.random.default_rng(3).normal(size=(3, 6))
+        self.told = [np.full(6, 20.0)]
+        dead_s, self.first_order_s = parts(late_s)
+        self.dead_frames = round(dead_s / DT_S)
+        self.shown = self.told[0]
+        self.noise = np.random.default_rng(4)
+
+    def step(self, begins: bool = False) -> str:
+        """One frame. What the learner says that it does."""
+        due = self.told[max(len(self.told) - 1 - self.dead_frames, 0)]
+        self.shown = self.shown - np.expm1(-DT_S / self.first_order_s) * (due - self.shown)
+        tip, u, still = self.true @ self.shown, self.told[-1], np.zeros(3)
+        tip = tip + 0.1 * self.noise.normal(size=3)
+        t_ns = round(len(self.told) * DT_S * 1e9)
+        seen = Observation(t_ns, DT_S, u, u, tip, still, tip, still)
+        if begins:
+            self.learner.reset(seen)
+        self.learner.observe(seen)
+        proposal = self.learner.propose(seen)
+        self.told.append(u + proposal.delta_u)
+        return proposal.note
+
+    def babble(self) -> None:
+        """Until the Jacobian is known."""
+        self.step(begins=True)
+        while not self.learner._jacobian.known:
+            self.step()
+
+    @property
+    def off(self) -> float:
+        """Share of the Jacobian by which the learner's is wrong."""
+        off = self.learner._jacobian.at(np.zeros(3), self.told[-1]) - self.true
+        return float(np.linalg.norm(off) / np.linalg.norm(self.true))
+
+
+@pytest.mark.parametrize(
+    ("late_s", "said_s", "lead"),
+    [
+        (0.1, None, True),
+        (0.1, None, False),
+        (0.3, None, True),
+        (0.4, 0.4, True),
+        (0.5, None, True),
+        (0.5, None, False),
+        (1.2, None, True),
+        (1.2, None, False),
+    ],
+)
+def test_first_motions_tell_the_jacobian_of_a_body_however_late_it_is(
+    late_s: float, said_s: float | None, lead: bool
 ) -> None:
     """Without a model, and whether or not anybody says how late it is."""
     babbling = {"duration_s": 15.0}
-    learner = made_learner("forward_jacobian", babbling=babbling, lag_s=said_s)
-    random = np.random.default_rng(3)
-    true = 1.5 * random.normal(size=(3, 6))
-    dead_s, first_order_s = parts(late_s)
-    told = [np.full(6, 20.0)]
-    shown, frames, still = told[0], 0, np.zeros(3)
-    while not learner._jacobian.known:
-        frames += 1
-        due = told[max(len(told) - 1 - round(dead_s / DT_S), 0)]
-        shown = shown - np.expm1(-DT_S / first_order_s) * (due - shown)
-        tip, u = true @ shown + 0.1 * random.normal(size=3), told[-1]
-        seen = Observation(round(frames * DT_S * 1e9), DT_S, u, u, tip, still, tip, still)
-        if frames == 1:
-            learner.reset(seen)
-        learner.observe(seen)
-        told.append(u + learner.propose(seen).delta_u)
-    off = learner._jacobian.at(still, told[-1]) - true
-    assert np.linalg.norm(off) < 0.15 * np.linalg.norm(true)
+    options = {"babbling": babbling, "lag_s": said_s, "lead": lead}
+    body = LateBody(late_s, made_learner("forward_jacobian", **options))
+    body.babble()
+    assert body.off < 0.15
+    assert body.learner._follower.leading.lag.lag_s == pytest.approx(late_s, abs=0.06)
+
+
+def test_a_pause_while_it_works_out_how_late_the_body_is_begins_nothing_anew() -> None:
+    body = LateBody(0.5, made_learner("forward_jacobian", babbling={"duration_s": 15.0}))
+    body.step(begins=True)
+    while body.step() != "works out how late the body follows":
+        assert not body.learner._jacobian.known
+    frames = len(body.told)
+    body.babble()
+    assert (len(body.told) - frames) * DT_S < 5.0
+    assert body.off < 0.15
+
+
+def test_first_motions_that_were_too_few_are_gone_on_with() -> None:
+    body = LateBody(0.5, made_learner("forward_jacobian", babbling={"duration_s": 4.0}))
+    with pytest.raises(ControllerError, match="first motions gave"):
+        body.babble()
+    for _ in range(3):
+        with suppress(ControllerError):
+            body.babble()
+    assert body.off < 0.3
 
 
 def test_motions_of_a_body_that_is_not_led_count_in_full() -> None:

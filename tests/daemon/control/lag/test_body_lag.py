@@ -94,6 +94,17 @@ def test_who_has_seen_nothing_goes_on_looking() -> None:
     assert lag.lag_s == pytest.approx(0.6, abs=0.08)
 
 
+def test_as_late_as_other_motions_have_told_it_is_looked_for_with_that_dead_time() -> None:
+    lag = BodyLag(0.1)
+    lag.take_for(0.6, 0.6)
+    assert (lag.lag_s, lag.dead_share) == (0.6, 0.6)
+    told, tip = wandering(), late(wandering(), 0.48, 0.32)
+    for k in range(len(told)):
+        lag.add(k * DT_S, DT_S, told[k], tip[k])
+    assert lag.lag_s == pytest.approx(0.8, abs=0.06)
+    assert lag.dead_share == 0.6
+
+
 @pytest.mark.parametrize(
     ("dead_s", "lag_s"), [(0.0, 0.1), (0.05, 0.1), (0.25, 0.5), (0.1, 0.5), (0.25, 1.0)]
 )
