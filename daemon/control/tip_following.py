@@ -70,7 +70,8 @@ class TipFollower:
         self._tension_keeping = TensionKeeping(robot, self.axes) if self.axes.opposed else None
         self._coupled_keeping = CoupledKeeping(self.axes) if self.axes.coupled.limits else None
         self._posture = self.redundancy.posture
-        self._turns = bool(self.axes.period.any())
+        self._rotations = self.axes.period > 0.0
+        self._turns = bool(self._rotations.any())
         """Whether axes turn round: then far ways come of little, the body can snap on them, and the
         middle of their travel is no better than another place."""
         self._leads = options.leads
@@ -88,6 +89,8 @@ class TipFollower:
         """Of the tip, before motion began."""
         self._put_off: tuple[Observation, float] | None = None
         """The last step, from which hysteresis is still to be learnt."""
+        self._turned_together: float | None = None
+        """The mean of axes that come round, as a path began; None: it has not."""
 
     @property
     def posture(self) -> Vector:
@@ -108,7 +111,7 @@ class TipFollower:
         if (np.abs(observation.targets) <= _AT_ZERO * self.axes.scale).all():
             self.leading.load.rest_mm = observation.tip_mm
         self._jumps = self.leading.jumps
-        self._told = self._put_off = None
+        self._told = self._put_off = self._turned_together = None
         if self._hysteresis is not None:
             self._hysteresis.break_off()
         if self._probing is not None:
@@ -290,12 +293,36 @@ class TipFollower:
     def drawn(self, observation: Observation, times: float = 1.0) -> Vector:
         """(m,) change of the targets that the posture asks for, with so many times its gain."""
         share = min(times * self.redundancy.posture_gain_per_s * step_time(observation), 1.0)
-        return np.asarray(share * (self._posture - observation.targets))
+        return np.asarray(share * self._to_posture(observation))
 
     def drawn_further(self, observation: Observation) -> Vector:
         """(m,) that the posture asks for besides, of a body that is led."""
         share = min(self._further_per_s * step_time(observation), 1.0)
-        return np.asarray(share * (self._posture - observation.targets))
+        return np.asarray(share * self._to_posture(observation))
+
+    def _to_posture(self, observation: Observation) -> Vector:
+        """(m,) from where the axes are told to be to the posture, on a path with all tubes turned
+        together as they were when it began: so they come back to what was learnt of them."""
+        targets = observation.targets
+        way = self._shaped_as_posture(targets)
+        if self._turns:
+            together = float(targets[self._rotations].mean())
+            if observation.phase is None:
+                self._turned_together = None
+            elif self._turned_together is None:
+                self._turned_together = together
+            else:
+                way[self._rotations] += self._turned_together - together
+        return way
+
+    def _shaped_as_posture(self, u: Vector) -> Vector:
+        """(m,) from (m,) axes to where the body has the posture's shape. How tubes are turned all
+        together is none of it: to draw that to a place, too, would turn them against each other
+        where a tip is on the other side, and a body that is folded back reaches less far."""
+        way = self._posture - u
+        if self._turns:
+            way[self._rotations] -= way[self._rotations].mean()
+        return way
 
     def axis_step(
         self,
@@ -352,7 +379,7 @@ class TipFollower:
         unit, damping = self.redundancy.unit, self.redundancy.damping_mm(jacobian)
         scaled = in_rows(jacobian * unit)
         lowest, highest = self.axes.step_range(u)
-        drawn = self.redundancy.posture_gain_per_s * _FORESEEN_S * (self._posture - u) / unit
+        drawn = self.redundancy.posture_gain_per_s * _FORESEEN_S * self._shaped_as_posture(u) / unit
         lowest, highest = lowest / unit, highest / unit
         wanted = _FORESEEN_S * tip_velocity
         step = bounded_step(scaled, wanted, drawn, lowest, highest, damping, self._lets_go)

@@ -2,9 +2,9 @@
 
 `python -m tests.experiments.led_tubes`. Every case is a set of tubes with other curvatures (up to
 6 % off), stiffnesses (5 %) and friction than those that are meant, and a path on any side of them,
-at 1.5 to 8 mm/s, led by one of three controllers: the kinematics that was learnt from the statics
-and goes on learning, reward-weighted local ones after an exploration, and `broyden`. Verdicts are
-those of `led_bodies`.
+at 1.5 to 8 mm/s, followed by one of three controllers: the kinematics that was learnt from the
+statics and goes on learning, reward-weighted local ones that know nothing but their first motions,
+and `broyden`. Verdicts are those of `led_bodies`.
 """
 
 import sys

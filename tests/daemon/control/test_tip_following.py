@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
+from config.loader import load_robot
 from config.tasks.controllers import TipFollowing
 from daemon.control import jacobian_kernels as kernels
 from daemon.control.controller import ControllerError, Observation, Phase
@@ -14,6 +15,7 @@ from daemon.control.tip_following import TipFollower
 from daemon.learning.forward.stop_operators import HeldBack
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
+from tests import SHIPPED_ROBOTS
 from tests.daemon.control.closed_loop import DT_S, ROBOT
 
 GENERATOR = np.random.default_rng(2)
@@ -201,6 +203,30 @@ def test_on_a_path_a_late_bodys_axes_may_go_to_their_ends() -> None:
 def test_axes_that_are_to_be_left_alone_are_left_alone_on_every_path() -> None:
     law = follower(posture=[10.0] * 6, posture_gain_per_s=0.0, lead=True)
     np.testing.assert_allclose(law.axis_step(JACOBIAN, np.zeros(3), seen()), 0.0)
+
+
+def test_tubes_are_drawn_to_how_they_are_turned_against_each_other_and_not_all_together() -> None:
+    robot = load_robot(SHIPPED_ROBOTS / "concentric_tubes.yaml").robot
+    law = TipFollower(TipFollowing.model_validate({"posture_gain_per_s": 1.0}), robot)
+    turned = np.array([2.3, 2.0, 1.7, 5.0, -10.0])
+    drawn = law.drawn(seen(u=turned, targets=turned))
+    np.testing.assert_allclose(drawn / DT_S, [-0.3, 0.0, 0.3, -5.0, 0.0], atol=1e-9)
+
+
+def test_on_a_path_tubes_are_drawn_to_how_they_were_turned_when_it_began() -> None:
+    robot = load_robot(SHIPPED_ROBOTS / "concentric_tubes.yaml").robot
+    law = TipFollower(TipFollowing.model_validate({"posture_gain_per_s": 1.0}), robot)
+    places = [np.array([turned, turned, turned, 0.0, -10.0]) for turned in (2.0, 2.5)]
+    on_path = Phase(0.0, 10.0)
+    for targets, phase, back in (
+        (places[0], None, 0.0),
+        (places[0], on_path, 0.0),
+        (places[1], on_path, -0.5),
+        (places[1], None, 0.0),
+        (places[1], on_path, 0.0),
+    ):
+        drawn = law.drawn(seen(u=targets, targets=targets, phase=phase))
+        np.testing.assert_allclose(drawn[:3] / DT_S, back, atol=1e-9)
 
 
 def test_the_posture_may_be_the_one_at_the_start() -> None:
