@@ -66,6 +66,8 @@ class Observation(NamedTuple):
     own_speed_mm_s: float | None = None
     """Of the reference where it is not slowed, at the time from which on a pace that is asked for
     now will count. None: it cannot be slowed."""
+    on_path: bool = False
+    """Whether the reference is on its path, and not on the way to it. A hand has none."""
 
 
 class Proposal(NamedTuple):

@@ -307,7 +307,7 @@ class TipFollower:
         way = self._shaped_as_posture(targets)
         if self._turns:
             together = float(targets[self._rotations].mean())
-            if observation.phase is None:
+            if not observation.on_path:
                 self._turned_together = None
             elif self._turned_together is None:
                 self._turned_together = together
@@ -401,7 +401,8 @@ class TipFollower:
         axes, targets = self.axes, observation.targets
         bounds = axes.step_range(targets)
         drawn = self.redundancy.posture_gain_per_s > 0.0 and not self._turns
-        on_the_way = observation.ahead is not None and observation.phase is None and self.probed
+        on_path = observation.on_path or observation.phase is not None
+        on_the_way = observation.ahead is not None and not on_path and self.probed
         if drawn and on_the_way and self.predicts:
             return leaving_ends(axes, targets, bounds, step_time(observation))
         return bounds

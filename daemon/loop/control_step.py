@@ -313,6 +313,7 @@ class ControlLoop:
             None if aim.in_cycle_s is None else Phase(aim.in_cycle_s, aim.cycle_s, aim.pace),
             sensed.tensions_n,
             reference.own_speed_mm_s if follows else None,
+            aim.cycle >= 0,
         )
         self.aim = aim if running else None
         try:

@@ -217,15 +217,14 @@ def test_on_a_path_tubes_are_drawn_to_how_they_were_turned_when_it_began() -> No
     robot = load_robot(SHIPPED_ROBOTS / "concentric_tubes.yaml").robot
     law = TipFollower(TipFollowing.model_validate({"posture_gain_per_s": 1.0}), robot)
     places = [np.array([turned, turned, turned, 0.0, -10.0]) for turned in (2.0, 2.5)]
-    on_path = Phase(0.0, 10.0)
-    for targets, phase, back in (
-        (places[0], None, 0.0),
-        (places[0], on_path, 0.0),
-        (places[1], on_path, -0.5),
-        (places[1], None, 0.0),
-        (places[1], on_path, 0.0),
+    for targets, on_path, back in (
+        (places[0], False, 0.0),
+        (places[0], True, 0.0),
+        (places[1], True, -0.5),
+        (places[1], False, 0.0),
+        (places[1], True, 0.0),
     ):
-        drawn = law.drawn(seen(u=targets, targets=targets, phase=phase))
+        drawn = law.drawn(seen(u=targets, targets=targets, on_path=on_path))
         np.testing.assert_allclose(drawn[:3] / DT_S, back, atol=1e-9)
 
 

@@ -17,7 +17,7 @@ EIGHT = {
     "kind": "lissajous",  # across the axis, where a bend has to change its side
     "center_mm": [0.0, 0.0, 185.0],
     "amplitude_mm": [45.0, 45.0, 0.0],
-    "frequencies": [1, 2, 0],
+    "frequencies": [2, 1, 0],
     "cycle_s": 40.0,
 }
 HELIX = {

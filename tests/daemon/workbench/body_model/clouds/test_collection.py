@@ -286,7 +286,6 @@ def test_a_rig_without_an_emulation_cannot_be_collected(tmp_path: Path, worker: 
         (["--configurations", "30", "--starts", "30"], EXIT_USAGE),
         (["--points", "29"], EXIT_USAGE),
         (["--processes", "0"], EXIT_USAGE),
-        (["--seed", "-1"], EXIT_USAGE),
     ],
 )
 def test_requests_that_cannot_be_met_leave_no_file(
