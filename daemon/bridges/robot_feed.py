@@ -2,7 +2,6 @@
 
 import asyncio
 from collections.abc import Callable
-from contextlib import suppress
 from typing import Final, Protocol
 
 from daemon.host.clock import MonotonicClock
@@ -10,6 +9,7 @@ from daemon.messages import Message, Status, Surroundings, WhoAmI
 from daemon.remote.client.address import Address
 from daemon.remote.client.client import RobotClient
 from daemon.remote.client.client_errors import ClientError, DisconnectedError
+from daemon.remote.client.surroundings_watch import SurroundingsWatch
 from daemon.remote.keys import TELEMETRY_KEYS
 
 _TRY_AGAIN_S: Final = 0.5
@@ -96,7 +96,7 @@ class RobotFeed:
         self._listener.connected(client.me, surroundings, mesh)
         date = DaemonDate()
         self._tell(await client.status(), date)
-        asked, looking = surroundings.counts_sha256, None
+        watch = SurroundingsWatch(client, surroundings, self._listener.surrounded)
         try:
             while True:
                 async with asyncio.timeout(_SILENT_S):
@@ -104,17 +104,9 @@ class RobotFeed:
                 if not client.connected:
                     raise DisconnectedError("the daemon has gone")
                 self._tell(message, date)
-                if isinstance(message, Status) and message.risk.surroundings_sha256 != asked:
-                    asked = message.risk.surroundings_sha256
-                    looking = asyncio.create_task(self._look_round(client))
+                watch.heard(message)
         finally:
-            if looking is not None:
-                looking.cancel()
-
-    async def _look_round(self, client: RobotClient) -> None:
-        """A mesh comes in many parts: telemetry goes on."""
-        with suppress(ClientError):
-            self._listener.surrounded(*await client.surroundings())
+            watch.close()
 
     def _tell(self, message: Message, date: DaemonDate) -> None:
         arrived_ns = self._clock.wall_time_ns()

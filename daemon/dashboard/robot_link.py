@@ -29,6 +29,7 @@ from daemon.recording.result import CycleError, ErrorTable
 from daemon.remote.client.address import LocalAddress
 from daemon.remote.client.client import RobotClient
 from daemon.remote.client.client_errors import ClientError
+from daemon.remote.client.surroundings_watch import SurroundingsWatch
 from daemon.remote.keys import TELEMETRY_KEYS
 
 _TRY_AGAIN_S: Final = 0.5
@@ -153,21 +154,17 @@ class RobotLink:
         self.events_heard += len(self.events)
         self._take(await client.status())
         self._client, self.problem = client, ""
-        asked, looking = self.surroundings[0].counts_sha256, None
+        watch = SurroundingsWatch(client, self.surroundings[0], self._surrounded)
         try:
             async for message in subscription:
                 self._take(message)
-                if isinstance(message, Status) and message.risk.surroundings_sha256 != asked:
-                    asked = message.risk.surroundings_sha256
-                    looking = asyncio.create_task(self._look_round(client))
+                watch.heard(message)
         finally:
-            if looking is not None:
-                looking.cancel()
+            watch.close()
 
-    async def _look_round(self, client: RobotClient) -> None:
-        """Others have taken their place. Their mesh comes in many parts: telemetry goes on."""
-        with suppress(ClientError):
-            self.surroundings = await client.surroundings()
+    def _surrounded(self, surroundings: Surroundings, mesh: bytes) -> None:
+        """Others have taken their place."""
+        self.surroundings = surroundings, mesh
 
     def _take(self, message: Message) -> None:
         if isinstance(message, Event):
