@@ -225,49 +225,57 @@ def keep_coupled(bounds, room, asked, task, dt_s, found):  # type: ignore[no-unt
 @_inlined
 def _coupled(bounds, asked, dt_s, room, parts):  # type: ignore[no-untyped-def]
     """Put the coupled limits that a step could come near to behind so many parts, and return how
-    many rows there are then.
-
-    A limit is kept by its sum, or, if it counts only sometimes, by one of its conditions that is
-    not met. Of those that hold where the step begins the one is kept that is out of reach, or that
-    leaves most of the proposed step. What is beyond a limit already needs not come back.
-    """
+    many rows there are then. What is beyond a limit already needs not come back."""
     limits, conditions, closer = bounds.limits, bounds.conditions, min(1.0, _CLOSER_PER_S * dt_s)
-    speed, allowed = bounds.axes[_SPEED], room.vectors[_ALLOWED]
+    axes, allowed = asked.shape[1], room.vectors[_ALLOWED]
     for i in range(limits.shape[0]):
-        value = _sum(limits, i, _FACTORS, asked[1]) + limits[i, _CONSTANT]
-        change, fastest = _sum(limits, i, _FACTORS, asked[0]), limits[i, _FASTEST] * dt_s
-        below, above = closer * (value - limits[i, _LEAST]), closer * (limits[i, _MOST] - value)
-        kept_by, most = -1, -np.inf
-        if below >= 0.0 and above >= 0.0:
-            far = min(below, above) >= fastest
-            most = np.inf if far else min(_left(change, below), _left(-change, above))
-        for c in range(conditions.shape[0]):
-            if conditions[c, _OF] == i:
-                off = _off(conditions, c, asked[1])
-                beside = closer * (abs(off) - conditions[c, _WITHIN])
-                if beside >= 0.0:
-                    outwards = np.sign(off) * _sum(conditions, c, _WEIGHTS, asked[0])
-                    left = _left(outwards, beside)
-                    if beside >= _fastest(conditions, c, speed) * dt_s:
-                        left = np.inf
-                    if left > most:
-                        kept_by, most = c, left
-        if most == np.inf:
+        kept_by, left = _kept_by(bounds, i, asked, dt_s)
+        if left == np.inf:
             continue
         if kept_by >= 0:
             off = _off(conditions, kept_by, asked[1])
-            for k in range(speed.size):
+            for k in range(axes):
                 room.slope[parts, k] = np.sign(off) * conditions[kept_by, _WEIGHTS + k]
             allowed[parts] = -closer * (abs(off) - conditions[kept_by, _WITHIN])
             parts += 1
             continue
-        for side, left in ((1.0, below), (-1.0, above)):
-            if left < fastest:
-                for k in range(speed.size):
+        value = _sum(limits, i, _FACTORS, asked[1]) + limits[i, _CONSTANT]
+        for side in (1.0, -1.0):
+            beyond = value - limits[i, _LEAST] if side > 0.0 else limits[i, _MOST] - value
+            if closer * beyond < limits[i, _FASTEST] * dt_s:
+                for k in range(axes):
                     room.slope[parts, k] = side * limits[i, _FACTORS + k]
-                allowed[parts] = -max(left, 0.0)
+                allowed[parts] = -closer * max(beyond, 0.0)
                 parts += 1
     return parts
+
+
+@_inlined
+def _kept_by(bounds, i, asked, dt_s):  # type: ignore[no-untyped-def]
+    """What a limit is kept by: a condition that is not met, or its own sum, -1; and the share of
+    the proposed step that is left then, infinite where no step comes near.
+
+    Of those that hold where the step begins the one is kept that leaves most.
+    """
+    limits, conditions, closer = bounds.limits, bounds.conditions, min(1.0, _CLOSER_PER_S * dt_s)
+    value = _sum(limits, i, _FACTORS, asked[1]) + limits[i, _CONSTANT]
+    below, above = closer * (value - limits[i, _LEAST]), closer * (limits[i, _MOST] - value)
+    kept_by, most = -1, -np.inf
+    if below >= 0.0 and above >= 0.0:
+        change, far = _sum(limits, i, _FACTORS, asked[0]), limits[i, _FASTEST] * dt_s
+        most = min(_left(change, below), _left(-change, above))
+        most = np.inf if min(below, above) >= far else most
+    for c in range(conditions.shape[0]):
+        off = _off(conditions, c, asked[1])
+        beside = closer * (abs(off) - conditions[c, _WITHIN])
+        if conditions[c, _OF] != i or beside < 0.0:
+            continue
+        left = _left(np.sign(off) * _sum(conditions, c, _WEIGHTS, asked[0]), beside)
+        if beside >= _fastest(conditions, c, bounds.axes[_SPEED]) * dt_s:
+            left = np.inf
+        if left > most:
+            kept_by, most = c, left
+    return kept_by, most
 
 
 @_inlined

@@ -366,12 +366,19 @@ class TipFollower:
             step = keeping.evened(step)
         fastest = self.axes.max_velocity * dt_s
         step = np.clip(np.clip(step, lowest, highest), -fastest, fastest)
-        if self._coupled_keeping is not None:
-            kept = self._coupled_keeping.kept(step, observation.targets, jacobian, dt_s)
-            made, step = made + jacobian @ (kept - step), kept
+        kept = self._coupled_kept(step, jacobian, observation)
+        if kept is not step:
+            made = made + jacobian @ (kept - step)
         if self._leads:
             self.leading.see_made(tip_step[:POSITION], made[:POSITION])
-        return np.asarray(step)
+        return np.asarray(kept)
+
+    def _coupled_kept(self, step: Vector, jacobian: Matrix, observation: Observation) -> Vector:
+        """(m,) a step that keeps what couples the axes; itself where there is nothing to keep."""
+        if self._coupled_keeping is None:
+            return step
+        dt_s = step_time(observation)
+        return self._coupled_keeping.kept(step, observation.targets, jacobian, dt_s)
 
     def axis_velocity(self, jacobian: Matrix, tip_velocity: Vector, u: Vector) -> Vector:
         """(m,) per second that this law asks of axes at (m,) for (3,) mm/s of the tip, however
@@ -401,8 +408,7 @@ class TipFollower:
         axes, targets = self.axes, observation.targets
         bounds = axes.step_range(targets)
         drawn = self.redundancy.posture_gain_per_s > 0.0 and not self._turns
-        on_path = observation.on_path or observation.phase is not None
-        on_the_way = observation.ahead is not None and not on_path and self.probed
+        on_the_way = observation.ahead is not None and not observation.on_path and self.probed
         if drawn and on_the_way and self.predicts:
             return leaving_ends(axes, targets, bounds, step_time(observation))
         return bounds
@@ -414,7 +420,7 @@ class TipFollower:
         Raises ControllerError as `axis_step` does.
         """
         self._tell(jacobian, observation)
-        return self.within_limits(step, observation)
+        return self._coupled_kept(self.within_limits(step, observation), jacobian, observation)
 
     def _tell(self, jacobian: Matrix, observation: Observation) -> None:
         if not (_all_finite(jacobian) and _all_finite(observation.targets)):

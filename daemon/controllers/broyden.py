@@ -354,7 +354,7 @@ class BroydenController:
     def load(self, path: Path) -> None:
         arrays = self._read(path)
         jacobian, now = arrays["jacobian"], self._options.pointing_mm_per_rad
-        counted = float(arrays.get(_COUNTED, np.array(now)))  # files from before do not say
+        counted = float(arrays.get(_COUNTED, np.array(now)))  # there are files that do not say
         if not counted > 0.0:
             raise ModelError(f"{path} is damaged: {_COUNTED} is {counted:g}, and must be above 0")
         jacobian[POSITION:] *= now / counted

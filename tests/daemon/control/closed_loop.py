@@ -149,6 +149,7 @@ class ClosedLoop:
             self.believed,
             ahead,
             phase=phase,
+            on_path=phase is not None,
         )
 
     def fill(self, to_g: float, g_s: float) -> None:

@@ -196,7 +196,7 @@ def test_on_the_way_to_a_path_a_late_bodys_axes_leave_their_ends() -> None:
 def test_on_a_path_a_late_bodys_axes_may_go_to_their_ends() -> None:
     law = follower(lead=True, probe=False, posture_gain_per_s=1e-9)
     law.leading.lag.lag_s = 0.8
-    on_path = seen(targets=np.zeros(6), phase=Phase(1.0, 10.0), ahead=lambda _: (np.zeros(3),) * 2)
+    on_path = seen(targets=np.zeros(6), on_path=True, ahead=lambda _: (np.zeros(3),) * 2)
     np.testing.assert_allclose(law.axis_step(JACOBIAN, np.zeros(3), on_path), 0.0, atol=1e-6)
 
 
