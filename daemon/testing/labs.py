@@ -54,10 +54,13 @@ class TestLab:
 
         seed: instead of the file's. plant: 0 is the body of the file, others are of its design.
         happenings, overrides: instead of the file's keys of these names; a mapping goes into the
-        file's, key by key. Raises ConfigError for what is wrong with the file, and TrackingFailed
-        where it does not come to its end, but for `may_end_early`.
+        file's, key by key. Raises ConfigError for what is wrong with the file, ValueError for a
+        seed or plant below 0, and TrackingFailed where it does not come to its end, but for
+        `may_end_early`.
         """
         given = {**overrides, **({} if happenings is None else {"happenings": list(happenings)})}
+        if (seed or 0) < 0 or plant < 0:
+            raise ValueError(f"seed {seed}, plant {plant}: neither is below 0")
         file = load_experiment(self._path(experiment), given)
         number = file.experiment.seed if seed is None else seed
         if plant:

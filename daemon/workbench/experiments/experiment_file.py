@@ -173,6 +173,17 @@ def other_plant(plant: Plant, overrides: Mapping[str, Any]) -> Plant:
     return type(plant).model_validate({**plant.model_dump(), **named, **overrides})
 
 
+def known_plant(file: ExperimentFile) -> Plant | None:
+    """The body that the controller knows before it begins, where the experiment says which.
+
+    Raises pydantic's ValidationError.
+    """
+    pretraining, emulation = file.experiment.pretraining, file.file.robot.emulation
+    if pretraining is None or pretraining.plant is None or emulation is None:
+        return None
+    return other_plant(emulation.plant, pretraining.plant)
+
+
 def on_body(file: ExperimentFile, body: BodyName) -> ExperimentFile:
     """The experiment on a named body, under a name of its own.
 

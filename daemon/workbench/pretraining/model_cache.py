@@ -22,7 +22,7 @@ from daemon.host.progress import Progress
 from daemon.learning.forward.pretrained_model import KIND, PretrainedModel
 from daemon.learning.forward.pretraining import EpochErrors, PretrainingSettings, pretrain
 from daemon.learning.samples.motion_samples import SamplingSettings
-from daemon.workbench.experiments.experiment_file import ExperimentFile, other_plant
+from daemon.workbench.experiments.experiment_file import ExperimentFile, known_plant
 from daemon.workbench.experiments.named_files import robot_contents
 from daemon.workbench.experiments.trial import Tell, TrialError
 from daemon.workbench.pretraining.explore import Exploring, config_sha256, explore
@@ -172,12 +172,12 @@ def _model(
     from daemon.learning.forward.pretraining import PretrainingError
     from daemon.workbench.pretraining.model_cache import pretrained
 
-    emulation, original = file.robot.emulation, file.file.robot.emulation
-    assert emulation is not None and original is not None
+    emulation = file.robot.emulation
+    assert emulation is not None
     unloaded = emulation.model_copy(update={"tip_load_g": 0.0})
-    if pretraining.plant is not None:
-        plant = other_plant(original.plant, pretraining.plant)
-        unloaded = unloaded.model_copy(update={"plant": plant})
+    known = known_plant(file)
+    if known is not None:
+        unloaded = unloaded.model_copy(update={"plant": known})
     alone: dict[str, Any] = {"emulation": unloaded}
     if not file.experiment.risk:
         alone["risk"] = file.robot.risk.model_copy(update={"model": None})

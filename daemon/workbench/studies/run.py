@@ -20,7 +20,7 @@ from daemon.host.processes import Share
 from daemon.learning.forward.forward_fit import ForwardFit
 from daemon.recording.result import Result
 from daemon.recording.run_folder import formatted_json
-from daemon.workbench.experiments.experiment_file import ExperimentFile
+from daemon.workbench.experiments.experiment_file import ExperimentFile, known_plant
 from daemon.workbench.experiments.measures import Measures
 from daemon.workbench.experiments.named_files import experiment_contents, robot_contents
 from daemon.workbench.studies.study_file import StudyFile, merged
@@ -72,6 +72,9 @@ class Run:
             "robot": self.file.robot.model_dump(mode="json"),
             "seed": self.seed,
         }
+        known = known_plant(self.file)
+        if known is not None:
+            parts["known"] = known.model_dump(mode="json")
         robot_file = replace(self.file.file, robot=self.file.robot)
         files = {**robot_contents(robot_file), **experiment_contents(self.file)}
         if files:

@@ -294,3 +294,13 @@ def test_several_users_of_one_machine_do_not_stand_in_each_other_s_way(
     (left,) = tmp_path.iterdir()
     assert left.name.endswith(f"-{os.getuid()}")
     assert left.stat().st_mode & 0o777 == 0o700
+
+
+@pytest.mark.parametrize("numbers", [{"seed": -1}, {"plant": -2}])
+def test_a_seed_or_body_below_0_is_refused_before_anything_runs(
+    numbers: dict[str, int], tmp_path: Path
+) -> None:
+    lab = TestLab(tmp_path, tmp_path / "runs", real_time=False)
+    with pytest.raises(ValueError, match="neither is below 0"):
+        lab.run("builtin:rectangle", seed=numbers.get("seed"), plant=numbers.get("plant", 0))
+    assert not lab.runs

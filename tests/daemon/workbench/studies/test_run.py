@@ -1,5 +1,6 @@
 """The plan of a study: which runs there are, and what makes one another."""
 
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -7,7 +8,9 @@ import pytest
 
 from config.documents.problems import ConfigError
 from config.tasks.controllers import ConstantCurvature
+from config.tasks.experiment import Pretraining
 from daemon.recording import run_folder
+from daemon.workbench.experiments.experiment_file import changed
 from daemon.workbench.studies import worker
 from daemon.workbench.studies.run import plan
 from daemon.workbench.studies.study_file import StudyFile, load_study
@@ -69,6 +72,22 @@ def test_what_is_in_the_files_that_a_run_names_makes_it_another_one(tmp_path: Pa
     first = fingerprint("here", 5.0)
     assert fingerprint("there", 5.0) == first
     assert fingerprint("here", -9.0) != first
+
+
+def test_the_body_that_a_model_is_learnt_on_is_part_of_a_run(study: StudyFile) -> None:
+    """Also where the experiment is on another one, and says only in what the known one differs."""
+    (run,) = plan(study, 1, 0, ["calm", "arcs"])
+    experiment = changed(run.file, {"pretraining": Pretraining(plant={})})
+    emulation = experiment.file.robot.emulation
+    assert emulation is not None
+    stiffer = emulation.plant.model_copy(update={"pneumatic_lag_s": 0.3})
+    robot = experiment.file.robot.model_copy(
+        update={"emulation": emulation.model_copy(update={"plant": stiffer})}
+    )
+    elsewhere = replace(experiment, file=replace(experiment.file, robot=robot))
+    fingerprints = [replace(run, file=one).fingerprint for one in (experiment, elsewhere)]
+    assert experiment.robot == elsewhere.robot
+    assert fingerprints[0] != fingerprints[1]
 
 
 def test_a_plant_has_another_body_and_the_same_tracker_and_load(study: StudyFile) -> None:
