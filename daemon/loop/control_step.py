@@ -390,13 +390,15 @@ class ControlLoop:
             self._supervisor.request(Request.FINISHED, self._clock.now_ns())
 
     def _send(self, step: PermittedStep) -> None:
-        if not step.is_fresh(self._clock.now_ns()):
+        """To all buses or to none."""
+        if not all(bus.following for bus in self._buses):
+            self.settle()  # an axis does not follow: what was permitted does not happen
+        elif all(bus.takes(step) for bus in self._buses):
+            self._last_step = step
+            for bus in self._buses:
+                bus.write(step)
+        else:
             self._gate.take_back(step)  # its targets would be a jump: the one before ends by itself
-            return
-        self._last_step = step
-        taken = [bus.write(step) for bus in self._buses]
-        if not all(taken):
-            self.settle()  # an axis does not follow: what was permitted did not happen
 
     def _clearance_now(self) -> Clearance | None:
         """How near the body will be to something where it is told to go."""

@@ -137,22 +137,24 @@ class DriveBus:
             self._watch_due_ns = t_ns + _WATCH_EVERY_NS
             self._watch(link, t_ns)
 
-    def write(self, step: PermittedStep) -> bool:
-        """Follow `step` from the next SYNC on. False: it is dropped, because not all axes follow or
-        because it comes too late. Raises TypeError for what the gate has not given.
+    def takes(self, step: PermittedStep) -> bool:
+        """Whether all axes follow, and `step` does not come too late. To be asked of all buses
+        before any is written to: axes that went on without the others would move apart.
+        """
+        return step.is_fresh(self._clock.now_ns()) and self.following
+
+    def write(self, step: PermittedStep) -> None:
+        """Follow `step`, which all buses take, from the next SYNC on, however late that has become
+        meanwhile. Raises TypeError for what the gate has not given.
         """
         if not is_genuine(step):
             raise TypeError("only what the gate has permitted moves drives")
-        now_ns = self._clock.now_ns()
-        if not step.is_fresh(now_ns) or not self.following:
-            return False
         self._step = step
         # Axes that turn together start with one SYNC: it must not come between their targets.
-        in_time = now_ns + self._all_sent_within_ns <= self._next_sync_ns
+        in_time = self._clock.now_ns() + self._all_sent_within_ns <= self._next_sync_ns
         if self._sends_steps_at_once and in_time and self._link is not None:
             frames = self._outputs(step)
             self._sent(frames, self._link.send_all(frames))
-        return True
 
     def set_goal(self, goal: PowerGoal | None) -> None:
         """What all drives of this bus shall do; those that are not operational are left out."""

@@ -36,7 +36,7 @@ from drivers.cia402.power_state import PowerState
 from safety.risk_source import NoModel, RiskSource
 from safety.states import OperatingState
 from sim_backends.lab.lab import Lab
-from sim_backends.virtual_time import run_in_virtual_time, virtual_clock
+from sim_backends.virtual_time import VirtualTimeLoop, run_in_virtual_time, virtual_clock
 from tests import SOFT_ARM
 
 T = TypeVar("T", bound=Command)
@@ -152,6 +152,13 @@ class Rig:
     def shafts(self) -> list[float]:
         """Where the shafts of the emulated drives really are, counts."""
         return [axis.position_counts for drive in self.lab.drives.values() for axis in drive.axes]
+
+
+def stand_still(duration_s: float) -> None:
+    """As where the process is stopped for a while: time goes on, and nothing runs meanwhile."""
+    loop = asyncio.get_running_loop()
+    assert isinstance(loop, VirtualTimeLoop)
+    loop.jump(duration_s)
 
 
 def on_a_rig(

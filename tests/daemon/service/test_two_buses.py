@@ -1,5 +1,6 @@
 """An arm whose drives are on two CAN buses: each bus has the rhythm, and each hears the stop."""
 
+import asyncio
 import struct
 from pathlib import Path
 from typing import Any, Final
@@ -11,9 +12,10 @@ from daemon.recording.format.channels import RAW_CAN, read_can_payload
 from daemon.recording.run_folder import RUN_FILE
 from daemon.recording.run_reader import RunReader
 from drivers.canopen.codec import cob_ids
+from safety.permit import PermittedStep
 from safety.states import OperatingState
 from tests import SHIPPED_ROBOTS
-from tests.daemon.service.rig import Rig, on_a_rig
+from tests.daemon.service.rig import Rig, on_a_rig, stand_still
 
 TWO_BUSES: Final = SHIPPED_ROBOTS / "three_tendon_arm.yaml"
 NODES: Final = {"can0": (1, 2), "can1": (1,)}
@@ -77,3 +79,31 @@ def quick_stop_ns(frames: list[tuple[int, int, bytes]], node: int, from_ns: int)
         if can_id == cob_ids.rpdo(node, 1) and t_ns >= from_ns and len(data) >= 2
     )
     return next(t_ns for t_ns, word in words if word & 0x6 == 0x2)
+
+
+def test_a_step_goes_to_both_buses_where_the_process_stands_still_between_them() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.running(CIRCLE, BROYDEN)
+        before = rig.shafts()
+        await rig.until(lambda: bool(np.ptp(np.subtract(rig.shafts(), before)) > 20.0))
+        first, channels = rig.service.hardware.buses[0], rig.service.loop.channels
+        write, steps = first.write, list[PermittedStep]()
+
+        def written_slowly(step: PermittedStep) -> None:
+            first.write = write  # type: ignore[method-assign]
+            write(step)
+            steps.append(step)
+            stand_still(0.014)  # a step of 25 ms is fresh for half of its time
+
+        first.write = written_slowly  # type: ignore[method-assign]
+        await rig.until(lambda: bool(steps))
+        now_ns = rig.service.clock.now_ns()
+        await asyncio.sleep(0.01)  # each bus has had a cycle
+        soon = [steps[0].targets(now_ns + later_ms * 1_000_000) for later_ms in (0, 20)]
+        for channel, now, then in zip(channels, *soon, strict=True):
+            assert channel.target_counts is not None
+            assert min(now, then) <= channel.target_counts <= max(now, then), channel.axis.name
+        now_ns = rig.service.clock.now_ns()
+        assert rig.service.loop.target_counts(now_ns) == steps[0].targets(now_ns)
+
+    on_a_rig(scene, path=TWO_BUSES)

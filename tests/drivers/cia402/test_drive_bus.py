@@ -86,7 +86,7 @@ def test_a_permitted_step_is_followed_and_its_end_held() -> None:
     async def test(rig: Rig) -> None:
         await rig.enabled()
         start = rig.positions()
-        assert rig.master.write(rig.step(4000, 0.5))
+        rig.master.write(rig.step(4000, 0.5))
         await asyncio.sleep(0.25)
         halfway = [p - s for p, s in zip(rig.positions(), start, strict=True)]
         assert all(1700 < way < 2000 for way in halfway)
@@ -99,7 +99,7 @@ def test_a_permitted_step_is_followed_and_its_end_held() -> None:
 def test_a_step_is_refused_while_an_axis_does_not_follow() -> None:
     async def test(rig: Rig) -> None:
         await rig.operational()
-        assert not rig.master.write(rig.step(100, 0.1))
+        assert not rig.master.takes(rig.step(100, 0.1))
 
     on_a_rig(test)
 
@@ -150,7 +150,7 @@ def test_axes_that_turn_together_are_told_so_with_one_sync(mode: str) -> None:
         for after_ms in (0.05, 2.0, 7.0, 8.5, 9.0, 9.3, 9.5, 9.7, 9.9, 9.99):
             tick_ns = rig.master._next_sync_ns
             await asyncio.sleep((tick_ns - rig.clock.now_ns()) * 1e-9 + after_ms * 1e-3)
-            assert rig.master.write(rig.step(500, 0.1))
+            rig.master.write(rig.step(500, 0.1))
             heard.clear()
             await asyncio.sleep(0.3)
             told = between_syncs(heard)[2:]
@@ -414,7 +414,7 @@ def test_a_step_that_comes_too_late_is_dropped() -> None:
         await rig.enabled()
         late = rig.step(1000, 0.1)
         await asyncio.sleep(0.06)
-        assert not rig.master.write(late)
+        assert not rig.master.takes(late)
         await asyncio.sleep(0.2)
         assert rig.positions() == [0, 0]
 

@@ -44,7 +44,7 @@ async def led(rig: Rig, gate: Gate, targets: list[float], duration_s: float) -> 
         measured = Measured(rig.positions(), [None] * len(targets))
         decision = gate.decide(targets, measured, rig.clock.now_ns(), round(STEP_S * 1e9))
         assert decision.step is not None, decision.refused
-        assert rig.master.write(decision.step)
+        rig.master.write(decision.step)
         await asyncio.sleep(STEP_S)
 
 
