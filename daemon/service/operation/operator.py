@@ -101,6 +101,8 @@ class Operator:
         )
         self._preparing = False
         """An `arm` or `home` is under way, and nothing is energised yet."""
+        self._loading = False
+        """A `load` is under way: what comes meanwhile could overtake it."""
         self._stops = 0
         self._following = service.following
         service.verbs = self._verb_states
@@ -286,6 +288,10 @@ class Operator:
         if why:
             raise CommandRefusedError("contact", f"{why}. {_CONTACT_REMEDY}")
 
+    def _check_not_loading(self) -> None:
+        if self._loading:
+            raise CommandRefusedError("busy", "something is being loaded: wait for its answer")
+
     def _check_can_begin(self, request: Request) -> None:
         if self._preparing:
             raise CommandRefusedError("wrong_state", "the robot is being armed or homed already")
@@ -302,10 +308,15 @@ class Operator:
     async def _load(self, user: str, command: Load) -> Answer:
         if self._service.supervisor.running:
             raise CommandRefusedError("wrong_state", "the robot is moving: hold or stop it first")
-        trajectory, controller, bounds = await self._loader.to_follow(command)
-        await self._load_checked(
-            trajectory, controller, bounds, lambda: self._check_lease(user, command)
-        )
+        self._check_not_loading()
+        self._loading = True
+        try:
+            trajectory, controller, bounds = await self._loader.to_follow(command)
+            await self._load_checked(
+                trajectory, controller, bounds, lambda: self._check_lease(user, command)
+            )
+        finally:
+            self._loading = False
         return self._answer(command, text=f"{trajectory.kind}, {trajectory.duration_s:g} s")
 
     async def _plan(self, user: str, command: Plan) -> Answer:
@@ -322,6 +333,7 @@ class Operator:
     async def _start(self, user: str, command: Start) -> Answer:
         del user
         supervisor = self._service.supervisor
+        self._check_not_loading()
         if self._following.loaded is None:
             raise CommandRefusedError("nothing_loaded", "load a trajectory first")
         self.start()

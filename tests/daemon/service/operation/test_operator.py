@@ -186,6 +186,28 @@ def test_what_was_asked_for_under_a_lease_that_has_ended_is_not_loaded(
     on_a_rig(scene)
 
 
+def test_nothing_overtakes_a_load_neither_another_one_nor_a_start() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.armed()
+        await rig.do(Load, trajectory=SMALL_CIRCLE, controller=MODEL)
+        long, short = SMALL_CIRCLE | {"cycle_s": 60.0}, SMALL_CIRCLE | {"cycle_s": 30.0}
+        loading = asyncio.create_task(rig.do(Load, trajectory=long, controller=MODEL))
+        await asyncio.sleep(0.0)
+        assert not loading.done(), "it is being looked through, a piece at a time"
+        refused = await rig.refused(Load, trajectory=short, controller=MODEL)
+        assert (refused.name, refused.text) == (
+            "busy",
+            "something is being loaded: wait for its answer",
+        )
+        assert (await rig.refused(Start)).name == "busy"
+        assert (await loading).text == "circle, 60 s"
+        await rig.do(Start)
+        assert rig.status.reference is not None
+        assert rig.status.reference.duration_s == 60.0
+
+    on_a_rig(scene)
+
+
 def test_what_cannot_be_reached_is_refused_with_place_and_amount() -> None:
     async def scene(rig: Rig) -> None:
         await rig.armed()
