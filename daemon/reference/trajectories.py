@@ -186,6 +186,13 @@ _SAMPLE_S = 0.01
 _FEWEST, _MOST = 200, 100_000
 _ASIDE_S = 1e-9
 """From a corner, into the leg that is meant."""
+_TOLD_WITHIN = 0.25
+"""Of a velocity: what it may differ from how the places change. A path at 10 Hz is off by 0.03."""
+_TOLD_WITHIN_MM_S = 1.0
+_LEAP = 1e-3
+"""mm, or of a direction; far more than the 2 ns take between the ends of two legs."""
+_JUDGED_S = (1e-6, 0.05)
+"""Legs between which what a place and a velocity say can be compared."""
 
 
 def sampled(entry: Entry, make: Callable[[], object], options: Pointed) -> tuple[Cycle, float]:
@@ -217,6 +224,7 @@ def _cubics(
     """Hermite's cubics through (n,) times, whose velocities may jump there. unit: of directions."""
     ends = np.stack([times[:-1] + _ASIDE_S, times[1:] - _ASIDE_S], axis=1)
     motions = np.array([[_checked_motion(at(float(t)), t, unit) for t in leg] for leg in ends])
+    _check_velocities(times, motions, _TOLD_WITHIN if unit else _TOLD_WITHIN_MM_S)
     begins_s: list[float] = times[:-1].tolist()
 
     def between(t_s: float) -> Motion:
@@ -235,6 +243,37 @@ def _cubics(
         return direction, (velocity - (direction @ velocity) * direction) / length
 
     return between
+
+
+def _check_velocities(times: Vector, motions: Vector, least: float) -> None:
+    """Raises ValueError where places and velocities contradict each other: the cubics between them
+    would run to and fro, unseen by who looks at the samples.
+
+    motions: (n − 1, 2, 2, 3) places and velocities at both ends of each leg. A corner that was not
+    declared lies in one leg, which is then no faster than its ends; a contradiction in two.
+    """
+    leaps = np.linalg.norm(motions[1:, 0, 0] - motions[:-1, 1, 0], axis=1)
+    if leaps.max(initial=0.0) > _LEAP:
+        worst = int(np.argmax(leaps))
+        raise ValueError(f"at {times[worst + 1]:g} s its places leap by {leaps[worst]:.3g}")
+    lasts_s = np.diff(times)
+    moves = (motions[:, 1, 0] - motions[:, 0, 0]) / lasts_s[:, None]
+    told = motions[:, :, 1].mean(axis=1)
+    fast = np.linalg.norm(moves, axis=1)
+    fastest_end = np.linalg.norm(motions[:, :, 1], axis=2).max(axis=1)
+    off = least + _TOLD_WITHIN * np.maximum(fast, np.linalg.norm(told, axis=1))
+    wrong = np.linalg.norm(moves - told, axis=1) > off
+    wrong[:-1] &= wrong[1:]
+    wrong[-1] = False
+    wrong |= fast > least + 2.0 * fastest_end
+    wrong &= (lasts_s > _JUDGED_S[0]) & (lasts_s < _JUDGED_S[1])
+    if wrong.any():
+        leg = int(np.flatnonzero(wrong)[0])
+        says, does = (", ".join(f"{v:.4g}" for v in one[leg]) for one in (told, moves))
+        raise ValueError(
+            f"at {times[leg]:g} s it gives a velocity of ({says}) per second, and its places "
+            f"change by ({does})"
+        )
 
 
 def _checked_motion(motion: Motion, t_s: float, unit: bool) -> tuple[Vector, Vector]:

@@ -82,6 +82,10 @@ BAD_PATHS = {
     "wrong shape": ("return np.zeros(2), np.zeros(3)", "it gives shapes (2,) and (3,)"),
     "no pair": ("return 3", "'int' object is not iterable"),
     "too far": ("return np.full(3, 1e6), np.zeros(3)", "farther away than 10000 mm"),
+    "backwards": (AWAY.replace("[2.0, 0", "[-2.0, 0"), "and its places change by (2, 0, 0)"),
+    "in metres": (AWAY.replace("[2.0, 0", "[0.002, 0"), "it gives a velocity of (0.002, 0, 0)"),
+    "leaps": (AWAY.replace("t_s,", "t_s + 5.0 * (t_s > 1.0),"), "at 1 s its places leap by 5"),
+    "leaps between": (AWAY.replace("t_s,", "t_s + 5.0 * (t_s > 1.005),"), "change by (502, 0"),
     "only late": ("if t_s > 3.0: raise KeyError(t_s)", "KeyError: "),
 }
 
@@ -99,6 +103,17 @@ def test_a_path_that_is_none_is_refused_before_anything_moves(
 
     with installed(path_package(tmp_path, at)):
         on_a_rig(story)
+
+
+def test_a_corner_that_a_package_has_not_declared_is_no_contradiction(tmp_path: Path) -> None:
+    zigzag = """
+        leg, along = divmod(t_s + 0.005, 0.777)
+        sign = 1.0 if leg % 2 else -1.0
+        x = 10.0 * sign * (along - 0.777 / 2.0)
+        return np.array([x, 0.0, 190.0]), np.array([10.0 * sign, 0.0, 0.0])
+    """
+    with installed(path_package(tmp_path, zigzag)):
+        make_trajectory(load_trajectory_options(MINE), tmp_path)
 
 
 def test_what_is_no_cycle_is_refused(tmp_path: Path) -> None:
