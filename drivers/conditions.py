@@ -2,6 +2,9 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Final
+
+NOTED_EVERY_NS: Final = 50_000_000
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,7 @@ class Conditions:
 
     def __init__(self, on_change: Callable[[ConditionChange], None] | None = None) -> None:
         self._active: dict[tuple[str, str], ActiveCondition] = {}
+        self._noted_ns: dict[tuple[str, str], int] = {}
         self._on_change = on_change
 
     def set(self, condition: Condition, subject: str, t_ns: int, detail: str = "") -> None:
@@ -56,7 +60,12 @@ class Conditions:
             self._tell(ConditionChange(active, False, t_ns))
 
     def note(self, condition: Condition, subject: str, t_ns: int, detail: str = "") -> None:
-        """Something happened that is over already, like a reset."""
+        """Something happened that is over already, like a reset. Once more at once is no news: a
+        device may say it thousands of times a second, and to tell it is work."""
+        key = (condition.name, subject)
+        if t_ns - self._noted_ns.get(key, t_ns - NOTED_EVERY_NS) < NOTED_EVERY_NS:
+            return
+        self._noted_ns[key] = t_ns
         active = ActiveCondition(condition, subject, detail, t_ns)
         self._tell(ConditionChange(active, True, t_ns))
         self._tell(ConditionChange(active, False, t_ns))

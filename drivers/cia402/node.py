@@ -36,6 +36,7 @@ _SENSOR: Final = 0x7300
 _FOUND_WHILE_SET_UP: Final = (c.SAFETY_MISSING, c.CYCLIC_MODE_NOT_LISTED, c.MODE_REFUSED)
 _KEPT_WHEN_SET_UP: Final = (*_FOUND_WHILE_SET_UP, c.EMERGENCY)
 _MALFORMED_STAYS_NS: Final = 500_000_000  # so that somebody can read it
+_EMERGENCY_EVERY_NS: Final = 50_000_000  # a bus carries thousands a second, and to tell one is work
 
 Send = Callable[[int, bytes], bool]
 
@@ -72,6 +73,7 @@ class Node:
         self.identity: Identity | None = None
         self.last_emergency: Emergency | None = None
         self.emergencies = 0
+        self._emergency_told_ns, self._emergency_untold = -_EMERGENCY_EVERY_NS, False
         self.heartbeat = HeartbeatMonitor(round(drive.heartbeat_timeout_s * 1e9))
         self.sdo = SdoClient(drive.node, send)
         self._bus = bus
@@ -118,15 +120,22 @@ class Node:
         self.emergencies += 1
         self.last_emergency = emergency
         if emergency.error_gone:
+            self._emergency_untold = False
             self._conditions.clear(c.EMERGENCY, self.subject, t_ns)
             return
-        self._conditions.clear(c.EMERGENCY, self.subject, t_ns)
-        self._conditions.set(c.EMERGENCY, self.subject, t_ns, str(emergency))
+        self._tell_emergency(emergency, t_ns)
         if emergency.code & _CLASS == _SENSOR:
             for channel in self.channels:  # it does not say of which axis
                 channel.zero_lost, channel.zero_found = True, False
         if emergency.code == _FOLLOWING_ERROR:
             self._conditions.note(c.FOLLOWING_ERROR, self.subject, t_ns, str(emergency))
+
+    def _tell_emergency(self, emergency: Emergency, t_ns: int) -> None:
+        self._emergency_untold = t_ns - self._emergency_told_ns < _EMERGENCY_EVERY_NS
+        if not self._emergency_untold:
+            self._emergency_told_ns = t_ns
+            self._conditions.clear(c.EMERGENCY, self.subject, t_ns)
+            self._conditions.set(c.EMERGENCY, self.subject, t_ns, str(emergency))
 
     def state_handler(self, channel: AxisChannel) -> Callable[[bytes, int], None]:
         """What takes the TPDOs of `channel`: the busiest path of all."""
@@ -152,6 +161,8 @@ class Node:
 
     def watch(self, t_ns: int) -> None:
         """Look for what has not come. Called every cycle."""
+        if self._emergency_untold and self.last_emergency is not None:
+            self._tell_emergency(self.last_emergency, t_ns)
         if self.state is not NodeState.OPERATIONAL:
             return
         if self._must_be_rewritten and self._may_be_rewritten:
@@ -172,9 +183,8 @@ class Node:
                 return
             name = channel.axis.name
             if not channel.following and channel.is_unwilling(t_ns):
-                detail = (
-                    f"told {channel.goal.value if channel.goal else ''}, is {channel.state.value}"
-                )
+                told = channel.goal.value if channel.goal else ""
+                detail = f"told {told}, is {channel.state.value}"
                 self._unwilling.add(name)
                 self._conditions.set(c.UNWILLING, name, t_ns, detail)
             elif name in self._unwilling:
@@ -312,13 +322,12 @@ class Node:
 
     async def _start(self) -> None:
         """Take the node to operational and wait until it says so and sends its state."""
+        heartbeat = self.heartbeat
         self._command(NmtCommand.START)
-
-        def operational() -> bool:
-            return self.heartbeat.state is NmtState.OPERATIONAL
-
-        if not await self._hears(operational, _OPERATIONAL_WITHIN_S):
-            reported = self.heartbeat.state
+        if not await self._hears(
+            lambda: heartbeat.state is NmtState.OPERATIONAL, _OPERATIONAL_WITHIN_S
+        ):
+            reported = heartbeat.state
             detail = "no heartbeat" if reported is None else f"it says {reported.name.lower()}"
             raise BringUpError(c.NOT_OPERATIONAL, detail)
 

@@ -1,6 +1,7 @@
 """The master brings drives up, keeps them in step, and takes them down again."""
 
 import asyncio
+import struct
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -405,6 +406,26 @@ def test_what_an_earlier_set_up_found_is_forgotten_when_the_next_does_not_find_i
         await rig.until(lambda: rig.master.nodes[1].state is not NodeState.OPERATIONAL)
         await rig.operational()
         assert rig.holding() == set()
+
+    on_a_rig(test)
+
+
+def test_a_storm_of_errors_is_told_in_a_few_words_and_the_newest_stays() -> None:
+    async def test(rig: Rig) -> None:
+        await rig.operational()
+        rig.told.clear()
+        for number in range(1000):
+            code = 0x1000 + number if number % 3 else 0  # 0: the error is gone
+            rig.master.frame_received(0x81, struct.pack("<HB5x", code, 1), rig.clock.now_ns())
+            rig.master.frame_received(0x82, b"\x01", rig.clock.now_ns())
+            await asyncio.sleep(0.0002)
+        changes = [one for one in rig.told if one.name == "drive_emergency"]
+        assert 2 < len(changes) < 40, "in 0.2 s, of two nodes"
+        assert rig.master.nodes[1].emergencies == 1000
+        last = 0x1000 + 998
+        rig.master.frame_received(0x81, struct.pack("<HB5x", last, 1), rig.clock.now_ns())
+        await asyncio.sleep(0.1)
+        assert f"0x{last:04X}" in rig.detail_of("drive_emergency")
 
     on_a_rig(test)
 
