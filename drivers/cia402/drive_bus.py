@@ -212,7 +212,7 @@ class DriveBus:
         return all(
             node.state is NodeState.OPERATIONAL
             and all(
-                channel.received_ns is not None and not channel.state.energised
+                channel.received_ns is not None and channel.state.unpowered
                 for channel in node.channels
             )
             for node in self.nodes.values()

@@ -31,6 +31,11 @@ class PowerState(Enum):
         """Whether the motor has torque."""
         return self in _ENERGISED
 
+    @property
+    def unpowered(self) -> bool:
+        """Whether the drive says that its motor has none: of an unknown state nobody knows."""
+        return not (self.energised or self is PowerState.UNKNOWN)
+
 
 _ENERGISED: Final = {
     PowerState.OPERATION_ENABLED,
@@ -128,6 +133,7 @@ _TOWARDS: Final = {
     PowerGoal.QUICK_STOP: {
         PowerState.OPERATION_ENABLED: Control.QUICK_STOP,
         PowerState.QUICK_STOP_ACTIVE: Control.QUICK_STOP,
+        PowerState.UNKNOWN: Control.QUICK_STOP,  # it may be moving
     },
 }
 

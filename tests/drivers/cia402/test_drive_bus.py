@@ -442,6 +442,18 @@ def test_a_step_that_comes_too_late_is_dropped() -> None:
     on_a_rig(test)
 
 
+def test_a_drive_that_says_nothing_sensible_is_not_known_to_be_off() -> None:
+    async def test(rig: Rig) -> None:
+        await rig.operational()
+        assert rig.master.known_unpowered
+        rig.inject("drive.can0/1.tpdo_stop=1s")
+        senseless = struct.pack("<Hih", 0x0025, 0, 0)  # no row of the table
+        rig.master.frame_received(0x181, senseless, rig.clock.now_ns())
+        assert not rig.master.known_unpowered
+
+    on_a_rig(test)
+
+
 def test_what_the_gate_has_not_given_moves_nothing() -> None:
     async def test(rig: Rig) -> None:
         await rig.enabled()

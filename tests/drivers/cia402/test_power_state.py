@@ -68,6 +68,7 @@ TABLE = {
         **dict.fromkeys(S, 0x00),
         S.OPERATION_ENABLED: 0x02,
         S.QUICK_STOP_ACTIVE: 0x02,
+        S.UNKNOWN: 0x02,
     },
 }
 
@@ -96,6 +97,11 @@ def test_only_these_states_have_torque() -> None:
         S.QUICK_STOP_ACTIVE,
         S.FAULT_REACTION,
     }
+
+
+def test_of_an_unknown_state_nobody_knows_whether_it_has_torque() -> None:
+    with_torque = {state for state in S if state.energised}
+    assert {state for state in S if state.unpowered} == set(S) - with_torque - {S.UNKNOWN}
 
 
 def test_a_fault_reset_is_an_edge_that_two_syncs_can_see() -> None:
