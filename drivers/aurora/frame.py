@@ -165,11 +165,17 @@ class FrameAssembler:
         self._steady = None if base_averaged_s is None else SteadyBase(base_averaged_s)
 
     def frame_number(self, data: TrackingData) -> int | None:
-        """The number of the frame in a reply; None: no tool is followed that could tell it."""
+        """The number of the frame in a reply; None: no tool is followed that could tell it. A tip
+        with a pose has the first word: where only the others go on, it is an old one."""
+        first = None
         for reading in data.readings:
-            if reading.handle in self._roles and reading.frame_number is not None:
+            role = self._roles.get(reading.handle)
+            if role is None or reading.frame_number is None:
+                continue
+            if role == "tip" and reading.state is _VALID:
                 return reading.frame_number
-        return None
+            first = reading.frame_number if first is None else first
+        return first
 
     def samples(self, data: TrackingData) -> dict[str, ToolSample]:
         """The sensors in a reply, by role."""

@@ -106,6 +106,15 @@ def test_tools_without_a_role_are_left_out_and_do_not_number_frames() -> None:
     assert assembler.frame_number(TrackingData((stranger, DISABLED_C), 0)) is None
 
 
+def test_a_tip_that_stays_in_an_old_frame_is_not_renewed_by_a_base_that_goes_on() -> None:
+    assembler = FrameAssembler(ROLES, has_base=True)
+    base = TOOL_B._replace(handle=0x0B, frame_number=0x148)
+    assert assembler.frame_number(TrackingData((base, TOOL_A), 0)) == 0x140
+    missing = TOOL_A._replace(state=HandleState.MISSING, quaternion=None, position_mm=None)
+    told = TrackingData((base, missing), 0)
+    assert assembler.frame_number(told) == 0x148, "that it is missing has to be told"
+
+
 angles = st.floats(-np.pi, np.pi)
 lengths = st.floats(-500.0, 500.0)
 
