@@ -37,9 +37,10 @@ class Target(Protocol):
         ...
 
     def output(
-        self, t_ns: int, step: PermittedStep | None, position: int, statusword: int
+        self, t_ns: int, step: PermittedStep | None, position: int, statusword: int, share: float
     ) -> tuple[int, int]:
-        """Mode bits of the controlword, and the value of the target object."""
+        """Mode bits of the controlword, and the value of the target object. share: what may be
+        gone of the way from the target before."""
         ...
 
 
@@ -54,11 +55,12 @@ class CyclicPosition:
         self._held = position
 
     def output(
-        self, t_ns: int, step: PermittedStep | None, position: int, statusword: int
+        self, t_ns: int, step: PermittedStep | None, position: int, statusword: int, share: float
     ) -> tuple[int, int]:
         del position, statusword
         if step is not None:
-            self._held = step.target(self._index, t_ns)
+            way = step.target(self._index, t_ns) - self._held
+            self._held += way if share >= 1.0 else int(share * way)
         return 0, self._held
 
 
@@ -86,9 +88,9 @@ class Velocity:
         self._sent, self._sent_for_ns = 0.0, None
 
     def output(
-        self, t_ns: int, step: PermittedStep | None, position: int, statusword: int
+        self, t_ns: int, step: PermittedStep | None, position: int, statusword: int, share: float
     ) -> tuple[int, int]:
-        del statusword
+        del statusword, share
         velocity = 0.0
         if step is not None:
             self._held = step.target(self._index, t_ns)
@@ -125,9 +127,9 @@ class ProfilePosition:
         self._offering = False
 
     def output(
-        self, t_ns: int, step: PermittedStep | None, position: int, statusword: int
+        self, t_ns: int, step: PermittedStep | None, position: int, statusword: int, share: float
     ) -> tuple[int, int]:
-        del t_ns, position
+        del t_ns, position, share
         if step is not None:
             self._wanted = step.to_counts[self._index]
         acknowledged = bool(statusword & StatuswordBit.SETPOINT_ACKNOWLEDGED)
@@ -189,6 +191,7 @@ class AxisChannel:
         self._referenced_bit = axis.homing.referenced_bit
         self._keeps_zero = axis.homing.referenced == "absolute_encoder"
         self._cyclic = axis.drive.mode in CYCLIC_MODES
+        self._max_velocity = limits.max_velocity
         self._enabled_since_ns: int | None = None
         self._fault_reset = FaultReset()
         self._target = target_of(axis.drive.mode, index, limits, axis.drive.velocity_unit_counts_s)
@@ -213,8 +216,20 @@ class AxisChannel:
         """Whether the axis used to tell its state and does so no more."""
         return self.received_ns is not None and t_ns - self.received_ns > timeout_ns
 
-    def output(self, t_ns: int, step: PermittedStep | None) -> bytes | None:
-        """The next RPDO; None while the drive's power is to be left alone, or is not known."""
+    def share_in_a_cycle(self, t_ns: int, step: PermittedStep, cycle_s: float) -> float:
+        """Of the way to where `step` is at `t_ns`, what the axis goes in one cycle at the most; 1
+        where it is told no places for each cycle."""
+        if not self.following or self.target_counts is None or self.axis.drive.mode != "csp":
+            return 1.0
+        way = abs(step.target(self.index, t_ns) - self.target_counts)
+        most = self._max_velocity * cycle_s + 1.0
+        return 1.0 if way <= most else most / way
+
+    def output(self, t_ns: int, step: PermittedStep | None, share: float = 1.0) -> bytes | None:
+        """The next RPDO; None while the drive's power is to be left alone, or is not known.
+
+        share: of the way to where `step` is at `t_ns`, what may be gone.
+        """
         goal, position = self.goal, self.position_counts
         if goal is None or self.received_ns is None:
             return self._stay() if self._spoken_to else None
@@ -231,7 +246,7 @@ class AxisChannel:
         if not following:
             self._target.hold(position)
             step = None
-        mode_bits, target = self._target.output(t_ns, step, position, self.statusword)
+        mode_bits, target = self._target.output(t_ns, step, position, self.statusword, share)
         if controlword == Control.ENABLE_OPERATION:
             if not self.homing:
                 controlword |= mode_bits

@@ -32,6 +32,7 @@ _SYNC: Final = (cob_ids.SYNC, b"")
 _OPEN_AGAIN_S: Final = 0.1  # as soon as an operator notices, and no load on a port that is gone
 _LIVES_END_WITHIN_S: Final = 1.0  # an SDO request gives up after three times 0.2 s
 _WATCH_EVERY_NS: Final = 10_000_000  # a tenth of 0.1 s, the shortest time-out that is watched
+_LATE: Final = 1.5  # periods since the last cycle
 _LAST_FRAMES_S: Final = 0.01  # until what was sent has left the interface's queue
 _WAITS_FOR_OTHERS: Final = (PowerState.OPERATION_ENABLED, PowerState.SWITCHED_ON)
 _BITS: Final = tuple(worst_case_bits(length) for length in range(9))
@@ -106,6 +107,9 @@ class DriveBus:
         self._heartbeat_period_ns = round(bus.master_heartbeat_period_s * 1e9)
         self._heartbeat_due_ns = self._watch_due_ns = self._next_sync_ns = 0
         self._period_ns = round(bus.cycle_period_s * 1e9)
+        self._ticked_ns = 0
+        self._catches_up = False
+        """A cycle came late: targets are further away than axes go in one."""
         self._sends_steps_at_once = sends_steps_at_once(bus) and all(
             axis.drive.mode in CYCLIC_MODES for _, axis in axes
         )
@@ -126,6 +130,8 @@ class DriveBus:
         link = self._link
         if link is None:
             return
+        self._catches_up |= t_ns - self._ticked_ns > _LATE * self._period_ns
+        self._ticked_ns = t_ns
         # Drives take what they are sent now with the next SYNC: that is what it is meant for.
         self._next_sync_ns = t_ns + self._period_ns
         frames = [_SYNC, *self._outputs(self._current_step())]
@@ -152,7 +158,8 @@ class DriveBus:
         self._step = step
         # Axes that turn together start with one SYNC: it must not come between their targets.
         in_time = self._clock.now_ns() + self._all_sent_within_ns <= self._next_sync_ns
-        if self._sends_steps_at_once and in_time and self._link is not None:
+        at_once = self._sends_steps_at_once and in_time and not self._catches_up
+        if at_once and self._link is not None:
             frames = self._outputs(step)
             self._sent(frames, self._link.send_all(frames))
 
@@ -326,11 +333,21 @@ class DriveBus:
         """What all axes are sent for the next SYNC."""
         frames: list[tuple[int, bytes]] = []
         next_sync_ns = self._next_sync_ns
+        share = self._share(step) if self._catches_up else 1.0
         for channel in self.channels:
-            output = channel.output(next_sync_ns, step)
+            output = channel.output(next_sync_ns, step, share)
             if output is not None:
                 frames.append((channel.rpdo_id, output))
         return frames
+
+    def _share(self, step: PermittedStep | None) -> float:
+        """Of the ways to their targets, what all axes go, on their line: none faster than it may,
+        whatever time was lost."""
+        at_ns, cycle_s, share = self._next_sync_ns, self.bus.cycle_period_s, 1.0
+        if step is not None:
+            share = min([one.share_in_a_cycle(at_ns, step, cycle_s) for one in self.channels])
+        self._catches_up = share < 1.0
+        return share
 
     def _sent(self, frames: Sequence[tuple[int, bytes]], taken: int) -> None:
         traffic = self.traffic

@@ -6,15 +6,18 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
+import numpy as np
 import pytest
 
 from config.emulation import EmulatedDrives
+from drivers.axis_scale import count_limits
 from drivers.canopen.codec import cob_ids
 from drivers.canopen.codec.nmt import NmtState
 from drivers.cia402 import conditions, objects
 from drivers.cia402.configuration import Need, node_settings
 from drivers.cia402.node import NodeState
 from drivers.cia402.power_state import PowerGoal, PowerState
+from sim_backends.virtual_time import VirtualTimeLoop
 from tests.drivers.cia402.rig import BUS, Rig, axes, on_a_rig
 
 
@@ -438,6 +441,30 @@ def test_a_step_that_comes_too_late_is_dropped() -> None:
         assert not rig.master.takes(late)
         await asyncio.sleep(0.2)
         assert rig.positions() == [0, 0]
+
+    on_a_rig(test)
+
+
+def test_after_a_late_cycle_axes_catch_up_together_and_no_faster_than_they_may() -> None:
+    async def test(rig: Rig) -> None:
+        await rig.enabled()
+        start = rig.positions()
+        rig.master.write(rig.step(1000, 0.1))
+        await asyncio.sleep(0.03)
+        before = [channel.target_counts for channel in rig.master.channels]
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, VirtualTimeLoop)
+        loop.jump(0.06)  # the process stands still
+        told = [before]
+        for _ in range(12):
+            rig.master.tick(rig.clock.now_ns())
+            told.append([channel.target_counts for channel in rig.master.channels])
+            loop.jump(0.01)
+        changes = np.diff(np.array(told), axis=0)
+        fastest = count_limits(rig.axes[0]).max_velocity * 0.01 + 1
+        assert 0.9 * fastest < changes.max() <= fastest
+        assert (changes[:, 0] == changes[:, 1]).all()
+        assert told[-1] == [position + 1000 for position in start]
 
     on_a_rig(test)
 
