@@ -64,6 +64,7 @@ class PageSocket:
         self._role = role
         self._sent: dict[str, int] = {}
         self._cycles_sent = -1
+        self._surroundings_sent = 0
         self._number = 0
         self._pictures: deque[tuple[int, float]] = deque(maxlen=_PICTURES_KNOWN)
         """Numbers of the last frames, and when what they show was heard."""
@@ -138,6 +139,9 @@ class PageSocket:
         if link.cycles_counted != self._cycles_sent:
             self._cycles_sent = link.cycles_counted
             frame["cycles"] = link.cycles
+        if link.surroundings_heard != self._surroundings_sent:
+            self._surroundings_sent = link.surroundings_heard
+            frame["surroundings"] = link.surroundings[0]
         self._add_events(frame)
         return frame
 

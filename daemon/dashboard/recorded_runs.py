@@ -10,7 +10,7 @@ from typing import Any, Final
 import msgspec
 
 from daemon.recording.result import Result, read_result
-from daemon.recording.run_folder import PROVENANCE_FILE, REPORT_FILE, SURROUNDINGS_FILE
+from daemon.recording.run_folder import PROVENANCE_FILE, REPORT_FILE, SURROUNDINGS_FILES
 from daemon.recording.run_parts import run_files
 from daemon.recording.run_reader import UnreadableRunError
 
@@ -66,9 +66,9 @@ class RecordedRuns:
             return None
         offered = {path.name: path for path in _files(run)}
         folder = run if run.is_dir() else run.parent
-        for other in (REPORT_FILE, SURROUNDINGS_FILE):
-            if (folder / other).is_file():
-                offered[other] = folder / other
+        for other in (folder / REPORT_FILE, *folder.glob(SURROUNDINGS_FILES)):
+            if other.is_file() and not other.is_symlink():
+                offered[other.name] = other
         return offered.get(file)
 
 

@@ -18,13 +18,17 @@ from typing import IO, Any, Final, NamedTuple
 
 import msgspec
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from daemon.host.real_time import collector_paused
-from daemon.messages import Event
+from daemon.messages import Event, SurroundingsChanged
+from daemon.recording.recorded_surroundings import (
+    RecordedSurroundings,
+    robot_values,
+    surroundings_at_first,
+    surroundings_told,
+)
 from daemon.recording.result import ErrorTable, read_result
-from daemon.recording.run_folder import ROBOT_FILE, SURROUNDINGS_FILE
 from daemon.recording.run_parts import RunParts
 from daemon.recording.run_reader import RunMessage, UnreadableRunError
 from daemon.recording.run_writer import HEADER
@@ -35,13 +39,11 @@ MOST_KEPT: Final = 24_000
 """Of one kind of message: ten minutes of frames. Of a longer recording every second one is shown,
 or every fourth, and the header says so."""
 _KINDS: Final = ("state", "tip", "axes", "risk", "loop", "body")
-_TOPICS: Final = (*(f"/{kind}" for kind in _KINDS), "/event")
+_TOPICS: Final = (*(f"/{kind}" for kind in _KINDS), "/event", "/surroundings_changed")
 _NS: Final = 1e-9
 _RUNNING: Final = OperatingState.RUNNING.value
 _ALIGNED: Final = 8
 _NONE: Final = float("nan")
-_LOADER: Final = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-"""Ten times as quick where libyaml is there."""
 
 
 class _Tip(msgspec.Struct):
@@ -79,6 +81,7 @@ _DECODERS: Final[dict[str, Callable[[bytes], Any]]] = {
     "loop": msgspec.json.Decoder(_Loop).decode,
 }
 _EVENT: Final = msgspec.json.Decoder(Event)
+_CHANGED: Final = msgspec.json.Decoder(SurroundingsChanged)
 
 
 class _Kept:
@@ -108,11 +111,14 @@ class _Worst(NamedTuple):
 class ReplayPacker:
     """Takes a recording message by message."""
 
-    def __init__(self) -> None:
+    def __init__(self, folder: Path) -> None:
+        """folder: of the run, where the meshes of its surroundings are."""
         self.unreadable = 0
         """Messages that are none."""
         self._kept = {kind: _Kept() for kind in _KINDS}
         self._events: list[tuple[int, Event]] = []
+        self._folder = folder
+        self._surroundings: list[tuple[int, RecordedSurroundings]] = []
         self._states: list[tuple[int, str]] = []
         self._errors = ErrorTable()
         self._worst: _Worst | None = None
@@ -142,6 +148,10 @@ class ReplayPacker:
         if kind == "event":
             self._events.append((wall_ns, _EVENT.decode(data)))
             return None
+        if kind == "surroundings_changed":
+            told = surroundings_told(self._folder, _CHANGED.decode(data))
+            self._surroundings.append((wall_ns, told))
+            return None
         decode = _DECODERS.get(kind)
         drawn = None if decode is None else decode(data)
         if isinstance(drawn, _Tip):
@@ -168,6 +178,7 @@ class ReplayPacker:
             "kinds": {kind: self._laid_kind(laid, kind) for kind in _KINDS},
             "series": self._series(laid),
             "states": [(self._s(wall_ns), state) for wall_ns, state in self._states],
+            "surroundings": self._round_the_body(),
             "cycles": self._errors.rows(),
             "worst": None
             if self._worst is None
@@ -180,6 +191,20 @@ class ReplayPacker:
         told = msgspec.json.encode(header)
         yield len(told).to_bytes(4, "little") + told + bytes(-(4 + len(told)) % _ALIGNED)
         yield from laid.pieces
+
+    def _round_the_body(self) -> list[dict[str, Any]]:
+        """From when what was there: the first ones from the beginning, whenever they were told."""
+        told = self._surroundings or [(0, surroundings_at_first(self._folder))]
+        return [
+            {
+                "t_s": self._s(wall_ns) if number else 0.0,
+                "mesh": one.mesh,
+                "file": one.file,
+                "lost": one.lost,
+                "regions": [region.model_dump(mode="json") for region in one.regions],
+            }
+            for number, (wall_ns, one) in enumerate(told)
+        ]
 
     def _s(self, wall_ns: int) -> float:
         return 0.0 if self._first_ns is None else (wall_ns - self._first_ns) * _NS
@@ -270,19 +295,19 @@ def pack(path: Path, out: IO[bytes]) -> None:
 
     Raises UnreadableRunError, OSError.
     """
-    parts, packer = RunParts(path), ReplayPacker()
+    folder = path if path.is_dir() else path.parent
+    parts, packer = RunParts(path), ReplayPacker(folder)
     with collector_paused():
         for message in parts.messages(_TOPICS):
             packer.take(message)
         if packer.empty:
             raise UnreadableRunError(f"{path}: there is no message in it")
-        for piece in packer.block(_about(path, parts)):
+        for piece in packer.block(_about(path, folder, parts)):
             out.write(piece)
     out.flush()
 
 
-def _about(path: Path, parts: RunParts) -> dict[str, Any]:
-    folder = path if path.is_dir() else path.parent
+def _about(path: Path, folder: Path, parts: RunParts) -> dict[str, Any]:
     result = read_result(folder)
     header = parts.metadata(HEADER)
     first_ns = min((span.first_ns for span in parts.spans.values()), default=0)
@@ -292,8 +317,7 @@ def _about(path: Path, parts: RunParts) -> dict[str, Any]:
         "header": header,
         "whole": parts.whole,
         "dropped": parts.dropped,
-        "surroundings": (folder / SURROUNDINGS_FILE).is_file(),
-        "workspace_mm": _workspace(folder / ROBOT_FILE),
+        "workspace_mm": _workspace(folder),
         "result": None
         if result is None
         else {"trajectory": result.trajectory, "controller": result.controller},
@@ -304,12 +328,12 @@ def _about(path: Path, parts: RunParts) -> dict[str, Any]:
     }
 
 
-def _workspace(robot_yaml: Path) -> list[list[float]] | None:
+def _workspace(folder: Path) -> list[list[float]] | None:
     """(3, 2) of the run's own robot file; None: it has none, or cannot be read."""
     try:
-        box = yaml.load(robot_yaml.read_text(encoding="utf-8"), _LOADER)["workspace"]
+        box = robot_values(folder)["workspace"]
         return [[float(end) for end in box[f"{name}_mm"]] for name in "xyz"]
-    except (OSError, ValueError, KeyError, TypeError, yaml.YAMLError):
+    except (ValueError, KeyError, TypeError):
         return None
 
 

@@ -97,6 +97,8 @@ class RobotLink:
         self.heard_s = 0.0
         """When the newest message came, on the event loop's clock."""
         self.surroundings: tuple[Surroundings, bytes] = (Surroundings(), b"")
+        self.surroundings_heard = 0
+        """How often they have come; 0: none have."""
         self.cycles_counted = 0
         """Changes with every cycle that ends, and where they begin anew."""
         self.hand_refused = ""
@@ -149,7 +151,7 @@ class RobotLink:
 
     async def _listen(self, client: RobotClient) -> None:
         subscription = client.subscribe(list(TELEMETRY_KEYS), _DEPTH)
-        self.surroundings = await client.surroundings()
+        self._surrounded(*await client.surroundings())
         self.events = deque(await client.events(), maxlen=_EVENTS_KEPT)
         self.events_heard += len(self.events)
         self._take(await client.status())
@@ -163,8 +165,9 @@ class RobotLink:
             watch.close()
 
     def _surrounded(self, surroundings: Surroundings, mesh: bytes) -> None:
-        """Others have taken their place."""
+        """What is round the body from now on."""
         self.surroundings = surroundings, mesh
+        self.surroundings_heard += 1
 
     def _take(self, message: Message) -> None:
         if isinstance(message, Event):

@@ -20,7 +20,7 @@ from aiohttp import web
 from daemon.dashboard.http_rules import security_headers
 from daemon.dashboard.recorded_runs import RecordedRuns
 from daemon.host.processes import end_with_parent
-from daemon.recording.run_folder import REPORT_FILE, SURROUNDINGS_FILE
+from daemon.recording.run_folder import REPORT_FILE
 
 _AT_ONCE: Final = 2
 """Processes that read recordings, whoever asks for how many."""
@@ -45,7 +45,6 @@ class RunPages:
             web.get("/api/runs", self._list),
             web.get("/api/runs/{run}/replay", self._replay),
             web.get("/api/runs/{run}/report", self._report),
-            web.get("/api/runs/{run}/surroundings.stl", self._surroundings),
             web.get("/api/runs/{run}/files/{file}", self._download),
         ]
 
@@ -104,10 +103,6 @@ class RunPages:
         response = web.Response(body=content, content_type="text/html", charset="utf-8")
         response.headers.update({**security_headers(), "Content-Security-Policy": policy})
         return response
-
-    async def _surroundings(self, request: web.Request) -> web.Response:
-        content = await self._content(request, SURROUNDINGS_FILE)
-        return web.Response(body=content, content_type="model/stl")
 
     async def _download(self, request: web.Request) -> web.StreamResponse:
         path = await self._path(request, request.match_info["file"])

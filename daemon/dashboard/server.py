@@ -78,7 +78,6 @@ class PageServer:
                 web.get("/api/robots", self._robots),
                 web.get("/api/experiments", self._list_experiments),
                 web.get("/api/controllers", self._controllers),
-                web.get("/api/surroundings", self._surroundings),
                 web.get("/api/surroundings.stl", self._mesh),
                 web.get("/metrics", self._metrics),
                 web.post("/api/stop", self._stop),
@@ -192,9 +191,6 @@ class PageServer:
 
     async def _controllers(self, request: web.Request) -> web.Response:
         return _json(self._experiments.controllers(self._link(request.query.get("robot")).name))
-
-    async def _surroundings(self, request: web.Request) -> web.Response:
-        return _json(self._link(request.query.get("robot")).surroundings[0])
 
     async def _mesh(self, request: web.Request) -> web.Response:
         mesh = self._link(request.query.get("robot")).surroundings[1]

@@ -30,6 +30,8 @@ RESULT_FILE: Final = "result.json"
 REPORT_FILE: Final = "report.html"
 SURROUNDINGS_FILE: Final = "surroundings.stl"
 """What was round the body, in the base sensor's frame, in mm."""
+SURROUNDINGS_FILES: Final = "surroundings*.stl"
+"""Pattern of that, and of what has taken its place."""
 _UNFINISHED: Final = ".part"
 
 

@@ -70,6 +70,7 @@ class StagedRobot(FakeRobot):
         self.aside: dict[str, Any] = {}
         """What each step's risk says of what it was turned aside for."""
         self.room_sha256 = ""
+        self.workspace_mm = _WORKSPACE
         self.moving_mm: list[list[float]] = []
         """Where obstacles that move may be."""
         self.remote: RemoteServer | None = None
@@ -99,6 +100,7 @@ class StagedRobot(FakeRobot):
         """As it was at first, whatever the last test has left."""
         self.state, self.reasons, self._following = "ready", [], ""
         self.aside, self.settles, self.moving_mm = {}, False, []
+        self.workspace_mm = _WORKSPACE
         self.lease = Lease(self._lease_s)
         self.tip = np.array([0.0, 0.0, 100.0])
         for kept in (self.carried_out, self.setpoints, self.came_s, self.stopped_ns):
@@ -182,7 +184,7 @@ class StagedRobot(FakeRobot):
         """Others, from this moment on. In the event loop."""
         assert self.remote is not None
         self.room_sha256 = f"{len(self.room_sha256)}{len(regions)}"
-        room = cut_surroundings("", b"", _WORKSPACE, self.room_sha256, regions)
+        room = cut_surroundings("", b"", self.workspace_mm, self.room_sha256, regions)
         self.remote.show(room)
 
     def told(self, number: int) -> Sequence[Any]:
@@ -348,7 +350,7 @@ class Stage:
 
 async def _play(folder: Path, robot: StagedRobot, name: str, opened: asyncio.Event) -> None:
     """Behind the wire, until it is cancelled."""
-    surroundings = cut_surroundings("", b"", _WORKSPACE)
+    surroundings = cut_surroundings("", b"", robot.workspace_mm)
     async with serving(folder, robot, surroundings=surroundings, name=name) as (remote, _):
         robot.remote = remote
         opened.set()

@@ -71,6 +71,24 @@ def test_a_daemon_that_dies_and_comes_back_is_picked_up_and_nobody_is_in_control
         assert seen.page.locator("#control").is_enabled()
 
 
+def test_a_daemon_that_comes_back_tells_its_workspace_anew_and_its_events_once(
+    browser: "Browser", on: Stage
+) -> None:
+    with browsing(browser, on.address) as seen:
+        seen.until_live()
+        seen.arm()
+        rows = seen.page.locator("#events li")
+        until(lambda: rows.count() == len(on.robot.events), "its events are listed")
+        on.close_robot()
+        until(lambda: seen.stale, "it is gone")
+        on.robot.workspace_mm = [[-20.0, 20.0], [-20.0, 20.0], [60.0, 140.0]]
+        on.open_robot()
+        seen.until_live()
+        until(lambda: seen.probe()["workspace"] == on.robot.workspace_mm, "its workspace is drawn")
+        assert rows.count() == len(on.robot.events), "what was listed before is not listed again"
+    on.close_robot()
+
+
 def test_what_is_told_of_old_data_enables_nothing_even_for_a_moment(
     browser: "Browser", on: Stage
 ) -> None:

@@ -2,12 +2,13 @@
 
 import time
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from tests.daemon.recording.synthetic_run import make_run
+from tests.daemon.recording.synthetic_run import make_run, make_surrounded_run
 from tests.hil.processes import Process, command
 from tests.page.browsing import Browsing, browsing, until
 
@@ -126,6 +127,34 @@ def test_keys_move_along_it_but_not_from_a_field(browser: "Browser", address: st
         seen.page.locator("#moment").focus()
         seen.page.keyboard.press("End")
         until(lambda: t_of(seen) > _LONG_S - 5.0)
+
+
+def shows(seen: Browsing, room: dict[str, object]) -> bool:
+    return bool(seen.probe()["room"] == room)
+
+
+def test_what_is_round_the_body_is_that_of_the_moment(browser: "Browser", tmp_path: Path) -> None:
+    folder = tmp_path / "soft_arm-2020"
+    folder.mkdir()
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(make_surrounded_run, folder, 10.0).result()
+    server = Process(command("dashboard", "nobody", "--port", "0", "--replay", str(folder)))
+    try:
+        with browsing(browser, server.next_line()[1].split()[1]) as seen:
+            opened(seen)
+            said = seen.page.locator("#surroundings")
+            rooms = [
+                ("1", {"mesh": "room.stl", "bytes": 134, "regions": 0}, "room.stl"),
+                ("6", {"mesh": "other.stl", "bytes": 184, "regions": 1}, "other.stl, 1 region"),
+                ("9", {"mesh": "lost.stl", "bytes": 0, "regions": 0}, "lost.stl, the file"),
+            ]
+            for moment, room, words in [*rooms, *reversed(rooms)]:
+                seen.page.locator("#moment").fill(moment)
+                until(partial(shows, seen, room), said.inner_text)
+                assert said.inner_text().startswith(words)
+            assert seen.errors == []
+    finally:
+        server.leave()
 
 
 def test_a_recording_that_is_none_is_explained(browser: "Browser", tmp_path: Path) -> None:

@@ -22,10 +22,11 @@ export function clock(seconds) {
   return `${Math.floor(whole / 60)}:${String(whole % 60).padStart(2, "0")}.${tenths}`;
 }
 
-export async function told(path) {
+// as: `json`, or what else a response is made of.
+export async function told(path, as = "json") {
   const response = await fetch(path);
   if (!response.ok) throw new Error(await response.text());
-  return response.json();
+  return response[as]();
 }
 
 export function post(path, body) {

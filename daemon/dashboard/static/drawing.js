@@ -182,11 +182,12 @@ export class Drawing {
     this.triad.position.set(x[0], y[0], z[0]);
   }
 
-  // A binary STL of the surroundings.
+  // A binary STL of the surroundings. Of a file that is none, or was cut off, nothing is drawn.
   mesh(buffer) {
     this.leave("surroundings");
     if (!buffer || buffer.byteLength < 84) return;
     const data = new DataView(buffer), count = data.getUint32(80, true);
+    if (buffer.byteLength < 84 + 50 * count) return;
     const places = new Float32Array(count * 9);
     for (let t = 0; t < count; t++) for (let n = 0; n < 9; n++) places[t * 9 + n] = data.getFloat32(84 + t * 50 + 12 + n * 4, true);
     const geometry = new THREE.BufferGeometry();

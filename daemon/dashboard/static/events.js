@@ -6,12 +6,15 @@ let events = [], jump = null, now = Infinity;
 
 const text = (event) => `${event.subject ? `${event.subject}: ` : ""}${event.present ? "" : "over: "}${event.text}${event.detail ? ` (${event.detail})` : ""}`;
 const seconds = (event) => event.t_s ?? event.t_ns * 1e-9;
+const identity = (event) => `${event.sequence} ${event.t_ns}`;
 const line = (event) => `${seconds(event).toFixed(3)}\t${event.kind}\t${event.name}\t${text(event)}`;
 
 export const eventCount = () => events.length;
 
+// A connection that has come back tells from the beginning.
 export function addEvents(told) {
-  events.push(...told);
+  const known = new Set(jump ? [] : events.map(identity));
+  events = events.concat(told.filter((event) => !known.has(identity(event))));
   if (!jump) events = events.slice(-KEPT);
   show();
 }

@@ -14,7 +14,7 @@ const STALE_S = 0.5, RUNS_EVERY_MS = 15000, SHOWN_EVERY_MS = 95, SHOWN_WITHIN_MS
 const replayed = new URLSearchParams(location.search).get("replay");
 const look = {
   frames: 0, status: null, risk: null, tip: null, body: null, heard: 0, age: Infinity, number: 0, drawnNumber: 0, drawnHeard: -Infinity,
-  inControl: false, role: "", source: "", workspace: null, room: "", roomAsked: 0, hand: "",
+  inControl: false, role: "", source: "", workspace: null, room: null, hand: "",
   age_s: () => look.age + (performance.now() - look.heard) / 1000,
   stale: () => !(look.age_s() <= STALE_S),
   pictureAge: () => look.drawnAge + (performance.now() - look.drawnHeard) / 1000,
@@ -23,7 +23,7 @@ const fetched = replayed ? fetchReplay(replayed, reading) : null;
 if (fetched) fetched.catch(() => {});  // told where it is opened
 const drawnTimes = [];
 let scene = null, plots = null, axisNames = "", replay = null, hand = null, awake = false, timer = 0;
-let unshown = null, shown_ms = -Infinity, turn = 0;
+let unshown = null, shown_ms = -Infinity, turn = 0, room = 0;
 
 async function makeScene() {
   try {
@@ -60,7 +60,6 @@ function say(frame) {
     const status = look.status = frame.status;
     makePlots(status);
     showState(status, look.risk);
-    followRoom(status.risk && status.risk.surroundings_sha256);
     put($("stopstate"), replayed ? "" : `${$("state").textContent}: ${$("headline").textContent}`);
     put($("holder"), replayed ? "" : status.lease.holder ? `in control: ${look.inControl ? "this page" : status.lease.holder}` : "nobody is in control");
     showReasons(status);
@@ -97,6 +96,7 @@ function takeLive(frame) {
   if (plots && frame.risk) plots.risk.add(frame.risk.t_ns * 1e-9, [frame.risk.contact_risk, frame.risk.threshold]);
   if (plots && frame.tip) { plots.error.add(frame.tip.t_ns * 1e-9, [frame.tip.error_mm]); scene.addToTrail(frame.tip); }
   if (plots && frame.axes && look.status) plots.force.add(frame.axes.t_ns * 1e-9, [...frame.axes.force, ...forceRange(look.status)]);
+  if (frame.surroundings) showRoom(frame.surroundings, () => told(`api/surroundings.stl?robot=${encodeURIComponent($("robot").value)}`, "arrayBuffer"));
   unshown = { ...unshown, ...frame, events: [...((unshown && unshown.events) || []), ...(frame.events || [])] };
   if (frame.tip) look.tip = frame.tip;
   scene.take(frame);
@@ -145,36 +145,32 @@ async function choose() {
   if (!robot || replayed) return;
   Object.assign(look, { status: null, risk: null, tip: null, body: null, age: Infinity, inControl: false });
   unshown = null;
+  room += 1;
   clearEvents();
   scene.clear();
   sayWhom();
   live.listen(robot);
   const query = `robot=${encodeURIComponent(robot)}`;
   try {
-    showExperiments(await told(`api/experiments?${query}`));
-    const controllers = await told(`api/controllers?${query}`);
+    const [experiments, controllers] = await Promise.all([told(`api/experiments?${query}`), told(`api/controllers?${query}`)]);
+    if ($("robot").value !== robot) return;  // another one was picked meanwhile
+    showExperiments(experiments);
     $("leadcontroller").replaceChildren(...controllers.map((one) => new Option(one.label, one.name)));
-    showRoom(await told(`api/surroundings?${query}`), `api/surroundings.stl?${query}`);
   } catch { /* the server is away: the age of the data says so */ }
 }
 
+// What is round the body from now on. mesh: promises its bytes, which take a while: others may have come meanwhile.
 async function showRoom(about, mesh) {
+  const asked = room += 1;
   look.workspace = about.workspace_mm;
-  look.room = about.counts_sha256;
+  look.room = null;
   scene.setWorkspace(about.workspace_mm);
-  scene.setRegions(about.regions || []);
-  scene.setMesh(about.parts ? await (await fetch(mesh)).arrayBuffer() : null);
-}
-
-// Other surroundings may take their place while the robot stands; the server gets them a little later.
-async function followRoom(sha256) {
-  if (replayed || !sha256 || sha256 === look.room || Date.now() - look.roomAsked < 1000) return;
-  look.roomAsked = Date.now();
-  const query = `robot=${encodeURIComponent($("robot").value)}`;
-  try {
-    const about = await told(`api/surroundings?${query}`);
-    if (about.counts_sha256 === sha256) await showRoom(about, `api/surroundings.stl?${query}`);
-  } catch { /* the server is away: the age of the data says so */ }
+  scene.setRegions(about.regions);
+  let bytes = null;
+  try { if (about.parts) bytes = await mesh(); } catch { /* the server is away, and tells of it anew when it is back */ }
+  if (asked !== room) return;
+  scene.setMesh(bytes);
+  look.room = { mesh: about.mesh, bytes: bytes ? bytes.byteLength : 0, regions: about.regions.length };
 }
 
 // STOP is for the robot that is picked: said in the same moment in which it is picked.

@@ -45,13 +45,15 @@ export async function openReplay(name, fetched, page) {
 
 class Replay {
   constructor(name, block, page) {
-    Object.assign(this, { block, page, shown: 0, plotted: false });
+    Object.assign(this, { name, block, page, shown: 0, plotted: false });
     const header = block.header;
     eventsJump((t) => this.timeline.go(t));
     addEvents(header.events);
     showCycles(header.cycles);
     this.about(name, header);
-    page.showRoom({ workspace_mm: header.workspace_mm, parts: header.surroundings ? 1 : 0 }, `api/runs/${encodeURIComponent(name)}/surroundings.stl`);
+    this.rooms = header.surroundings;
+    this.roomTimes = this.rooms.map(({ t_s }) => t_s);
+    this.meshes = new Map();
     this.timeline = new Timeline(header, (t) => this.show(t));
     const states = block.kinds.state;
     this.timeline.go(states.times.length ? Math.max(0, states.times[0]) : 0);
@@ -69,6 +71,7 @@ class Replay {
     const every = header.kinds.tip.every;
     if (every > 1) facts.Frames = `every ${every}th is shown`;
     $("about").replaceChildren(...Object.entries(facts).flatMap(([term, value]) => [made("dt", { textContent: term }), made("dd", { textContent: value })]));
+    $("about").append(made("dt", { textContent: "Surroundings" }), made("dd", { id: "surroundings" }));
     told("api/runs").then((runs) => {
       const run = runs.find((one) => one.name === name);
       if (run) $("aboutlinks").replaceChildren(...runLinks(run, this.page.role).slice(1));
@@ -78,6 +81,7 @@ class Replay {
   show(t) {
     const frame = this.block.frame(t);
     this.inState(frame, t);
+    this.inRoom(t);
     this.page.draw(frame);
     if (!this.plotted && this.page.plots()) this.plot();
     if (frame.tip) this.page.scene.setTrails(this.block.trail("tip", t, TRAIL), this.block.trail("reference", t, TRAIL));
@@ -94,6 +98,27 @@ class Replay {
     if (!this.status || (!frame.status && state === this.state)) return;
     this.state = state;
     frame.status = { ...this.status, state: state || this.status.state };
+  }
+
+  // Others may have taken the place of what was round the body.
+  inRoom(t) {
+    const { mesh, file, lost, regions } = this.rooms[Math.max(newest(this.roomTimes, t), 0)];
+    const words = [mesh || file, regions.length && `${regions.length} ${regions.length > 1 ? "regions" : "region"}`, lost && "the file of the mesh is missing"].filter(Boolean).join(", ");
+    const key = JSON.stringify([words, file, regions]);
+    if (key === this.room) return;
+    this.room = key;
+    put($("surroundings"), words || "none");
+    this.page.showRoom({ workspace_mm: this.block.header.workspace_mm, parts: file ? 1 : 0, mesh: mesh || file, regions }, () => this.mesh(file));
+  }
+
+  // Each is fetched once, however often it is passed; one that did not come is asked for again.
+  mesh(file) {
+    if (!this.meshes.has(file)) {
+      const fetched = told(`api/runs/${encodeURIComponent(this.name)}/files/${encodeURIComponent(file)}`, "arrayBuffer");
+      this.meshes.set(file, fetched);
+      fetched.catch(() => this.meshes.delete(file));
+    }
+    return this.meshes.get(file);
   }
 
   plot() {

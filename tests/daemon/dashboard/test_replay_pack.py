@@ -17,7 +17,12 @@ from daemon.dashboard.replay_pack import pack
 from daemon.messages import Tip
 from daemon.recording.result import ErrorTable
 from daemon.recording.run_reader import UnreadableRunError
-from tests.daemon.recording.synthetic_run import make_parts, make_run, messages
+from tests.daemon.recording.synthetic_run import (
+    make_parts,
+    make_run,
+    make_surrounded_run,
+    messages,
+)
 
 
 class Block:
@@ -144,6 +149,32 @@ def test_the_workspace_is_the_run_s_own(tmp_path: Path) -> None:
     assert block_of(tmp_path).header["workspace_mm"] == [[-1, 1], [-2, 2], [0, 3]]
     (tmp_path / "robot.yaml").write_bytes(b"\xff: [")
     assert block_of(tmp_path).header["workspace_mm"] is None
+
+
+def test_surroundings_are_those_of_each_moment(tmp_path: Path) -> None:
+    changed = make_surrounded_run(tmp_path, cycle_s=4.0)
+    told = block_of(tmp_path).header["surroundings"]
+    assert [one["mesh"] for one in told] == ["room.stl", "other.stl", "lost.stl"]
+    assert [one["t_s"] for one in told] == pytest.approx([0.0, 2.0, 3.0])
+    assert [one["file"] for one in told] == ["surroundings.stl", "surroundings-2.stl", ""]
+    assert [one["lost"] for one in told] == [False, False, True]
+    assert [len(one["regions"]) for one in told] == [0, 1, 0]
+    assert told[1]["regions"][0]["kind"] == "ball" and len(changed) == 3
+
+
+def test_a_recording_that_tells_of_no_surroundings_has_its_folder_s(tmp_path: Path) -> None:
+    make_run(tmp_path, cycles=1, cycle_s=2.0)
+    (none,) = block_of(tmp_path).header["surroundings"]
+    assert (none["file"], none["regions"]) == ("", [])
+    ball = {"kind": "ball", "centre_mm": [0.0, 0.0, 9.0], "radius_mm": 3.0}
+    regions = [ball, {"kind": "blob"}, 7]
+    (tmp_path / "robot.yaml").write_text(
+        yaml.safe_dump({"risk": {"surface": {"regions": regions}}})
+    )
+    (tmp_path / "surroundings.stl").write_bytes(bytes(84))
+    (told,) = block_of(tmp_path).header["surroundings"]
+    assert (told["t_s"], told["file"], told["lost"]) == (0.0, "surroundings.stl", False)
+    assert [one["kind"] for one in told["regions"]] == ["ball"], "what is none is not drawn"
 
 
 def test_what_is_no_recording_is_said_in_a_line(tmp_path: Path) -> None:

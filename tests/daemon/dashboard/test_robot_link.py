@@ -4,10 +4,14 @@ import asyncio
 from pathlib import Path
 
 import msgspec
+import pytest
 
 from daemon.dashboard.robot_link import HEARD_WITHIN_S, PageControl, RobotLink
 from daemon.host.clock import run_in_real_time
-from daemon.messages import Status
+from daemon.messages import Status, Surroundings
+from daemon.remote.client import surroundings_watch
+from daemon.remote.client.client_errors import BadAnswerError
+from daemon.remote.client.surroundings_watch import SurroundingsWatch
 from daemon.remote.surroundings import cut_surroundings
 from tests.daemon.remote.rig import FakeRobot, publish_until, serving, until
 
@@ -62,4 +66,39 @@ def test_other_surroundings_are_fetched_when_the_state_tells_of_them(tmp_path: P
             running.cancel()
             await asyncio.gather(running, return_exceptions=True)
 
+    run_in_real_time(test())
+
+
+def test_surroundings_that_have_not_come_are_asked_for_again_and_the_last_ones_stay(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    class Client:
+        """Is refused the first look; others take their place while the second one goes on."""
+
+        now, looks = "a", 0
+
+        async def surroundings(self) -> tuple[Surroundings, bytes]:
+            self.looks += 1
+            if self.looks == 1:
+                raise BadAnswerError("the surroundings have not come whole: ask again")
+            found, pause = Surroundings(counts_sha256=self.now), 0.03 if self.looks == 2 else 0.0
+            await asyncio.sleep(pause)
+            return found, b""
+
+    async def test() -> None:
+        client, heard = Client(), list[str]()
+        watch = SurroundingsWatch(
+            client,  # type: ignore[arg-type]
+            Surroundings(),
+            lambda around, _: heard.append(around.counts_sha256),
+        )
+        for step in range(12):
+            client.now = "a" if step < 6 else "b"
+            told = FakeRobot().status()
+            risk = msgspec.structs.replace(told.risk, surroundings_sha256=client.now)
+            watch.heard(msgspec.structs.replace(told, risk=risk))
+            await asyncio.sleep(0.01)
+        assert heard == ["a", "b"] and client.looks == 3
+
+    monkeypatch.setattr(surroundings_watch, "_TRY_AGAIN_S", 0.03)
     run_in_real_time(test())

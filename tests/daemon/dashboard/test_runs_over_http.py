@@ -40,6 +40,9 @@ def test_a_viewer_lists_replays_and_fetches(tmp_path: Path, run: Path) -> None:
             assert status == 200 and whole == recorded
             assert headers["Content-Disposition"].startswith("attachment")
             assert headers["X-Content-Type-Options"] == "nosniff"
+            (run.parent / "surroundings-0a.stl").write_bytes(b"a mesh")
+            status, mesh, _ = await get(page, "/api/runs/arm-1/files/surroundings-0a.stl")
+            assert status == 200 and mesh == b"a mesh"
             assert (await get(page, "/api/runs", ""))[0] == 401
 
     run_in_real_time(test())
@@ -54,12 +57,14 @@ def test_a_viewer_lists_replays_and_fetches(tmp_path: Path, run: Path) -> None:
         "/api/runs/arm-1/files/..%2f..%2fsecret",
         "/api/runs/arm-1/files/secret",
         "/api/runs/arm-1/report",
-        "/api/runs/arm-1/surroundings.stl",
+        "/api/runs/arm-1/files/surroundings.stl",
+        "/api/runs/arm-1/files/surroundings-2.stl",
     ],
 )
 def test_nothing_else_of_the_disk_is_handed_out(tmp_path: Path, run: Path, path: str) -> None:
     (run.parent / "secret").write_text("no")
     (tmp_path / "secret").write_text("no")
+    (run.parent / "surroundings-2.stl").symlink_to(tmp_path / "secret")
 
     async def test() -> None:
         async with served(tmp_path) as page:

@@ -1,6 +1,7 @@
 """A made-up run that looks like a real one: a soft arm that learns to follow a circle."""
 
 import asyncio
+import json
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -21,12 +22,13 @@ from daemon.messages import (
     Risk,
     RiskStatus,
     Status,
+    SurroundingsChanged,
     Tip,
     TrackerStatus,
 )
 from daemon.recording.direct_recorder import DirectRecorder
 from daemon.recording.flight_recorder import Recorder
-from daemon.recording.run_folder import RUN_FILE, segment_file, unfinished
+from daemon.recording.run_folder import RUN_FILE, SURROUNDINGS_FILE, segment_file, unfinished
 
 BOOT_NS = 5_000_000_000
 WALL_NS = 1_577_836_800_000_000_000
@@ -244,6 +246,35 @@ def make_run(folder: Path, cycles: int = 3, cycle_s: float = CYCLE_S, seed: int 
     """A finished run in `folder`. Returns its recording."""
     asyncio.run(direct_run(folder, list(messages(cycles, cycle_s, seed))))
     return folder / RUN_FILE
+
+
+def make_surrounded_run(folder: Path, cycle_s: float = CYCLE_S) -> list[SurroundingsChanged]:
+    """A run in `folder` in which others take the place of what was round the body: from the
+    beginning a mesh, a ball besides from half of the time on, and after three quarters a mesh whose
+    file was not kept. Returns what was told of them."""
+    telemetry = list(messages(1, cycle_s))
+    ball = {"kind": "ball", "keep": "out", "centre_mm": [0.0, 30.0, 60.0], "radius_mm": 9.0}
+    told = [
+        SurroundingsChanged(
+            t_ns=BOOT_NS + int(share * cycle_s * 1e9),
+            sha256=file,
+            mesh=mesh,
+            triangles=1,
+            surface=json.dumps({"regions": regions}),
+            file=file,
+        )
+        for share, mesh, file, regions in (
+            (0.0, "room.stl", SURROUNDINGS_FILE, []),
+            (0.5, "other.stl", "surroundings-2.stl", [ball]),
+            (0.75, "lost.stl", "surroundings-3.stl", []),
+        )
+    ]
+    everything = sorted([*telemetry, *told], key=lambda one: int(one.t_ns))  # type: ignore[attr-defined]
+    asyncio.run(direct_run(folder, everything))
+    for number, file in enumerate((SURROUNDINGS_FILE, "surroundings-2.stl"), start=1):
+        facets = bytes(50 * number)
+        (folder / file).write_bytes(bytes(80) + number.to_bytes(4, "little") + facets)
+    return told
 
 
 def make_parts(folder: Path, gap: slice) -> list[Message]:
