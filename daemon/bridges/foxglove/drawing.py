@@ -6,6 +6,8 @@ from typing import Final
 import numpy as np
 from foxglove.messages import (
     Color,
+    CubePrimitive,
+    CylinderPrimitive,
     Duration,
     FrameTransform,
     LinePrimitive,
@@ -16,6 +18,8 @@ from foxglove.messages import (
     Pose,
     Quaternion,
     SceneEntity,
+    SceneEntityDeletion,
+    SceneEntityDeletionType,
     SpherePrimitive,
     Timestamp,
     TriangleListPrimitive,
@@ -23,6 +27,7 @@ from foxglove.messages import (
 )
 from numpy.typing import NDArray
 
+from daemon.bridges.foxglove.solids import Solid
 from daemon.bridges.poses import is_place, quaternion_along, unit_quaternion
 from daemon.messages import Body, Component, Event, Risk, Tip
 
@@ -132,6 +137,28 @@ def surroundings_entity(
         corners = corners @ matrix[:3, :3].T + matrix[:3, 3]
     triangles = TriangleListPrimitive(points=_points(corners), color=_SURROUNDINGS)
     return _entity("surroundings", date_ns, triangles=[triangles])
+
+
+def solids_entity(name: str, solids: Sequence[Solid], date_ns: int) -> SceneEntity | None:
+    """`regions`, `moving obstacles`; None where there are none."""
+    if not solids:
+        return None
+    return SceneEntity(
+        timestamp=_stamp(date_ns),
+        frame_id=BASE,
+        id=name,
+        lifetime=Duration(0, 0),
+        frame_locked=True,
+        cubes=[one for one in solids if isinstance(one, CubePrimitive)],
+        cylinders=[one for one in solids if isinstance(one, CylinderPrimitive)],
+        spheres=[one for one in solids if isinstance(one, SpherePrimitive)],
+    )
+
+
+def gone(name: str, date_ns: int) -> SceneEntityDeletion:
+    """That one of the entities is not there any more."""
+    by_name = SceneEntityDeletionType.MatchingId
+    return SceneEntityDeletion(timestamp=_stamp(date_ns), type=by_name, id=name)
 
 
 def log(event: Event, date_ns: int) -> Log:

@@ -10,7 +10,11 @@ import msgspec
 from daemon.bridges.foxglove.scene import FoxgloveScene
 from daemon.messages import SurroundingsChanged
 from daemon.recording.format.channels import MESSAGES
-from daemon.recording.run_folder import SURROUNDINGS_FILE
+from daemon.recording.recorded_surroundings import (
+    RecordedSurroundings,
+    surroundings_at_first,
+    surroundings_told,
+)
 from daemon.recording.run_parts import RunParts
 
 _DECODERS: Final = {topic: msgspec.json.Decoder(kind) for topic, kind in MESSAGES.items()}
@@ -31,7 +35,6 @@ def export_foxglove(run: Path, out: Path) -> Exported:
     all. Raises UnreadableRunError, OSError."""
     parts, scene = RunParts(run), FoxgloveScene()
     folder = run if run.is_dir() else run.parent
-    scene.set_surroundings(_mesh(folder, SURROUNDINGS_FILE))
     out.parent.mkdir(parents=True, exist_ok=True)
     partly = out.with_name(f".{out.name}.part")
     partly.unlink(missing_ok=True)
@@ -47,7 +50,8 @@ def export_foxglove(run: Path, out: Path) -> Exported:
 def _carry_over(parts: RunParts, scene: FoxgloveScene, folder: Path) -> Exported:
     """Raises UnreadableRunError, OSError."""
     count = unreadable = 0
-    around = SURROUNDINGS_FILE
+    around = surroundings_at_first(folder)
+    _surround(scene, folder, around)
     for message in parts.messages(MESSAGES):
         if not count:
             scene.show_surroundings(message.wall_ns)
@@ -59,14 +63,16 @@ def _carry_over(parts: RunParts, scene: FoxgloveScene, folder: Path) -> Exported
             unreadable += 1
             continue
         scene.draw(told, message.wall_ns)
-        if isinstance(told, SurroundingsChanged) and told.file != around:
-            around = told.file
-            scene.set_surroundings(_mesh(folder, around))
+        if isinstance(told, SurroundingsChanged):
+            before, around = around, surroundings_told(folder, told)
+            if (around.file, around.regions) == (before.file, before.regions):
+                continue  # it tells of them as it begins, too
+            _surround(scene, folder, around)
             scene.show_surroundings(message.wall_ns)
     return Exported(count, unreadable)
 
 
-def _mesh(folder: Path, name: str) -> bytes:
-    """A file of the run's own; empty where there is none. Raises OSError."""
-    path = folder / Path(name).name
-    return path.read_bytes() if path.is_file() else b""
+def _surround(scene: FoxgloveScene, folder: Path, around: RecordedSurroundings) -> None:
+    """Raises OSError."""
+    mesh = (folder / around.file).read_bytes() if around.file else b""
+    scene.set_surroundings(mesh, around.regions)

@@ -1,6 +1,7 @@
 """The channels that Foxglove is told the robot on: the same in a file and live."""
 
 from collections import deque
+from collections.abc import Sequence
 from typing import Final
 
 import foxglove
@@ -8,17 +9,22 @@ from foxglove import Channel, Context
 from foxglove.channels import FrameTransformChannel, LogChannel, SceneUpdateChannel
 from foxglove.messages import SceneEntity, SceneEntityDeletion, SceneEntityDeletionType, SceneUpdate
 
+from config.control import Region
 from daemon.bridges.foxglove.drawing import (
     body_entity,
     clearance_entity,
     frames,
+    gone,
     log,
+    solids_entity,
     surroundings_entity,
     trail_entity,
 )
+from daemon.bridges.foxglove.solids import moving_solids, region_solids
 from daemon.bridges.poses import is_place
-from daemon.messages import Body, Event, Message, Risk, Surroundings, Tip, WhoAmI
+from daemon.messages import Body, Event, Message, Risk, Status, Surroundings, Tip, WhoAmI
 from daemon.recording.format.channels import TOPICS, channel_format, telemetry_payload
+from daemon.recording.recorded_surroundings import known_regions
 
 TRANSFORMS: Final = "/tf"
 SCENE: Final = "/scene"
@@ -44,9 +50,11 @@ class FoxgloveScene:
             name: deque(maxlen=_TRAIL_PLACES) for name in ("tip trail", "reference trail")
         }
         self._trail_ns = 0
-        self._around: SceneEntity | None = None
-        self._surrounded = False
-        """Whether some were shown."""
+        self._around: dict[str, SceneEntity] = {}
+        self._shown: set[str] = set()
+        """Names of what was shown round the body."""
+        self._moves = False
+        """Whether obstacles that move were shown."""
 
     def connected(self, me: WhoAmI, surroundings: Surroundings, mesh: bytes) -> None:  # noqa: ARG002
         """A live daemon. What was drawn of another time goes."""
@@ -55,7 +63,8 @@ class FoxgloveScene:
 
     def surrounded(self, surroundings: Surroundings, mesh: bytes) -> None:
         """What is round the body from now on; `show_surroundings` tells it."""
-        self._around = surroundings_entity(mesh, surroundings.transform, 0)
+        regions = known_regions(surroundings.regions)
+        self.set_surroundings(mesh, regions, surroundings.transform)
 
     def lost(self, why: str) -> None:  # noqa: ARG002
         """What was drawn is old from here on: nothing of it stays."""
@@ -81,22 +90,37 @@ class FoxgloveScene:
             self._show(body_entity(message, date_ns), "body", date_ns)
         elif isinstance(message, Risk):
             self._show(clearance_entity(message, date_ns), "clearance", date_ns)
+        elif isinstance(message, Status):
+            self._show_moving(message, date_ns)
         elif isinstance(message, Event):
             self._log.log(log(message, date_ns), log_time=date_ns)
 
-    def set_surroundings(self, mesh: bytes) -> None:
-        """Of a recording: already in the base's frame."""
-        self._around = surroundings_entity(mesh, None, 0)
+    def set_surroundings(
+        self, mesh: bytes, regions: Sequence[Region], transform: Sequence[float] | None = None
+    ) -> None:
+        """transform: of the mesh, into the base's frame; None: it is in it, as of a recording."""
+        solids = [solid for region in regions for solid in region_solids(region)]
+        found = {
+            "surroundings": surroundings_entity(mesh, transform, 0),
+            "regions": solids_entity("regions", solids, 0),
+        }
+        self._around = {name: one for name, one in found.items() if one is not None}
 
     def show_surroundings(self, date_ns: int) -> None:
-        """When others take their place, and to whoever comes, live."""
-        if self._around is not None:
-            self._surrounded = True
-            self._surroundings.log(SceneUpdate(entities=[self._around]), log_time=date_ns)
-        elif self._surrounded:
-            self._surrounded = False
-            gone = SceneEntityDeletion(type=SceneEntityDeletionType.All)
-            self._surroundings.log(SceneUpdate(deletions=[gone]), log_time=date_ns)
+        """When others take their place, and to whoever comes, live: all in one message, because
+        who comes later, or goes to another moment of a file, is shown the last one."""
+        over = [gone(name, date_ns) for name in sorted(self._shown - set(self._around))]
+        self._shown = set(self._around)
+        if over or self._around:
+            update = SceneUpdate(entities=list(self._around.values()), deletions=over)
+            self._surroundings.log(update, log_time=date_ns)
+
+    def _show_moving(self, status: Status, date_ns: int) -> None:
+        solids = moving_solids(status.risk.moving_mm)
+        if solids or self._moves:
+            self._moves = bool(solids)
+            name = "moving obstacles"
+            self._show(solids_entity(name, solids, date_ns), name, date_ns)
 
     def _lengthen_trails(self, tip: Tip, date_ns: int) -> None:
         if 0 <= date_ns - self._trail_ns < _TRAIL_EACH_NS:
@@ -118,14 +142,14 @@ class FoxgloveScene:
         if entity is not None:
             update = SceneUpdate(entities=[entity])
         else:
-            gone = SceneEntityDeletion(type=SceneEntityDeletionType.MatchingId, id=name)
-            update = SceneUpdate(deletions=[gone])
+            update = SceneUpdate(deletions=[gone(name, date_ns)])
         self._scene.log(update, log_time=date_ns)
 
     def _forget(self) -> None:
         for trail in self._trails.values():
             trail.clear()
         self._trail_ns = 0
+        self._moves = False
         everything = SceneEntityDeletion(type=SceneEntityDeletionType.All)
         self._scene.log(SceneUpdate(deletions=[everything]))
 

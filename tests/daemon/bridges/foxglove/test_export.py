@@ -1,6 +1,7 @@
 """`tentacled export --foxglove`: read back by Foxglove's own MCAP and protobuf readers."""
 
 import asyncio
+import json
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,11 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from msgspec.structs import replace
 
 from daemon.commands.terminal.command_line import main
-from daemon.messages import Body, Component, Message, Risk, SurroundingsChanged
+from daemon.messages import Body, Component, Message, Risk, Status, SurroundingsChanged
 from daemon.recording.run_folder import RUN_FILE, SURROUNDINGS_FILE
-from tests.daemon.bridges.telling import tip
+from tests.daemon.bridges.telling import status, tip
 from tests.daemon.recording.synthetic_run import BOOT_NS, WALL_NS, direct_run, event
 
 foxglove = pytest.importorskip("foxglove", reason="pip install '.[bridges]'")
@@ -29,6 +31,13 @@ AWAY = Risk(
     sequence=0, t_ns=BOOT_NS + 30_000_000, source="model", threshold=0.05, scale=1.0, reasons=[],
     place_mm=[1.0, 2.0, 3.0], obstacle_mm=[4.0, 5.0, 6.0],
 )  # fmt: skip
+REGIONS: tuple[dict[str, Any], ...] = (
+    {"kind": "ball", "centre_mm": [0, 0, 50], "radius_mm": 5},
+    {"kind": "box", "centre_mm": [0, 0, 9], "size_mm": [10, 20, 30], "turned": [0, 0, 0, 1]},
+    {"kind": "capsule", "from_mm": [0, 0, 0], "to_mm": [30, 0, 0], "radius_mm": 2},
+    {"kind": "cylinder", "keep": "in", "from_mm": [0, 0, 0], "to_mm": [0, 9, 0], "radius_mm": 2},
+    {"kind": "half_space", "point_mm": [0, 20, 0], "normal": [0, -7, 0]},
+)
 BODY = Body(
     t_ns=BOOT_NS + 40_000_000,
     source="model",
@@ -140,12 +149,63 @@ def test_surroundings_are_there_once_from_the_beginning(
     assert [(p.x, p.y) for p in points] == pytest.approx([(0.0, 0.0), (0.01, 0.0), (0.0, 0.02)])
 
 
-def test_surroundings_are_others_from_when_others_take_their_place(tmp_path: Path) -> None:
-    def changed(after_ns: int, file: str) -> SurroundingsChanged:
-        return SurroundingsChanged(
-            t_ns=BOOT_NS + after_ns, sha256="", mesh="", triangles=1, surface="{}", file=file
-        )
+def changed(after_ns: int, file: str, *regions: dict[str, Any]) -> SurroundingsChanged:
+    return SurroundingsChanged(
+        t_ns=BOOT_NS + after_ns,
+        sha256="",
+        mesh="",
+        triangles=1,
+        surface=json.dumps({"regions": regions}),
+        file=file,
+    )
 
+
+def test_regions_are_drawn_until_others_take_their_place(tmp_path: Path) -> None:
+    telemetry: list[Message] = [
+        changed(0, "", {"kind": "ball", "centre_mm": [0, 0, 50], "radius_mm": 5}),
+        changed(100, "", *REGIONS),
+        changed(200, ""),
+    ]
+    asyncio.run(direct_run(tmp_path, telemetry))
+    out = tmp_path / "out" / "drawn.mcap"
+    assert main(["export", str(tmp_path), "--foxglove", str(out)]) == 0
+    first, second, third = (update for _, update in decoded_of(out)["/surroundings"])
+    assert len(first.entities[0].spheres) == 1 and third.deletions[0].id == "regions"
+    (drawn,) = second.entities
+    assert [len(kind) for kind in (drawn.spheres, drawn.cubes, drawn.cylinders)] == [3, 2, 2]
+    ball, *caps = drawn.spheres
+    assert (ball.pose.position.z, ball.size.x) == pytest.approx((0.05, 0.01))
+    assert [cap.pose.position.x for cap in caps] == pytest.approx([0.0, 0.03])
+    rod, tin = drawn.cylinders
+    assert (rod.size.x, rod.size.z, rod.top_scale, rod.bottom_scale) == pytest.approx(
+        (0.004, 0.03, 1.0, 1.0)
+    )
+    assert rod.pose.position.x == pytest.approx(0.015)
+    turn = rod.pose.orientation
+    assert (turn.w, turn.y) == pytest.approx((0.5**0.5, 0.5**0.5)), "z is turned onto x"
+    assert (tin.color.g, tin.color.r) == (0.65, 0.15), "to stay in"
+    box, plane = drawn.cubes
+    assert (box.size.x, box.size.y, box.pose.orientation.z) == pytest.approx((0.01, 0.02, 1.0))
+    assert (plane.pose.position.y, plane.size.z) == pytest.approx((0.02, 0.0002))
+
+
+def test_obstacles_that_move_are_drawn_where_they_are_and_go_again(tmp_path: Path) -> None:
+    def at(number: int, *moving_mm: list[float]) -> Status:
+        told = status(t_ns=BOOT_NS + number)
+        return replace(told, risk=replace(told.risk, moving_mm=list(moving_mm)))
+
+    telemetry: list[Message] = [at(0), at(1, [60, 0, 65, -30, 0, 0, 6]), at(2), at(3)]
+    asyncio.run(direct_run(tmp_path, telemetry))
+    out = tmp_path / "out" / "drawn.mcap"
+    assert main(["export", str(tmp_path), "--foxglove", str(out)]) == 0
+    there, gone = (update for _, update in decoded_of(out)["/scene"])
+    (moves,) = there.entities
+    assert [one.pose.position.x for one in moves.spheres] == pytest.approx([0.06, 0.03])
+    assert moves.id == gone.deletions[0].id == "moving obstacles"
+    assert gone.deletions[0].timestamp.ToNanoseconds() == WALL_NS + 2
+
+
+def test_surroundings_are_others_from_when_others_take_their_place(tmp_path: Path) -> None:
     files = (SURROUNDINGS_FILE, "surroundings-2.stl", "../secret.stl", SURROUNDINGS_FILE)
     folder = tmp_path / "run"
     folder.mkdir()
