@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daemon.host.real_time import collector_paused
-from daemon.messages import Event, SurroundingsChanged
+from daemon.messages import Body, Event, Status, SurroundingsChanged
 from daemon.recording.recorded_surroundings import (
     RecordedSurroundings,
     robot_values,
@@ -75,6 +75,8 @@ class _Loop(msgspec.Struct):
 
 
 _DECODERS: Final[dict[str, Callable[[bytes], Any]]] = {
+    "state": msgspec.json.Decoder(Status).decode,
+    "body": msgspec.json.Decoder(Body).decode,
     "tip": msgspec.json.Decoder(_Tip).decode,
     "axes": msgspec.json.Decoder(_Axes).decode,
     "risk": msgspec.json.Decoder(_Risk).decode,
@@ -174,7 +176,6 @@ class ReplayPacker:
             **more,
             "duration_s": self._s(self._last_ns),
             "started_ns": self._first_ns or 0,
-            "unreadable": self.unreadable,
             "kinds": {kind: self._laid_kind(laid, kind) for kind in _KINDS},
             "series": self._series(laid),
             "states": [(self._s(wall_ns), state) for wall_ns, state in self._states],
@@ -239,22 +240,24 @@ class ReplayPacker:
         axes, loops = self._rows("axes"), self._rows("loop")
         width = max((len(drawn.force) for _, _, drawn in axes), default=0)
         columns = {
-            "error": (tips, [[_or_none(tip.error_mm)] for _, _, tip in tips]),
-            "tip": (tips, [_place(tip.tip_mm) for _, _, tip in tips]),
-            "reference": (tips, [_place(tip.reference_mm) for _, _, tip in tips]),
-            "force": (axes, [_fitted(one.force, width) for _, _, one in axes]),
-            "risk": (risks, [[_or_none(r.contact_risk), r.threshold] for _, _, r in risks]),
-            "clearance": (risks, [[_or_none(r.clearance_mm)] for _, _, r in risks]),
-            "loop": (loops, [[loop.status.lateness_p99_s * 1e3] for _, _, loop in loops]),
+            "error": (1, tips, [[_or_none(tip.error_mm)] for _, _, tip in tips]),
+            "tip": (3, tips, [_place(tip.tip_mm) for _, _, tip in tips]),
+            "reference": (3, tips, [_place(tip.reference_mm) for _, _, tip in tips]),
+            "force": (width, axes, [_fitted(one.force, width) for _, _, one in axes]),
+            "risk": (2, risks, [[_or_none(r.contact_risk), r.threshold] for _, _, r in risks]),
+            "clearance": (1, risks, [[_or_none(r.clearance_mm)] for _, _, r in risks]),
+            "loop": (1, loops, [[loop.status.lateness_p99_s * 1e3] for _, _, loop in loops]),
         }
-        return {
-            name: self._laid_series(laid, rows, values) for name, (rows, values) in columns.items()
-        }
+        return {name: self._laid_series(laid, *series) for name, series in columns.items()}
 
     def _laid_series(
-        self, laid: "_Laid", rows: Sequence[tuple[int, bytes, Any]], values: list[list[float]]
+        self,
+        laid: "_Laid",
+        width: int,
+        rows: Sequence[tuple[int, bytes, Any]],
+        values: list[list[float]],
     ) -> dict[str, Any]:
-        table = np.array(values, dtype="<f4").reshape(len(rows), -1)
+        table = np.array(values, dtype="<f4").reshape(len(rows), width)
         columns = [laid.add(np.ascontiguousarray(column).tobytes()) for column in table.T]
         return {
             "count": len(rows),
@@ -301,13 +304,13 @@ def pack(path: Path, out: IO[bytes]) -> None:
         for message in parts.messages(_TOPICS):
             packer.take(message)
         if packer.empty:
-            raise UnreadableRunError(f"{path}: there is no message in it")
-        for piece in packer.block(_about(path, folder, parts)):
+            raise UnreadableRunError(f"{path}: no telemetry in it can be read")
+        for piece in packer.block(_about(path, folder, parts, packer.unreadable)):
             out.write(piece)
     out.flush()
 
 
-def _about(path: Path, folder: Path, parts: RunParts) -> dict[str, Any]:
+def _about(path: Path, folder: Path, parts: RunParts, no_messages: int) -> dict[str, Any]:
     result = read_result(folder)
     header = parts.metadata(HEADER)
     first_ns = min((span.first_ns for span in parts.spans.values()), default=0)
@@ -317,6 +320,7 @@ def _about(path: Path, folder: Path, parts: RunParts) -> dict[str, Any]:
         "header": header,
         "whole": parts.whole,
         "dropped": parts.dropped,
+        "unreadable": parts.unreadable + no_messages,
         "workspace_mm": _workspace(folder),
         "result": None
         if result is None

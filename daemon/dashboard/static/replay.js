@@ -68,6 +68,7 @@ class Replay {
       "Worst error": header.worst ? `${number(header.worst.error_mm, 2, " mm")} at ${clock(header.worst.t_s)}` : "–",
       Recording: header.whole ? "ended properly" : "not ended", "Left out": header.dropped ? `${header.dropped} messages` : "nothing",
     };
+    if (header.unreadable) facts.Unreadable = `${header.unreadable} messages or stretches`;
     const every = header.kinds.tip.every;
     if (every > 1) facts.Frames = `every ${every}th is shown`;
     $("about").replaceChildren(...Object.entries(facts).flatMap(([term, value]) => [made("dt", { textContent: term }), made("dd", { textContent: value })]));

@@ -1,5 +1,6 @@
 """What a replay is made of: every message at its time, the worst error whatever is thinned out."""
 
+import asyncio
 import io
 import json
 import subprocess
@@ -14,10 +15,13 @@ import yaml
 
 from daemon.dashboard import replay_pack
 from daemon.dashboard.replay_pack import pack
-from daemon.messages import Tip
+from daemon.messages import Status, Tip
 from daemon.recording.result import ErrorTable
-from daemon.recording.run_reader import UnreadableRunError
+from daemon.recording.run_reader import RunMessage, UnreadableRunError
 from tests.daemon.recording.synthetic_run import (
+    BOOT_NS,
+    WALL_NS,
+    direct_run,
     make_parts,
     make_run,
     make_surrounded_run,
@@ -175,6 +179,25 @@ def test_a_recording_that_tells_of_no_surroundings_has_its_folder_s(tmp_path: Pa
     (told,) = block_of(tmp_path).header["surroundings"]
     assert (told["t_s"], told["file"], told["lost"]) == (0.0, "surroundings.stl", False)
     assert [one["kind"] for one in told["regions"]] == ["ball"], "what is none is not drawn"
+
+
+def test_a_recording_that_was_cut_off_before_its_first_step_is_replayed(tmp_path: Path) -> None:
+    state = next(one for one in messages() if isinstance(one, Status))
+    asyncio.run(direct_run(tmp_path, [state, msgspec.structs.replace(state, t_ns=BOOT_NS + 7)]))
+    block = block_of(tmp_path)
+    assert [told["robot"] for _, told in block.messages("state")] == ["soft_arm", "soft_arm"]
+    times, columns = block.series("reference")
+    assert len(times) == 0 and [len(column) for column in columns] == [0, 0, 0]
+
+
+def test_messages_that_are_none_are_left_out_and_counted(tmp_path: Path) -> None:
+    make_run(tmp_path, cycles=1, cycle_s=2.0)
+    packer = replay_pack.ReplayPacker(tmp_path)
+    for topic in ("/state", "/body", "/tip", "/surroundings_changed"):
+        for data in (b'{"of": "another version"}', b"\xff"):
+            packer.take(RunMessage(topic, WALL_NS, 0, data))
+    assert packer.unreadable == 8 and packer.empty
+    assert block_of(tmp_path).header["unreadable"] == 0
 
 
 def test_what_is_no_recording_is_said_in_a_line(tmp_path: Path) -> None:
