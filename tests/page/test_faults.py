@@ -330,7 +330,9 @@ def test_where_no_robot_is_stop_says_so(browser: "Browser") -> None:
     server = Process(command("dashboard", "nobody_here", "--port", "0"))
     try:
         with browsing(browser, server.next_line()[1].split()[1]) as seen:
-            until(lambda: "No robot" in seen.page.locator("#stopwhom").inner_text())
+            headline = seen.page.locator("#headline")
+            until(lambda: "No robot runs" in headline.inner_text(), headline.inner_text)
+            assert "tentacled run" in seen.page.locator("#remedy").inner_text()
             seen.page.keyboard.press("Escape")
             says = seen.page.locator("#stopsays")
             until(lambda: says.get_attribute("data-outcome") == "no answer")

@@ -129,6 +129,10 @@ function showAge() {
   for (const button of document.querySelectorAll("main .live button, #control")) if (stale) button.disabled = true;
   if (stale) { forgetButtons(); wake(); }
   else $("load").disabled = !$("experiment").value;
+  if (stale && !look.status) {
+    put($("headline"), $("robot").options.length ? look.problem || "No data yet" : "No robot runs here");
+    put($("remedy"), "A robot is started with `tentacled run ROBOT`, and found by itself");
+  }
   const age = Number.isFinite(seconds) ? `no data for ${seconds.toFixed(1)} s` : "no data";
   put($("connection"), stale ? look.problem || age : "live");
   if (stale) put($("stopstate"), look.problem || age);
@@ -143,7 +147,7 @@ const live = replayed ? null : new Live(takeLive, () => { look.inControl = false
 async function choose() {
   const robot = $("robot").value;
   if (!robot || replayed) return;
-  Object.assign(look, { status: null, risk: null, tip: null, body: null, age: Infinity, inControl: false });
+  Object.assign(look, { status: null, problem: "", risk: null, tip: null, body: null, age: Infinity, inControl: false });
   unshown = null;
   room += 1;
   clearEvents();
