@@ -65,6 +65,7 @@ def test_a_daemon_that_dies_and_comes_back_is_picked_up_and_nobody_is_in_control
         # Both: a page that had fallen behind shows its last messages late, and is live once more.
         until(lambda: seen.stale and not disarm.is_enabled(), "it greys out")
         assert seen.page.locator("#stop").is_enabled()
+        assert "Control was lost" in seen.page.locator("#answer").inner_text()
         on.open_robot()
         seen.until_live()
         assert not seen.probe()["inControl"], "nothing is taken again by itself"
@@ -280,6 +281,10 @@ def test_a_second_page_takes_over_and_the_first_one_commands_nothing_more(
             lambda: two.probe()["inControl"] and not one.probe()["inControl"], "it was taken over"
         )
         assert "hold" in on.robot.verbs(), "what moved was held first"
+        told = one.page.locator("#answer")
+        until(lambda: told.inner_text() == "Another page has taken control", told.inner_text)
+        holder = one.page.locator("#holder")
+        until(lambda: holder.inner_text() == "in control: another page", holder.inner_text)
         taken_s = time.monotonic()
         time.sleep(0.6)
         assert not [at_s for at_s in on.robot.came_s if at_s > taken_s + 0.3]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -247,6 +248,21 @@ def led_and_stopped(seen: Browsing, on: Stage) -> None:
     seen.page.keyboard.press("Escape")
     says = seen.page.locator("#stopsays")
     until(lambda: says.get_attribute("data-outcome") == "confirmed", "STOP is confirmed")
+
+
+def test_long_words_and_markup_of_reasons_are_shown_whole_and_as_words(
+    browser: "Browser", on: Stage
+) -> None:
+    path = "/srv/" + "a_very_long_name_" * 20
+    reason = replace(_HOLD, text=f"<img src=x onerror=alert(1)> {path}", remedy=path)
+    for width in (1280, 360):
+        with browsing(browser, on.address, viewport={"width": width, "height": 800}) as seen:
+            on.robot.reasons = [reason]
+            for name in ("headline", "remedy", "reasons"):
+                shown = seen.page.locator(f"#{name}")
+                until(lambda shown=shown: path in shown.inner_text(), shown.inner_text)  # type: ignore[misc]
+                assert shown.evaluate("e => e.scrollWidth <= e.clientWidth"), (name, width)
+            assert seen.page.locator("main img").count() == 0 and seen.errors == []
 
 
 def test_without_webgl_the_robot_is_drawn_flat_and_everything_works(

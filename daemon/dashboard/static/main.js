@@ -61,7 +61,8 @@ function say(frame) {
     makePlots(status);
     showState(status, look.risk);
     put($("stopstate"), replayed ? "" : `${$("state").textContent}: ${$("headline").textContent}`);
-    put($("holder"), replayed ? "" : status.lease.holder ? `in control: ${look.inControl ? "this page" : status.lease.holder}` : "nobody is in control");
+    const holder = look.inControl ? "this page" : look.taken ? "another page" : status.lease.holder;
+    put($("holder"), replayed ? "" : holder ? `in control: ${holder}` : "nobody is in control");
     showReasons(status);
     showFigures(status, look.risk, look.pictureFigure ? { "Picture's age": look.pictureFigure } : {});
     showDrives(status);
@@ -85,6 +86,7 @@ function takeLive(frame) {
   look.heard = performance.now();
   look.age = frame.problem ? Infinity : frame.age_s;
   look.problem = frame.problem;
+  if (look.inControl && !frame.in_control) loseControl(frame.control_taken ? "Another page has taken control" : "Control was lost: this page was not heard for too long, or the daemon has gone");
   look.inControl = frame.in_control;
   look.taken = frame.control_taken;
   look.hand = frame.hand;
@@ -135,14 +137,20 @@ function showAge() {
   }
   const age = Number.isFinite(seconds) ? `no data for ${seconds.toFixed(1)} s` : "no data";
   put($("connection"), stale ? look.problem || age : "live");
-  if (stale) put($("stopstate"), look.problem || age);
+  if (stale) { put($("stopstate"), look.problem || age); put($("holder"), ""); }
   $("connection").dataset.live = String(!stale);
   const hangs = !stale && !document.hidden && scene.working && look.pictureAge() > HANGS_S;
   $("scenepanel").classList.toggle("hanging", hangs);
   put($("source"), hangs ? `The picture hangs: it is ${number(look.pictureAge(), 0, " s")} old. Reload the page.` : look.source);
 }
 
-const live = replayed ? null : new Live(takeLive, () => { look.inControl = false; });
+// Whoever gives it back knows.
+function loseControl(why) {
+  if (look.inControl && !look.gives) { $("answer").className = "bad"; put($("answer"), why); }
+  look.inControl = look.gives = false;
+}
+
+const live = replayed ? null : new Live(takeLive, () => loseControl("Control was lost with the connection to the page's server"));
 
 async function choose() {
   const robot = $("robot").value;
@@ -198,7 +206,7 @@ async function findRobots() {
 }
 
 function begin() {
-  $("control").addEventListener("click", () => ask(look.inControl ? "give" : "take", { over: look.taken }));
+  $("control").addEventListener("click", () => { look.gives = look.inControl; ask(look.inControl ? "give" : "take", { over: look.taken }); });
   $("robot").addEventListener("change", choose);
   $("load").addEventListener("click", () => { const parameters = changedParameters(); if (parameters) ask("load", { experiment: $("experiment").value, parameters }); });
   $("teleoperate").addEventListener("click", async () => {
