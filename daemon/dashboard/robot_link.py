@@ -34,6 +34,8 @@ from daemon.remote.keys import TELEMETRY_KEYS
 
 _TRY_AGAIN_S: Final = 0.5
 _EVENTS_KEPT: Final = 1000
+_CYCLES_TOLD: Final = 12
+"""As many as a page shows: of a night there are thousands, all told anew with every one."""
 _RENEW_EACH_S: Final = 0.2
 _DEPTH: Final = 512
 HEARD_WITHIN_S: Final = 0.4
@@ -121,8 +123,8 @@ class RobotLink:
 
     @property
     def cycles(self) -> list[CycleError]:
-        """The tip's error since the last start that was heard, cycle by cycle."""
-        return self._errors.rows()
+        """The tip's error since the last start that was heard, cycle by cycle: of the last ones."""
+        return self._errors.rows()[-_CYCLES_TOLD:]
 
     @property
     def status(self) -> Status | None:

@@ -356,3 +356,20 @@ def test_the_browser_is_asked_for_no_more_pictures_than_are_drawn(
         assert asked <= 1.5 * drawn + 5, (
             "whatever is pressed waits for each, and for empty ones too"
         )
+
+
+def test_the_picture_s_age_does_not_depend_on_whose_clock_is_right(
+    browser: "Browser", on: Stage
+) -> None:
+    ahead = (
+        "const now = Date.now, begun = performance.timeOrigin + 3600000;"
+        "Date.now = () => now() + 3600000;"
+        "Object.defineProperty(performance, 'timeOrigin', { value: begun });"
+    )
+    with browsing(browser, on.address) as seen:
+        seen.page.add_init_script(ahead)
+        seen.page.route("**/drawing_worker.js", lambda route: route.abort())
+        seen.page.reload()
+        seen.until_live()
+        until(lambda: len(seen.page.evaluate("window.drawnTimes()")), "pictures are drawn")
+        until(lambda: (ages := seen.page.evaluate("window.drawnTimes()")) and max(ages) < 5000.0)

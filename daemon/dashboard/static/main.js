@@ -10,7 +10,7 @@ import { fetchReplay, openReplay, reading } from "./replay.js";
 import { showRuns } from "./runs.js";
 import { Hand } from "./teleoperation.js";
 
-const STALE_S = 0.5, RUNS_EVERY_MS = 15000, SHOWN_EVERY_MS = 95, SHOWN_WITHIN_MS = 250, HANGS_S = 1.5, TOLD_WITHIN_MS = 30;
+const STALE_S = 0.5, CLOCKS_APART_S = 1, CLOCKS_ASKED_MS = 60000, RUNS_EVERY_MS = 15000, SHOWN_EVERY_MS = 95, SHOWN_WITHIN_MS = 250, HANGS_S = 1.5, TOLD_WITHIN_MS = 30;
 const replayed = new URLSearchParams(location.search).get("replay");
 const look = {
   frames: 0, status: null, risk: null, tip: null, body: null, heard: 0, age: Infinity, number: 0, drawnNumber: 0, drawnHeard: -Infinity,
@@ -19,6 +19,7 @@ const look = {
   stale: () => !(look.age_s() <= STALE_S),
   pictureAge: () => look.drawnAge + (performance.now() - look.drawnHeard) / 1000,
 };
+if (replayed) put($("headline"), "Reading the recording");
 const fetched = replayed ? fetchReplay(replayed, reading) : null;
 if (fetched) fetched.catch(() => {});  // told where it is opened
 const drawnTimes = [];
@@ -85,6 +86,7 @@ function takeLive(frame) {
   look.number = frame.n;
   look.heard = performance.now();
   look.age = frame.problem ? Infinity : frame.age_s;
+  if (frame.sent_s !== undefined) compareClocks(frame.sent_s);
   look.problem = frame.problem;
   if (look.inControl && !frame.in_control) loseControl(frame.control_taken ? "Another page has taken control" : "Control was lost: this page was not heard for too long, or the daemon has gone");
   look.inControl = frame.in_control;
@@ -237,9 +239,18 @@ if (replayed) {
 findRobots();
 setInterval(findRobots, 1000);
 
+// By how far this clock is ahead of the server's, which may stand elsewhere: the least that it was lately, as the
+// way here takes time. Clocks that are less apart than ways may take are counted as one.
+function compareClocks(sent_s) {
+  const now = performance.now(), ahead = Date.now() / 1000 - sent_s;
+  if (!(now - look.comparedAt < CLOCKS_ASKED_MS)) { look.comparedAt = now; look.ahead = ahead; }
+  look.ahead = Math.min(look.ahead, ahead);
+}
+
 // at_ms: when the picture was ready, in ms since 1970.
 function drawnAt(at_ms, age_s, sent_s) {
-  const age_ms = (age_s - sent_s) * 1000 + at_ms;
+  const apart_s = Math.abs(look.ahead) > CLOCKS_APART_S ? look.ahead : 0;
+  const age_ms = (age_s - sent_s - apart_s) * 1000 + at_ms;
   look.pictureFigure = number(age_ms, 0, " ms");
   drawnTimes.push(age_ms);
   if (drawnTimes.length > 2000) drawnTimes.shift();

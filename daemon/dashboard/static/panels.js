@@ -78,8 +78,8 @@ export function showDrives(status) {
 export function showCycles(cycles) {
   if (!changed("cycles", cycles)) return;
   $("cyclespanel").hidden = !cycles.length;
-  const worst = Math.max(...cycles.map((row) => row.max_mm), 1e-9);
-  $("cycles").replaceChildren(...cycles.slice(-12).map((row) => {
+  const shown = cycles.slice(-12), worst = Math.max(...shown.map((row) => row.max_mm), 1e-9);
+  $("cycles").replaceChildren(...shown.map((row) => {
     const bar = made("meter", { min: 0, max: worst, value: row.mean_mm, ariaLabel: `mean error of cycle ${row.cycle + 1}` });
     return made("tr", {}, made("td", { textContent: row.cycle + 1 }), made("td", { textContent: number(row.mean_mm, 2) }),
       made("td", { textContent: number(row.max_mm, 2) }), made("td", {}, bar));

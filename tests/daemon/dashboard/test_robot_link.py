@@ -5,6 +5,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from msgspec.structs import replace
 
 from daemon.dashboard.robot_link import HEARD_WITHIN_S, PageControl, RobotLink
 from daemon.host.clock import run_in_real_time
@@ -13,7 +14,7 @@ from daemon.remote.client import surroundings_watch
 from daemon.remote.client.client_errors import BadAnswerError
 from daemon.remote.client.surroundings_watch import SurroundingsWatch
 from daemon.remote.surroundings import cut_surroundings
-from tests.daemon.remote.rig import FakeRobot, publish_until, serving, until
+from tests.daemon.remote.rig import FakeRobot, publish_until, serving, tip, until
 
 
 def test_a_page_that_is_not_heard_is_no_operator() -> None:
@@ -63,6 +64,22 @@ def test_other_surroundings_are_fetched_when_the_state_tells_of_them(tmp_path: P
                 server, robot.status(), lambda: link.surroundings[1] == b"second" * 20_000
             )
             assert link.surroundings[0].mesh == "b.stl"
+            running.cancel()
+            await asyncio.gather(running, return_exceptions=True)
+
+    run_in_real_time(test())
+
+
+def test_a_night_s_cycles_are_not_told_over_and_over(tmp_path: Path) -> None:
+    async def test() -> None:
+        async with serving(tmp_path) as (server, _):
+            link = RobotLink("little_arm", tmp_path)
+            running = asyncio.create_task(link.run())
+            await until(lambda: link.status is not None)
+            for cycle in range(40):
+                server.publish(replace(tip(), state="running", cycle=cycle, error_mm=1.0))
+            await until(lambda: link.cycles and link.cycles[-1].cycle == 39)
+            assert [row.cycle for row in link.cycles] == list(range(28, 40))
             running.cancel()
             await asyncio.gather(running, return_exceptions=True)
 
