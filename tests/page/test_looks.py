@@ -373,3 +373,28 @@ def test_the_picture_s_age_does_not_depend_on_whose_clock_is_right(
         seen.until_live()
         until(lambda: len(seen.page.evaluate("window.drawnTimes()")), "pictures are drawn")
         until(lambda: (ages := seen.page.evaluate("window.drawnTimes()")) and max(ages) < 5000.0)
+
+
+def test_the_list_of_recordings_takes_the_focus_from_nobody(browser: "Browser", on: Stage) -> None:
+    runs = on.folder / "runs"
+    for name in ("arm-1", "arm-2"):
+        (runs / name).mkdir(parents=True, exist_ok=True)
+        (runs / name / "run.mcap").write_bytes(b"one")
+    often = (
+        "const whole = window.setInterval;"
+        "window.setInterval = (f, ms, ...more) => whole(f, Math.min(ms, 200), ...more);"
+    )
+    with browsing(browser, on.address) as seen:
+        seen.page.add_init_script(often)
+        seen.page.reload()
+        listed = seen.page.locator("#runs tr")
+        until(lambda: listed.count() == 2, "both are listed")
+        seen.page.get_by_role("link", name="Replay arm-1").focus()
+        (runs / "arm-2" / "run.mcap").write_bytes(b"ten times as much" * 1000)
+        (runs / "arm-3").mkdir()
+        (runs / "arm-3" / "run.mcap").write_bytes(b"one")
+        until(lambda: listed.count() == 3 and "17 kB" in listed.nth(1).inner_text(), "it is new")
+        names = [listed.nth(n).locator("td").first.inner_text() for n in range(3)]
+        assert names == ["arm-3", "arm-2", "arm-1"]
+        focus = seen.page.evaluate("document.activeElement.getAttribute('aria-label')")
+        assert focus == "Replay arm-1"

@@ -29,13 +29,26 @@ function reportLink(run, role) {
   return button;
 }
 
-export async function showRuns(role) {
-  let runs;
-  try { runs = await told("api/runs"); } catch { return; }
-  $("runspanel").hidden = !runs.length;
-  $("runs").replaceChildren(...runs.slice(0, 60).map((run) => made("tr", { dataset: { run: run.name } },
+function rowOf(run, role) {
+  return made("tr", { dataset: { run: run.name } },
     made("td", { textContent: run.name }),
     made("td", { textContent: [run.trajectory, run.controller].filter(Boolean).join(", ") || (run.finished ? "–" : "being recorded") }),
     made("td", { textContent: run.mean_mm === undefined || run.mean_mm === null ? "–" : `${run.mean_mm.toFixed(2)} mm` }),
-    made("td", { className: "links" }, ...runLinks(run, role)))));
+    made("td", { className: "links" }, ...runLinks(run, role)));
+}
+
+let rows = new Map();
+
+// A row stays the same as long as it says the same: whoever has the focus in it, or waits for a report, keeps that.
+export async function showRuns(role) {
+  let runs;
+  try { runs = (await told("api/runs")).slice(0, 60); } catch { return; }
+  $("runspanel").hidden = !runs.length;
+  const before = rows, table = $("runs");
+  rows = new Map(runs.map((run) => {
+    const words = JSON.stringify(run);
+    return [words, before.get(words) || rowOf(run, role)];
+  }));
+  for (const [words, row] of before) if (!rows.has(words)) row.remove();
+  [...rows.values()].forEach((row, n) => { if (table.children[n] !== row) table.insertBefore(row, table.children[n] || null); });
 }
