@@ -28,7 +28,7 @@ from daemon.messages import (
 from daemon.recording.result import CycleError, ErrorTable
 from daemon.remote.client.address import LocalAddress
 from daemon.remote.client.client import RobotClient
-from daemon.remote.client.client_errors import ClientError
+from daemon.remote.client.client_errors import ClientError, DaemonNotRunningError
 from daemon.remote.client.surroundings_watch import SurroundingsWatch
 from daemon.remote.keys import TELEMETRY_KEYS
 
@@ -142,7 +142,7 @@ class RobotLink:
         """Connect, listen, and begin again."""
         while True:
             try:
-                async with await RobotClient.connect(LocalAddress.in_folder(self.folder)) as client:
+                async with await RobotClient.connect(self._address()) as client:
                     await self._listen(client)
             except (ClientError, OSError, ValueError) as error:
                 self.problem = str(error)
@@ -150,6 +150,16 @@ class RobotLink:
                 self._client = None
                 self.control.give(self.control.page)
             await asyncio.sleep(_TRY_AGAIN_S)
+
+    def _address(self) -> LocalAddress:
+        """Raises DaemonNotRunningError."""
+        address = LocalAddress.in_folder(self.folder)
+        if address.robot != self.name:
+            text = (
+                f"no daemon of {self.name} is running: in {self.folder} is that of {address.robot}"
+            )
+            raise DaemonNotRunningError(text)
+        return address
 
     async def _listen(self, client: RobotClient) -> None:
         subscription = client.subscribe(list(TELEMETRY_KEYS), _DEPTH)

@@ -190,7 +190,11 @@ async def _find(
                 wanted = found is not None and (
                     not arguments.robots or found.robot in arguments.robots
                 )
-                if found is not None and wanted and found.robot not in server.links:
+                known = None if found is None else server.links.get(found.robot)
+                if known is not None and known.problem and known.folder != folder:
+                    known.folder = folder  # it has come back elsewhere
+                    server.serve(known)
+                if found is not None and wanted and known is None:
                     tell = None if log is None else event_line(log, found.robot)
                     link = RobotLink(found.robot, folder, tell)
                     server.serve(link)

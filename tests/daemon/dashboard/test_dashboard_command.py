@@ -1,13 +1,20 @@
 """`tentacled dashboard`: to whom it is open by default, and what it says where that are more."""
 
+import asyncio
 import urllib.request
 from collections.abc import Iterator
+from pathlib import Path
 from urllib.error import HTTPError
 
 import pytest
 
 from daemon.commands.host import dashboard
 from daemon.commands.terminal.command_line import parsed
+from daemon.dashboard.recorded_runs import RecordedRuns
+from daemon.dashboard.robot_link import RobotLink
+from daemon.host.clock import run_in_real_time
+from tests.daemon.remote.conftest import tmp_path as tmp_path
+from tests.daemon.remote.rig import ROBOT, serving, until
 from tests.hil.processes import Process, command
 
 
@@ -56,3 +63,37 @@ def test_authentication_is_left_to_a_proxy_only_where_that_is_asked_for(open_to_
         assert server.next_line()[1].startswith("viewer: ")
     finally:
         server.leave()
+
+
+def test_a_daemon_that_comes_back_in_another_folder_is_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Server:
+        def __init__(self) -> None:
+            self.links: dict[str, RobotLink] = {}
+            self.stopped_in: list[Path] = []
+
+        def serve(self, link: RobotLink) -> None:
+            self.links[link.name] = link
+            self.stopped_in.append(link.folder)
+
+    folders = [tmp_path / "a", tmp_path / "b"]
+    monkeypatch.setattr(dashboard, "running_daemons", lambda _: folders)
+    monkeypatch.setattr(dashboard, "_LOOKS_EACH_S", 0.05)
+
+    async def test() -> None:
+        server = Server()
+        runs = RecordedRuns()
+        finding = asyncio.create_task(
+            dashboard._find(server, runs, parsed(["dashboard"]))  # type: ignore[arg-type]
+        )
+        for folder in folders:
+            folder.mkdir()
+            async with serving(folder):
+                await until(lambda: server.links and server.links[ROBOT].status)
+            await until(lambda: server.links[ROBOT].status is None)
+        assert server.stopped_in == folders, "STOP goes where it is"
+        finding.cancel()
+        await asyncio.gather(finding, return_exceptions=True)
+
+    run_in_real_time(test())

@@ -70,6 +70,21 @@ def test_other_surroundings_are_fetched_when_the_state_tells_of_them(tmp_path: P
     run_in_real_time(test())
 
 
+def test_another_robot_s_daemon_in_the_same_folder_is_not_taken_for_this_one(
+    tmp_path: Path,
+) -> None:
+    async def test() -> None:
+        async with serving(tmp_path, name="other_arm"):
+            link = RobotLink("little_arm", tmp_path)
+            running = asyncio.create_task(link.run())
+            await until(lambda: link.status is not None or "other_arm" in link.problem)
+            assert link.status is None, "it would be shown and commanded by a wrong name"
+            running.cancel()
+            await asyncio.gather(running, return_exceptions=True)
+
+    run_in_real_time(test())
+
+
 def test_a_night_s_cycles_are_not_told_over_and_over(tmp_path: Path) -> None:
     async def test() -> None:
         async with serving(tmp_path) as (server, _):
