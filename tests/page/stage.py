@@ -67,6 +67,8 @@ class StagedRobot(FakeRobot):
         self.reasons: list[Reason] = []
         self.settles = False
         """Whether what is held stands armed as soon as nothing is against it: so does a daemon."""
+        self.steps = True
+        """Whether it tells of steps: a robot that stands does not."""
         self.aside: dict[str, Any] = {}
         """What each step's risk says of what it was turned aside for."""
         self.room_sha256 = ""
@@ -100,7 +102,7 @@ class StagedRobot(FakeRobot):
         """As it was at first, whatever the last test has left."""
         self.state, self.reasons, self._following = "ready", [], ""
         self.aside, self.settles, self.moving_mm = {}, False, []
-        self.workspace_mm = _WORKSPACE
+        self.workspace_mm, self.steps = _WORKSPACE, True
         self.lease = Lease(self._lease_s)
         self.tip = np.array([0.0, 0.0, 100.0])
         for kept in (self.carried_out, self.setpoints, self.came_s, self.stopped_ns):
@@ -208,20 +210,23 @@ class StagedRobot(FakeRobot):
                 target=[0.0] * 3,
                 force=[8.0, 9.0, 10.0],
             ),
-            Risk(
-                sequence=number,
-                t_ns=now_ns,
-                source="mixture",
-                contact_risk=0.02,
-                threshold=0.05,
-                scale=1.0,
-                reasons=[],
-                clearance_mm=9.0,
-                place_mm=[x, y, 90.0],
-                obstacle_mm=[x + 9.0, y, 90.0],
-                **self.aside,
-            ),
         ]
+        if self.steps:
+            told.append(
+                Risk(
+                    sequence=number,
+                    t_ns=now_ns,
+                    source="mixture",
+                    contact_risk=0.02,
+                    threshold=0.05,
+                    scale=1.0,
+                    reasons=[],
+                    clearance_mm=9.0,
+                    place_mm=[x, y, 90.0],
+                    obstacle_mm=[x + 9.0, y, 90.0],
+                    **self.aside,
+                )
+            )
         if number % _STATUS_EVERY == 0:
             line = [[x * s * s, y * s * s, float(self.tip[2]) * s] for s in along.tolist()]
             shape = Component(weight=1.0, mean_mm=line[8], covariance_mm2=[30, 0, 0, 30, 0, 200])

@@ -398,3 +398,18 @@ def test_the_list_of_recordings_takes_the_focus_from_nobody(browser: "Browser", 
         assert names == ["arm-3", "arm-2", "arm-1"]
         focus = seen.page.evaluate("document.activeElement.getAttribute('aria-label')")
         assert focus == "Replay arm-1"
+
+
+def test_what_was_near_in_the_last_step_is_not_shown_of_a_robot_that_stands(
+    browser: "Browser", on: Stage
+) -> None:
+    with browsing(browser, on.address) as seen:
+        seen.until_live()
+        bar, figures = seen.page.locator("#clearance"), seen.page.locator("#figures")
+        until(bar.is_visible, "how near it is")
+        until(lambda: "9.0 mm" in figures.inner_text(), figures.inner_text)
+        on.robot.steps = False
+        until(lambda: not bar.is_visible(), "nothing is known of now")
+        until(lambda: "9.0 mm" not in figures.inner_text(), figures.inner_text)
+        on.robot.steps = True
+        until(bar.is_visible, "it steps again")

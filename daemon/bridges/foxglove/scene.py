@@ -32,6 +32,7 @@ SURROUNDINGS: Final = "/surroundings"
 LOG: Final = "/log"
 
 _TRAIL_EACH_NS: Final = 100_000_000
+_CLEARANCE_LASTS_NS: Final = 1_000_000_000
 _TRAIL_PLACES: Final = 400
 """Of 10 a second: twice round a circle of 20 s."""
 
@@ -53,6 +54,8 @@ class FoxgloveScene:
         self._around: dict[str, SceneEntity] = {}
         self._shown: set[str] = set()
         """Names of what was shown round the body."""
+        self._clearance_ns: int | None = None
+        """Of the step whose clearance is shown; None: none is."""
         self._moves = False
         """Whether obstacles that move were shown."""
 
@@ -90,8 +93,10 @@ class FoxgloveScene:
             self._show(body_entity(message, date_ns), "body", date_ns)
         elif isinstance(message, Risk):
             self._show(clearance_entity(message, date_ns), "clearance", date_ns)
+            self._clearance_ns = message.t_ns
         elif isinstance(message, Status):
             self._show_moving(message, date_ns)
+            self._end_clearance(message, date_ns)
         elif isinstance(message, Event):
             self._log.log(log(message, date_ns), log_time=date_ns)
 
@@ -122,6 +127,13 @@ class FoxgloveScene:
             name = "moving obstacles"
             self._show(solids_entity(name, solids, date_ns), name, date_ns)
 
+    def _end_clearance(self, status: Status, date_ns: int) -> None:
+        """A robot that stands is told of no steps: what was near in the last one may not be now."""
+        shown_ns = self._clearance_ns
+        if shown_ns is not None and status.t_ns - shown_ns > _CLEARANCE_LASTS_NS:
+            self._clearance_ns = None
+            self._show(None, "clearance", date_ns)
+
     def _lengthen_trails(self, tip: Tip, date_ns: int) -> None:
         if 0 <= date_ns - self._trail_ns < _TRAIL_EACH_NS:
             return
@@ -149,7 +161,7 @@ class FoxgloveScene:
         for trail in self._trails.values():
             trail.clear()
         self._trail_ns = 0
-        self._moves = False
+        self._clearance_ns, self._moves = None, False
         everything = SceneEntityDeletion(type=SceneEntityDeletionType.All)
         self._scene.log(SceneUpdate(deletions=[everything]))
 

@@ -3,6 +3,7 @@ import { $, put, number, told } from "./dom.js";
 import { ask, forgetButtons, showButtons } from "./buttons.js";
 import { addEvents, clearEvents, eventCount } from "./events.js";
 import { changedParameters, showExperiments } from "./experiment.js";
+import { ofNow } from "./last_step.js";
 import { Live } from "./live.js";
 import { showCycles, showDrives, showFigures, showReasons, showState } from "./panels.js";
 import { Plot, legend } from "./plots.js";
@@ -58,14 +59,14 @@ const forceRange = (status) => status.axes.map((axis) => axis.force_range).find(
 function say(frame) {
   if (frame.risk) look.risk = frame.risk;
   if (frame.status) {
-    const status = look.status = frame.status;
+    const status = look.status = frame.status, risk = ofNow(look.risk, status.t_ns);
     makePlots(status);
-    showState(status, look.risk);
+    showState(status, risk);
     put($("stopstate"), replayed ? "" : `${$("state").textContent}: ${$("headline").textContent}`);
     const holder = look.inControl ? "this page" : look.taken ? "another page" : status.lease.holder;
     put($("holder"), replayed ? "" : holder ? `in control: ${holder}` : "nobody is in control");
     showReasons(status);
-    showFigures(status, look.risk, look.pictureFigure ? { "Picture's age": look.pictureFigure } : {});
+    showFigures(status, risk, look.pictureFigure ? { "Picture's age": look.pictureFigure } : {});
     showDrives(status);
   }
   if (frame.tip) look.tip = frame.tip;

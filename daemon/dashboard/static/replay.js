@@ -1,6 +1,7 @@
 // One recording in the page: the block is fetched, and every moment of it is drawn as if it were live.
 import { $, put, made, told, clock, number } from "./dom.js";
 import { addEvents, eventsAt, eventsJump } from "./events.js";
+import { lastsFor } from "./last_step.js";
 import { showCycles } from "./panels.js";
 import { ReplayBlock, newest } from "./replay_block.js";
 import { runLinks } from "./runs.js";
@@ -54,6 +55,7 @@ class Replay {
     this.rooms = header.surroundings;
     this.roomTimes = this.rooms.map(({ t_s }) => t_s);
     this.meshes = new Map();
+    lastsFor(1 + block.header.kinds.state.every / 5 + block.header.kinds.risk.every / 20);
     this.timeline = new Timeline(header, (t) => this.show(t));
     const states = block.kinds.state;
     this.timeline.go(states.times.length ? Math.max(0, states.times[0]) : 0);

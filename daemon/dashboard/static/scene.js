@@ -4,6 +4,7 @@ import * as THREE from "three";
 import { OrbitControls } from "./vendor/three/OrbitControls.js";
 import { put } from "./dom.js";
 import { Pace } from "./frame_pace.js";
+import { ofNow } from "./last_step.js";
 
 const VIEWS = { free: [0.85, -1, 0.35], front: [0, -1, 0], side: [1, 0, 0], top: [0, -0.001, 1] };
 const FIELD = 38, NEAREST_MM = 1, FARTHEST_MM = 5000, TRAIL = 900;
@@ -48,6 +49,7 @@ export class Scene {
   // What is told of one moment, live or recorded.
   take({ status, risk, tip, body }) {
     if (status && status.risk) this.setMovers(status.risk.moving_mm || []);
+    if (status) this.now_ns = status.t_ns;
     if (status) this.moves = status.state === "running";  // steps are made, so that something gives way to something
     if (risk) this.risk = risk;
     if (tip) this.setTip(tip);
@@ -95,7 +97,7 @@ export class Scene {
   }
 
   setClearance() {
-    const { risk } = this, near = risk && risk.place_mm && risk.obstacle_mm;
+    const risk = ofNow(this.risk, this.now_ns), near = risk && risk.place_mm && risk.obstacle_mm;
     this.aside = risk && this.moves ? this.placeAlong(risk.aside_arc_mm) : null;
     this.tell("aside", this.aside);
     this.tell("clearance", near ? { from: risk.place_mm, to: risk.obstacle_mm } : null);

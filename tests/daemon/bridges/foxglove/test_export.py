@@ -205,6 +205,19 @@ def test_obstacles_that_move_are_drawn_where_they_are_and_go_again(tmp_path: Pat
     assert gone.deletions[0].timestamp.ToNanoseconds() == WALL_NS + 2
 
 
+def test_the_clearance_of_a_robot_that_makes_no_steps_any_more_is_not_left_drawn(
+    tmp_path: Path,
+) -> None:
+    after_ns = (100_000_000, 900_000_000, 1_200_000_000, 1_400_000_000)
+    later = [status(t_ns=AWAY.t_ns + each_ns) for each_ns in after_ns]
+    asyncio.run(direct_run(tmp_path, [AWAY, *later]))
+    out = tmp_path / "out" / "drawn.mcap"
+    assert main(["export", str(tmp_path), "--foxglove", str(out)]) == 0
+    (_, there), (at, gone) = decoded_of(out)["/scene"]
+    assert there.entities[0].id == gone.deletions[0].id == "clearance"
+    assert at == WALL_NS + AWAY.t_ns - BOOT_NS + 1_200_000_000
+
+
 def test_surroundings_are_others_from_when_others_take_their_place(tmp_path: Path) -> None:
     files = (SURROUNDINGS_FILE, "surroundings-2.stl", "../secret.stl", SURROUNDINGS_FILE)
     folder = tmp_path / "run"
