@@ -358,23 +358,6 @@ def test_the_browser_is_asked_for_no_more_pictures_than_are_drawn(
         )
 
 
-def test_the_picture_s_age_does_not_depend_on_whose_clock_is_right(
-    browser: "Browser", on: Stage
-) -> None:
-    ahead = (
-        "const now = Date.now, begun = performance.timeOrigin + 3600000;"
-        "Date.now = () => now() + 3600000;"
-        "Object.defineProperty(performance, 'timeOrigin', { value: begun });"
-    )
-    with browsing(browser, on.address) as seen:
-        seen.page.add_init_script(ahead)
-        seen.page.route("**/drawing_worker.js", lambda route: route.abort())
-        seen.page.reload()
-        seen.until_live()
-        until(lambda: len(seen.page.evaluate("window.drawnTimes()")), "pictures are drawn")
-        until(lambda: (ages := seen.page.evaluate("window.drawnTimes()")) and max(ages) < 5000.0)
-
-
 def test_the_list_of_recordings_takes_the_focus_from_nobody(browser: "Browser", on: Stage) -> None:
     runs = on.folder / "runs"
     for name in ("arm-1", "arm-2"):
@@ -398,18 +381,3 @@ def test_the_list_of_recordings_takes_the_focus_from_nobody(browser: "Browser", 
         assert names == ["arm-3", "arm-2", "arm-1"]
         focus = seen.page.evaluate("document.activeElement.getAttribute('aria-label')")
         assert focus == "Replay arm-1"
-
-
-def test_what_was_near_in_the_last_step_is_not_shown_of_a_robot_that_stands(
-    browser: "Browser", on: Stage
-) -> None:
-    with browsing(browser, on.address) as seen:
-        seen.until_live()
-        bar, figures = seen.page.locator("#clearance"), seen.page.locator("#figures")
-        until(bar.is_visible, "how near it is")
-        until(lambda: "9.0 mm" in figures.inner_text(), figures.inner_text)
-        on.robot.steps = False
-        until(lambda: not bar.is_visible(), "nothing is known of now")
-        until(lambda: "9.0 mm" not in figures.inner_text(), figures.inner_text)
-        on.robot.steps = True
-        until(bar.is_visible, "it steps again")

@@ -7,6 +7,7 @@ const REFERENCE = { free: 0x27a567, reduced: 0xe0a022, held: 0xe0464f };
 const TIP = 0x1f6feb, TARGET = 0xb455d6, GIVES_WAY = 0xe0a022, NEAR = 0xe0464f;
 const FORBIDDEN = 0xc76a72, TO_STAY_IN = 0x27a567, MOVING = 0xe0a022, ENDLESS_MM = 400;
 const DOT_PX = 2.4;  // WebGL's own lines are one pixel wide, however fine the pixels are
+const ALONG_X = new THREE.Vector3(1, 0, 0);
 const UP = new THREE.Vector3(0, 1, 0), RING_AXIS = new THREE.Vector3(0, 0, 1);
 const FENCE_ASKED_MS = 3, GIVEN_UP_MS = 1000;
 
@@ -89,10 +90,10 @@ export class Drawing {
     if (!points) return;
     const { geometry } = this.bodyMesh, attribute = geometry.getAttribute("position");
     const at = points.map((point) => new THREE.Vector3(...point));
-    let across = new THREE.Vector3(1, 0, 0);
+    let across = ALONG_X;
     for (let i = 0; i < at.length; i++) {
       const along = at[Math.min(i + 1, at.length - 1)].clone().sub(at[Math.max(i - 1, 0)]).normalize();
-      across = across.clone().addScaledVector(along, -across.dot(along)).normalize();
+      across = aside(across, along) || aside(Math.abs(along.x) < 0.9 ? ALONG_X : UP, along);
       const third = new THREE.Vector3().crossVectors(along, across);
       for (let k = 0; k <= AROUND; k++) {
         const angle = (2 * Math.PI * k) / AROUND, radius = told.radius_mm[i];
@@ -243,6 +244,12 @@ function translucent(one, color, opacity) {
   if (one.normal) mesh.quaternion.setFromUnitVectors(RING_AXIS, new THREE.Vector3(...one.normal).normalize());
   if (one.turned) { const [w, x, y, z] = one.turned; mesh.quaternion.set(x, y, z, w).normalize(); }
   return mesh;
+}
+
+// What is left of a direction beside another one, of length one; null: nothing.
+function aside(direction, along) {
+  const left = direction.clone().addScaledVector(along, -direction.dot(along));
+  return left.lengthSq() > 1e-6 ? left.normalize() : null;
 }
 
 function putAt(object, place) {
