@@ -9,6 +9,7 @@ from typing import Final
 
 from daemon.bridges.robot_feed import Listener, RobotFeed
 from daemon.commands.outcome.failures import CommandError, UsageError
+from daemon.commands.terminal.number_arguments import port_number
 from daemon.commands.terminal.remote_arguments import address
 from daemon.host.stop_signals import StopSignals
 from daemon.messages import Message, Surroundings, WhoAmI
@@ -21,7 +22,7 @@ _LOOPBACK: Final = ("127.0.0.1", "::1", "localhost")
 def add_port_arguments(parser: argparse.ArgumentParser, port: int, protocol: str) -> None:
     """Where others connect to. protocol: its name, for people."""
     parser.add_argument(
-        "--port", type=int, default=port, metavar="N", help="default: %(default)s; 0: any"
+        "--port", type=port_number, default=port, metavar="N", help="default: %(default)s; 0: any"
     )
     parser.add_argument(
         "--bind",

@@ -13,6 +13,8 @@ from daemon.remote.client.client_errors import ClientError
 
 _ROUTER: Final = "tcp/localhost:7447"
 _DISTROS: Final = ("jazzy", "kilted")
+_PROTOCOLS: Final = ("tcp", "tls", "quic", "udp", "ws", "unixsock-stream", "vsock")
+"""Of zenoh."""
 _DOMAIN: Final = "ROS_DOMAIN_ID"
 
 
@@ -20,6 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_target_arguments(parser)
     parser.add_argument(
         "--router",
+        type=_endpoint,
         default=_ROUTER,
         metavar="ENDPOINT",
         help="of rmw_zenoh's router (default: %(default)s)",
@@ -31,6 +34,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--domain", type=int, metavar="N", help=f"ROS domain (default: ${_DOMAIN}, or 0)"
     )
     parser.add_argument("--distro", choices=_DISTROS, default=_DISTROS[0], help="of those who hear")
+
+
+def _endpoint(text: str) -> str:
+    """Raises ArgumentTypeError."""
+    protocol, _, address = text.partition("/")
+    if protocol not in _PROTOCOLS or not address:
+        raise argparse.ArgumentTypeError(f"{text!r} is no endpoint such as {_ROUTER}")
+    return text
 
 
 def run(arguments: argparse.Namespace) -> Result:

@@ -6,11 +6,11 @@ import sys
 from typing import TYPE_CHECKING
 
 from daemon.commands.outcome.result import Result
+from daemon.commands.terminal.number_arguments import seconds
 from daemon.commands.terminal.remote_arguments import (
     add_target_arguments,
     answer_result,
     run_talk,
-    seconds,
 )
 from daemon.messages import Event
 from daemon.remote.client.client_errors import HOMES_WITHIN_S

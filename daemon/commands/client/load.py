@@ -9,6 +9,7 @@ from config.documents.problems import ConfigError
 from config.documents.yaml_document import read_yaml
 from daemon.commands.outcome.failures import CommandError
 from daemon.commands.outcome.result import Result
+from daemon.commands.terminal.number_arguments import whole_number
 from daemon.commands.terminal.remote_arguments import (
     add_target_arguments,
     add_timeout_argument,
@@ -20,7 +21,6 @@ from daemon.robot.shipped_files import file_argument
 
 _MOST_CYCLES: Final = 1_000_000_000
 """The daemon knows how many are too many for what is to be followed."""
-_DIGITS: Final = 11
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,15 +32,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_target_arguments(parser)
     add_timeout_argument(parser)
-    parser.add_argument("--cycles", type=_cycles, metavar="N", help="instead of the file's")
-
-
-def _cycles(text: str) -> int:
-    """Raises ArgumentTypeError."""
-    number = int(text) if text.isascii() and text.isdecimal() and len(text) < _DIGITS else 0
-    if not 0 < number <= _MOST_CYCLES:
-        raise argparse.ArgumentTypeError(f"{text!r} is no number from 1 to {_MOST_CYCLES}")
-    return number
+    parser.add_argument(
+        "--cycles", type=whole_number(1, _MOST_CYCLES), metavar="N", help="instead of the file's"
+    )
 
 
 def run(arguments: argparse.Namespace) -> Result:

@@ -5,11 +5,11 @@ import asyncio
 from typing import Final
 
 from daemon.commands.outcome.result import Result, tell
+from daemon.commands.terminal.number_arguments import seconds
 from daemon.commands.terminal.remote_arguments import (
     add_target_arguments,
     as_json,
     run_talk,
-    seconds,
 )
 from daemon.host.stop_signals import StopSignals
 from daemon.messages import Status

@@ -16,6 +16,7 @@ from config.documents.problems import in_words
 from daemon.commands.outcome.failures import CommandError, UsageError
 from daemon.commands.outcome.result import Result, tell
 from daemon.commands.terminal.event_log import add_log_argument, event_line, style_of
+from daemon.commands.terminal.number_arguments import port_number
 from daemon.host.logs import Log, logging_to_stderr
 from daemon.host.stop_signals import StopSignals
 from daemon.remote.access import OPERATOR
@@ -41,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--port",
-        type=int,
+        type=port_number,
         metavar="N",
         help=f"default: {_PORT}, or any that is free where that is taken; 0: any that is free",
     )

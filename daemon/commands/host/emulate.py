@@ -8,7 +8,7 @@ from typing import Final
 from config.patience import patient
 from daemon.commands.outcome.result import Result, tell
 from daemon.commands.terminal.compiled import telling_progress
-from daemon.commands.terminal.seed_argument import seed_number
+from daemon.commands.terminal.number_arguments import seconds, seed_number
 from daemon.host.clock import MonotonicClock, run_in_real_time
 from daemon.host.logs import logging_to_stderr
 from daemon.host.resident_memory import give_back_compiler
@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--runtime-dir", type=Path, metavar="DIR", help="where the lab leaves its ports"
     )
-    parser.add_argument("--duration", type=float, metavar="S", help="end after S seconds")
+    parser.add_argument("--duration", type=seconds, metavar="S", help="end after S seconds")
     parser.add_argument("--play", choices=PLAYS, help="turn the unpowered screws by a script")
     parser.add_argument(
         "--scenario",

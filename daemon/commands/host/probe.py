@@ -16,6 +16,7 @@ from rich.live import Live
 
 from daemon.commands.outcome.exit_codes import EXIT_FAILED, EXIT_OK
 from daemon.commands.outcome.result import Result, tell
+from daemon.commands.terminal.number_arguments import seconds
 from daemon.commands.views.page import Size
 from daemon.commands.views.probe_beside_daemon import folder_of_master, show_what_it_says
 from daemon.commands.views.probe_snapshot import Json, ProbeSession
@@ -36,14 +37,14 @@ _ENDS_WITHIN_S: Final = 2.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_robot_argument(parser)
-    parser.add_argument("--duration", type=float, metavar="S", help="end after S seconds")
+    parser.add_argument("--duration", type=seconds, metavar="S", help="end after S seconds")
     parser.add_argument(
         "--json",
         action="store_true",
         help="one JSON object a line: events at once, and a snapshot now and then",
     )
     parser.add_argument(
-        "--every", type=float, default=1.0, metavar="S", help="with --json: snapshots every S s"
+        "--every", type=seconds, default=1.0, metavar="S", help="with --json: snapshots every S s"
     )
     parser.add_argument(
         "--runtime-dir", type=Path, metavar="DIR", help="where the emulated lab has its ports"

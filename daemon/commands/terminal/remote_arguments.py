@@ -2,11 +2,10 @@
 
 import argparse
 import asyncio
-import math
 import sys
 from collections.abc import Awaitable, Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -14,6 +13,7 @@ from config.documents.problems import did_you_mean
 from daemon.commands.outcome.exit_codes import EXIT_FAILED, EXIT_OK
 from daemon.commands.outcome.failures import UsageError
 from daemon.commands.outcome.result import Result
+from daemon.commands.terminal.number_arguments import seconds
 from daemon.messages import Answer, Command, Message
 from daemon.remote.client.address import Address, LocalAddress, TlsAddress
 from daemon.remote.client.client_errors import ARMS_WITHIN_S, DaemonNotRunningError
@@ -22,9 +22,6 @@ from daemon.remote.discovery import running_daemons
 
 if TYPE_CHECKING:  # `tentacled stop` must be quick, and needs no session
     from daemon.remote.client.client import RobotClient
-
-_LONGEST_S: Final = 604_800.0
-"""That somebody may want to wait: a week."""
 
 Talk = Callable[["RobotClient"], Awaitable[Result]]
 """What to do with a connected client. May raise ClientError."""
@@ -39,17 +36,6 @@ def add_target_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--connect", metavar="HOST:PORT", help="a daemon on another machine")
     parser.add_argument("--certificates", type=Path, metavar="DIR", help="with --connect")
     parser.add_argument("--user", metavar="NAME", help="with --connect: whose certificate")
-
-
-def seconds(text: str) -> float:
-    """A time to wait, as it is written. Raises ArgumentTypeError."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 <= value <= _LONGEST_S:
-        raise argparse.ArgumentTypeError(f"{text!r} is no time from 0 to {_LONGEST_S:.0f} s")
-    return value
 
 
 def add_timeout_argument(parser: argparse.ArgumentParser) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from daemon.commands.outcome.failures import CommandError, about
 from daemon.commands.outcome.result import Result
-from daemon.commands.terminal.seed_argument import seed_number
+from daemon.commands.terminal.number_arguments import seed_number
 
 if TYPE_CHECKING:
     from safety.risk.surroundings.environment import InsertionPort, Mesh

@@ -6,8 +6,8 @@ from pathlib import Path
 from daemon.commands.outcome.failures import CommandError
 from daemon.commands.outcome.result import Result
 from daemon.commands.terminal.compiled import compile_all, telling_progress
+from daemon.commands.terminal.number_arguments import seed_number
 from daemon.commands.terminal.progress_line import Aside, ProgressLine
-from daemon.commands.terminal.seed_argument import seed_number
 from daemon.host.logs import logging_to_stderr
 from daemon.host.real_time import imported_for_good
 from daemon.host.stop_signals import all_like_ctrl_c

@@ -169,3 +169,20 @@ def test_what_is_no_seed_is_refused_before_anything_begins(
 ) -> None:
     line = refused(f"{words} --seed {number}", capsys)
     assert line.endswith(f"argument --seed: '{number}' is no seed: 0, 1, 2, ...")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("dashboard --port 99999", "'99999' is no whole number from 0 to 65535"),
+        ("bridge openigtlink --port -1", "'-1' is no whole number from 0 to 65535"),
+        ("bridge ros2 --router localhost", "'localhost' is no endpoint such as tcp/localhost:7447"),
+        ("probe builtin:soft_arm --duration -1", "'-1' is no time from 0 to 604800 s"),
+        ("probe builtin:soft_arm --every nan", "'nan' is no time from 0 to 604800 s"),
+        ("emulate builtin:soft_arm --duration nan", "'nan' is no time from 0 to 604800 s"),
+    ],
+)
+def test_a_number_that_an_option_cannot_have_is_refused_before_anything_begins(
+    words: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert refused(words, capsys).endswith(said)
