@@ -30,6 +30,8 @@ def save_npz(path: Path, arrays: Mapping[str, Any], compressed: bool = True) -> 
 
 _LINE: Final = 200
 """Characters."""
+_ZIP: Final = b"PK"
+"""What every archive begins with."""
 
 
 class ModelError(ValueError):
@@ -59,8 +61,12 @@ def read_as(path: Path, what: str) -> Iterator[None]:
 def load_npz(path: Path, most_bytes: int = MOST_MODEL_BYTES) -> Arrays:
     """All arrays of a file. Raises OSError as `open_regular` does, and whatever else a reader makes
     of bytes that are none: to be called in `read_as`."""
-    with open_regular(path, most_bytes) as file, np.load(file, allow_pickle=False) as stored:
-        return {name: stored[name] for name in stored.files}
+    with open_regular(path, most_bytes) as file:
+        if file.read(len(_ZIP)) != _ZIP:  # which numpy would take for pickled data, and say so
+            raise ValueError("no NumPy archive (.npz)")
+        file.seek(0)
+        with np.load(file, allow_pickle=False) as stored:
+            return {name: stored[name] for name in stored.files}
 
 
 @dataclass(frozen=True)

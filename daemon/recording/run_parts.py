@@ -19,7 +19,13 @@ from daemon.recording.run_folder import (
     segment_file,
     unfinished,
 )
-from daemon.recording.run_reader import Fingerprint, RunMessage, RunReader, UnreadableRunError
+from daemon.recording.run_reader import (
+    Fingerprint,
+    MissingRunError,
+    RunMessage,
+    RunReader,
+    UnreadableRunError,
+)
 from daemon.recording.run_writer import ENDING
 
 _NUMBER: Final = re.compile(r"run-(\d+)\.mcap")
@@ -42,7 +48,7 @@ def run_files(path: Path) -> list[Path]:
     """
     if not path.is_dir():
         if not path.exists():
-            raise UnreadableRunError(f"{path}: there is no such file or folder")
+            raise MissingRunError(f"{path}: there is no such file or folder")
         return [path]
     found: dict[int, Path] = {}
     for pattern in (unfinished(Path(RUN_FILES)).name, RUN_FILES):

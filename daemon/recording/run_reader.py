@@ -32,6 +32,10 @@ class UnreadableRunError(ValueError):
     """A file that is no recording; the text says which file and why."""
 
 
+class MissingRunError(UnreadableRunError):
+    """There is nothing at the path that should be a recording."""
+
+
 class RunMessage(NamedTuple):
     """One message. `wall_ns` is its log time."""
 

@@ -94,6 +94,17 @@ def test_whatever_is_damaged_is_refused_in_words(
     assert refusals > 100
 
 
+@pytest.mark.parametrize("content", [b"", b"{}", b"\x93NUMPY\x01\x00"])
+def test_what_is_no_archive_is_not_taken_for_pickled_data_to_be_trusted(
+    tmp_path: Path, content: bytes
+) -> None:
+    path = tmp_path / "model.npz"
+    path.write_bytes(content)
+    told = r"model\.npz is not a model: .* no NumPy archive"
+    with pytest.raises(ModelError, match=told), read_as(path, "a model"):
+        ArrayFile.load(path, None, "about")
+
+
 def test_whose_it_is_are_name_axes_and_travel() -> None:
     told = whose(ROBOT)
     assert misfit_of(told, ROBOT) == ""

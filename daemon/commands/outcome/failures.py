@@ -57,6 +57,7 @@ KINDS: Final = (
     )),
     Kind("no_input", exit_codes.EXIT_NO_INPUT, "name one that is there", (
         "builtins.FileNotFoundError", "builtins.NotADirectoryError",
+        "daemon.recording.run_reader.MissingRunError",
     )),
     Kind("unavailable", exit_codes.EXIT_UNAVAILABLE, "start it, plug it in, or end who has it", (
         "daemon.recording.export.files.ExportLibraryError",

@@ -206,6 +206,14 @@ def test_a_missing_recording_is_not_said_to_be_whole(
     assert main(["recover", str(place / "folder")]) == 0
 
 
+@pytest.mark.parametrize("command", ["report", "export", "recover"])
+def test_a_recording_that_is_not_there_is_no_unusable_one(
+    command: str, place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([command, str(place / "nothing")]) == EXIT_NO_INPUT
+    assert f"{place / 'nothing'}: " in capsys.readouterr().err
+
+
 def test_every_command_that_takes_a_file_is_tried() -> None:
     tried = {tuple(line.split()[:2]) for line in READ + FOLDERS + WRITTEN}
     for name, parser in command_line.leaves(command_line.command_parser()):
