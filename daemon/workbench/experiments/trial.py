@@ -28,6 +28,8 @@ _COUNTED: Final = re.compile(r"(\D*)(\d+) of (\d+)")
 _NOT_TO_BE_FOLLOWED: Final = {"unreachable", "axis_too_slow"}
 _MOST_IN_A_ROW: Final = 50
 """So often may it be held at once when it was resumed."""
+_LONGEST_HELD_S: Final = 180.0
+"""What goes by itself is over by then, the risk of the last minute too."""
 
 
 class TrialError(RuntimeError):
@@ -125,11 +127,13 @@ class Trial:
         """To the trajectory's end, going on whenever what held the motion is over."""
         supervisor, loop = self._service.supervisor, self._service.loop
         looks_running = in_a_row = 0
+        held_s = 0.0
         while True:
             await asyncio.sleep(_LOOK_EVERY_S)
             if supervisor.running:
                 self._tell_how_far()
                 looks_running += 1
+                held_s = 0.0
                 in_a_row = 0 if looks_running > _LOOKS_UNTIL_IT_RUNS else in_a_row
                 continue
             looks_running = 0
@@ -137,9 +141,12 @@ class Trial:
                 return
             if not supervisor.state.energised:
                 raise TrialError(f"the robot is {supervisor.state.value}: {self._why()}")
+            held_s += _LOOK_EVERY_S
+            where = f"{self._service.following.elapsed_s:.1f} s along the trajectory"
             if in_a_row >= _MOST_IN_A_ROW:
-                where = f"{self._service.following.elapsed_s:.1f} s along the trajectory"
                 raise TrialError(f"the motion is held again and again, {where}: {self._why()}")
+            if held_s > _LONGEST_HELD_S:
+                raise TrialError(f"the motion is held and cannot go on, {where}: {self._why()}")
             self._operator.try_to_resume()
             self.resumptions += supervisor.running
             in_a_row += supervisor.running

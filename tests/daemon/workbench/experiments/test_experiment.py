@@ -15,7 +15,7 @@ from daemon.recording.format.channels import TIP_POSE, TOPICS
 from daemon.recording.result import Result
 from daemon.recording.run_reader import RunReader
 from daemon.testing.labs import TestLab, TrackingFailed
-from daemon.workbench.experiments import in_virtual_time
+from daemon.workbench.experiments import in_virtual_time, trial
 from daemon.workbench.experiments.experiment_file import load_experiment
 from daemon.workbench.experiments.in_virtual_time import carry_out_in_virtual_time
 from daemon.workbench.experiments.step_statistics import StepSeries
@@ -176,6 +176,15 @@ def test_who_is_held_again_and_again_gives_up_and_says_why(
     run = lab.run(file, may_end_early=True)
     assert re.search(r"held again and again, .*risk_too_high .*a wall", run.problem)
     assert run.holds > 10
+
+
+def test_who_is_held_by_what_does_not_go_gives_up_and_says_why(
+    lab: TestLab, file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(trial, "_LONGEST_HELD_S", 1.0)
+    missing = [{"at_s": 0.5, "inject": "tracker.missing=2.5s"}]
+    run = lab.run(file, happenings=missing, may_end_early=True)
+    assert re.search(r"held and cannot go on, .*tool_missing", run.problem)
 
 
 def test_another_plant_is_another_body(circle: tuple[Result, Path], tmp_path: Path) -> None:
