@@ -15,7 +15,12 @@ from config.paths import risk_paths
 from daemon.risk.mesh_file import binary_stl
 from daemon.risk.model_file import ModelFile, read_model
 from daemon.risk.path_ahead import PathAhead
-from daemon.risk.surroundings import BodySize, RiskSurroundings, read_surroundings
+from daemon.risk.surroundings import (
+    BodySize,
+    RiskSurroundings,
+    check_way_in,
+    read_surroundings,
+)
 from drivers.clock import WallClock
 from safety.risk.body_risk import Beside, BodyRisk
 from safety.risk.contact_figures import MinuteBehind, WorstPlace
@@ -341,7 +346,9 @@ def read_risk_files(
                 "model",
             )
     try:
-        around = read_surroundings(surface, file.path, BodySize.of(read.model))
+        size = BodySize.of(read.model)
+        around = read_surroundings(surface, file.path, size)
+        check_way_in(around, size)
     except (EnvironmentFaultError, ValueError) as error:
         raise RiskFilesError(str(error), "surface") from None
     return RiskFiles(read, around)

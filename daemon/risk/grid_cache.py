@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+from collections.abc import Sequence
 from contextlib import suppress
 from math import prod
 from pathlib import Path
@@ -11,13 +12,18 @@ import numpy as np
 
 from daemon.array_files import load_npz, save_npz
 from safety.risk.model.mixture import FloatArray
-from safety.risk.surroundings.distance_grid import DistanceGrid, distance_grid
+from safety.risk.surroundings.distance_grid import (
+    COARSER,
+    MOST_PLACES,
+    DistanceGrid,
+    distance_grid,
+)
 from safety.risk.surroundings.environment import Environment
 
 USUAL_SPACING_MM: Final = 1.5
 """For a body that is as thick as a finger."""
 _OF_RADIUS: Final = 0.5
-_MOST_PLACES: Final = 8_000_000
+_MOST_UNASKED: Final = 8_000_000
 """That are made without being asked for: within half a minute, in 32 MB."""
 _COARSER: Final = 1.1
 
@@ -38,6 +44,7 @@ def fitting_spacing_mm(
     radius_mm: float,
     exact_to_mm: float,
     covering_mm: FloatArray | None = None,
+    reach_mm: FloatArray | None = None,
 ) -> float:
     """The spacing where none is asked for: fine enough for the body, and not too many places.
 
@@ -46,13 +53,33 @@ def fitting_spacing_mm(
     h = r/2 that is a sixteenth of the radius; with more, a thin body seems to touch too seldom.
     """
     spacing_mm = min(USUAL_SPACING_MM, _OF_RADIUS * radius_mm)
+    size = _size_mm(environment, exact_to_mm, covering_mm)
+    if reach_mm is not None:
+        size = reach_mm[1] - reach_mm[0]
+    while spacing_mm < USUAL_SPACING_MM and prod(size / spacing_mm) > _MOST_UNASKED:
+        spacing_mm = min(USUAL_SPACING_MM, _COARSER * spacing_mm)
+    return float(spacing_mm)
+
+
+def is_too_large(
+    environment: Environment,
+    spacing_mm: float,
+    exact_to_mm: float,
+    covering_mm: FloatArray | None = None,
+) -> bool:
+    """Whether a grid of the whole mesh would have more places than any may have."""
+    size = _size_mm(environment, exact_to_mm, covering_mm)
+    return float(prod(size / spacing_mm + COARSER + 1.0)) > MOST_PLACES
+
+
+def _size_mm(
+    environment: Environment, exact_to_mm: float, covering_mm: FloatArray | None
+) -> FloatArray:
+    """(3,) of the whole mesh, of what is to be covered, and of a margin."""
     within = environment.vertices_mm
     if covering_mm is not None:
         within = np.concatenate([within, covering_mm])
-    size = np.ptp(within, axis=0) + 2.0 * exact_to_mm
-    while spacing_mm < USUAL_SPACING_MM and prod(size / spacing_mm) > _MOST_PLACES:
-        spacing_mm = min(USUAL_SPACING_MM, _COARSER * spacing_mm)
-    return float(spacing_mm)
+    return np.asarray(np.ptp(within, axis=0) + 2.0 * exact_to_mm)
 
 
 def cached_grid(
@@ -61,19 +88,21 @@ def cached_grid(
     exact_to_mm: float = 20.0,
     directory: Path | None = None,
     covering_mm: FloatArray | None = None,
+    reach_mm: FloatArray | None = None,
 ) -> DistanceGrid:
-    """The grid of these surroundings, from the directory if it is there. covering_mm: as of
-    `distance_grid`.
+    """The grid of these surroundings, from the directory if it is there. covering_mm, reach_mm: as
+    of `distance_grid`.
 
     A file that cannot be read is made again; a directory that cannot be written to costs only time.
     Raises EnvironmentFaultError as `distance_grid` does.
     """
-    name = f"{_key(environment, spacing_mm, exact_to_mm, covering_mm)}.npz"
+    boxes = covering_mm, reach_mm
+    name = f"{_key(environment, spacing_mm, exact_to_mm, boxes)}.npz"
     path = (directory or default_cache_directory()) / name
     kept = _read(path)
     if kept is not None:
         return kept
-    grid = distance_grid(environment, spacing_mm, exact_to_mm, covering_mm)
+    grid = distance_grid(environment, spacing_mm, exact_to_mm, *boxes)
     _write(path, grid)
     return grid
 
@@ -82,12 +111,13 @@ def _key(
     environment: Environment,
     spacing_mm: float,
     exact_to_mm: float,
-    covering_mm: FloatArray | None,
+    boxes: Sequence[FloatArray | None],
 ) -> str:
     identity = f"{_VERSION} {spacing_mm!r} {exact_to_mm!r} {environment.solid_around}"
     digest = hashlib.sha256(identity.encode())
-    if covering_mm is not None:
-        digest.update(np.ascontiguousarray(covering_mm, np.float64).tobytes())
+    for name, box in zip((b"", b"reach"), boxes, strict=True):
+        if box is not None:
+            digest.update(name + np.ascontiguousarray(box, np.float64).tobytes())
     digest.update(environment.vertices_mm.tobytes())
     digest.update(environment.triangles.tobytes())
     return digest.hexdigest()

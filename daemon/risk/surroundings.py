@@ -20,7 +20,12 @@ from config.control import (
 )
 from config.control import Region as RegionSettings
 from config.paths import BUILTIN, shipped_or_beside
-from daemon.risk.grid_cache import cached_grid, fitting_spacing_mm
+from daemon.risk.grid_cache import (
+    USUAL_SPACING_MM,
+    cached_grid,
+    fitting_spacing_mm,
+    is_too_large,
+)
 from daemon.risk.mesh_file import environment_sha256, read_mesh
 from drivers.pose import turned
 from safety.risk.model.mixture import FloatArray
@@ -144,10 +149,12 @@ def read_surroundings(
         )
     made = _checked(surface, meshes, robot_path)
     wanted = None if made.solid_around else covered(regions, size.reach)
+    usual_mm = surface.grid_mm or USUAL_SPACING_MM
+    reach = size.reach.bounds() if is_too_large(made, usual_mm, size.margin_mm, wanted) else None
     spacing_mm = surface.grid_mm or fitting_spacing_mm(
-        made, size.thinnest_mm, size.margin_mm, wanted
+        made, size.thinnest_mm, size.margin_mm, wanted, reach
     )
-    grid = cached_grid(made, spacing_mm, size.margin_mm, covering_mm=wanted)
+    grid = cached_grid(made, spacing_mm, size.margin_mm, covering_mm=wanted, reach_mm=reach)
     sha256 = environment_sha256(made, regions)
     return RiskSurroundings(surface, made, regions, with_regions(grid, regions), sha256)
 
@@ -224,12 +231,16 @@ def check_way_in(around: RiskSurroundings, size: BodySize) -> None:
             return
     clear_mm = _clear_mm(around.grid, base)
     if clear_mm < size.thinnest_mm:
-        x, y, z = base
+        x, y, z = (round(number, 1) + 0.0 for number in size.base_mm)  # no −0
+        room = f"{clear_mm:.1f} mm of room" if clear_mm > 0.0 else "no room"
         why = "and there is no port" if port is None else "outside the port"
+        turned = ""
+        if clear_mm < 0.0 and around.surface.free is None:
+            side = "outside" if around.environment.solid_around else "inside"
+            turned = f", or say that it is free {side}, if its normals point the wrong way"
         raise EnvironmentFaultError(
-            f"no way in: the body's base at ({x:.4g}, {y:.4g}, {z:.4g}) mm has {clear_mm:.1f} mm "
-            f"of room and is {size.thinnest_mm:.1f} mm thick, {why}: declare one where the body "
-            "comes in",
+            f"no way in: the body's base at ({x:g}, {y:g}, {z:g}) mm has {room} and is "
+            f"{size.thinnest_mm:.1f} mm thick, {why}: declare one where the body comes in{turned}",
             "sealed_port",
         )
 

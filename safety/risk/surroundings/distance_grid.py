@@ -188,7 +188,8 @@ def _to_triangle(corners, t, point):  # type: ignore[no-untyped-def]
 
 _IN_SOLID_MM: Final = 10.0
 """By which the grid of a cavity is larger than the mesh: what is there touches in any case."""
-_MOST_PLACES: Final = 64_000_000
+MOST_PLACES: Final = 64_000_000
+"""Of any grid: 256 MB."""
 _NOTHING: Final = np.empty((0, 0, 0), np.float32)
 
 
@@ -219,12 +220,14 @@ def distance_grid(
     spacing_mm: float = 1.5,
     exact_to_mm: float = 20.0,
     covering_mm: FloatArray | None = None,
+    reach_mm: FloatArray | None = None,
 ) -> DistanceGrid:
     """The grid of an environment: some microseconds for each place, of which there are millions.
 
     exact_to_mm: more than the body's radius. covering_mm: (2, 3) lowest and highest coordinates
-    that the grid has to reach over besides the mesh. Raises EnvironmentFaultError where the grid
-    would be too large.
+    that the grid has to reach over besides the mesh. reach_mm: (2, 3) beyond which no part of the
+    body comes, and all counts as solid; None: the grid is of the whole mesh. Raises
+    EnvironmentFaultError where the grid would be too large.
     """
     if not (spacing_mm > 0.0 and exact_to_mm > 0.0):
         raise EnvironmentFaultError(f"a grid needs a positive spacing, not {spacing_mm} mm")
@@ -232,15 +235,16 @@ def distance_grid(
     within = np.concatenate(
         [environment.vertices_mm, np.empty((0, 3)) if covering_mm is None else covering_mm]
     )
-    lowest = within.min(axis=0) - margin_mm
-    size = within.max(axis=0) + margin_mm - lowest
+    lowest, highest = within.min(axis=0) - margin_mm, within.max(axis=0) + margin_mm
+    if reach_mm is not None:
+        lowest, highest = reach_mm
     coarse_mm = COARSER * spacing_mm
-    cubes = [max(1, ceil(length / coarse_mm)) for length in size]
+    cubes = [max(1, ceil(length / coarse_mm)) for length in highest - lowest]
     places = prod(COARSER * count + 1 for count in cubes)
-    if places > _MOST_PLACES:
+    if places > MOST_PLACES:
         raise EnvironmentFaultError(
-            f"a grid of {spacing_mm} mm has {places} places here, more than {_MOST_PLACES}: "
-            "take a coarser one"
+            f"a grid of {spacing_mm:.3g} mm has {places} places here, more than {MOST_PLACES}: "
+            "take a coarser one (grid_mm)"
         )
     coarse = np.empty([count + 1 for count in cubes], np.float32)
     fine = np.empty([COARSER * count + 1 for count in cubes], np.float32)
@@ -250,7 +254,8 @@ def distance_grid(
         and fill(environment.tree, lowest, spacing_mm, around, coarse, far, fine)
     ):
         raise EnvironmentFaultError("the surface is folded up more than any body's")
-    return DistanceGrid(lowest, spacing_mm, fine, exact_to_mm, margin_mm, environment.solid_around)
+    solid_around = environment.solid_around or reach_mm is not None
+    return DistanceGrid(lowest, spacing_mm, fine, exact_to_mm, margin_mm, solid_around)
 
 
 def _error_mm(spacing_mm: float) -> float:

@@ -117,6 +117,15 @@ def open_mesh(folder: Path) -> None:
     write_mesh(folder / "block.stl", type(mesh)(mesh.vertices_mm, mesh.triangles[:-1]))
 
 
+def round_the_base(folder: Path) -> None:
+    write_mesh(folder / "block.stl", box((40.0, 60.0, 60.0), (0.0, 0.0, 0.0), 4))
+
+
+def inside_out(folder: Path) -> None:
+    mesh = box((40.0, 60.0, 60.0), (60.0, 0.0, 200.0), 4)
+    write_mesh(folder / "block.stl", type(mesh)(mesh.vertices_mm, mesh.triangles[:, ::-1]))
+
+
 def too_thick(folder: Path) -> None:
     made = arrays()
     made["basis/radius_mm"] = np.full(11, 5e4)
@@ -131,6 +140,8 @@ def too_thick(folder: Path) -> None:
         (of_axes_in_another_order, "was made with the axes"),
         (with_a_load, "was made with 14.2 g at the tip, and not with 0 g"),
         (open_mesh, "block.stl"),
+        (round_the_base, "base at .* has no room .* there is no port: declare one"),
+        (inside_out, "say that it is free outside, if its normals point the wrong way"),
         (too_thick, "grid"),
     ],
 )

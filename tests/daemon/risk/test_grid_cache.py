@@ -22,10 +22,10 @@ def made(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     spacings: list[float] = []
 
     def counted(
-        mesh: Environment, spacing_mm: float, exact_to_mm: float, covering_mm: FloatArray | None
+        mesh: Environment, spacing_mm: float, exact_to_mm: float, *boxes: FloatArray | None
     ) -> DistanceGrid:
         spacings.append(spacing_mm)
-        return distance_grid(mesh, spacing_mm, exact_to_mm, covering_mm)
+        return distance_grid(mesh, spacing_mm, exact_to_mm, *boxes)
 
     monkeypatch.setattr(grid_cache, "distance_grid", counted)
     return spacings

@@ -1,4 +1,4 @@
-"""How far from its base a body may be: as far, regions have to be known."""
+"""How far from its base a body may be: as far, surroundings have to be known, and no farther."""
 
 from pathlib import Path
 
@@ -49,3 +49,26 @@ def test_a_region_that_only_the_longest_body_comes_to_counts(
     found = risk.of_way(u, u)
     assert not isinstance(found, str)
     assert found.contact.probability > 0.9
+
+
+@pytest.mark.parametrize("free", ["inside", "outside"])
+def test_of_surroundings_far_larger_than_the_body_what_is_in_its_reach_counts(
+    free: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    mesh = tmp_path / "large.stl"
+    # A hall in which the body stands beside a wall, or a wall as large in the open.
+    write_mesh(mesh, shapes.box((3000.0, 3000.0, 3000.0), (1520.0, 0.0, 0.0), 2))
+    at_mm = (-40.0, 0.0, 0.0) if free == "inside" else (0.0, 0.0, 0.0)
+    surface = Surface.model_validate({"mesh": str(mesh), "free": free, "at_mm": at_mm})
+    size = BodySize(5.0, 5.0, (0.0, 0.0, 0.0), 40.0)
+    grid = read_surroundings(surface, tmp_path / "robot.yaml", size).grid
+    wall = 20.0 + at_mm[0]
+    x = grid.origin_mm[0] + grid.spacing_mm * np.arange(grid.values_mm.shape[0])
+    middle = grid.values_mm.shape[1] // 2
+    expected = x - wall if free == "inside" else wall - x
+    near = np.abs(expected) < size.margin_mm
+    found = grid.values_mm[near, middle, middle]
+    np.testing.assert_allclose(found, expected[near], atol=1e-3)
+    assert x[0] <= -55.0 and 55.0 <= x[-1] < 70.0
+    assert grid.solid_around, "what is beyond the reach is not known, and not taken for free"
