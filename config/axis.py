@@ -194,15 +194,6 @@ class AxisBase(ConfigModel, ABC):
         return sign * self.drive.counts_per_turn * self.gear_ratio / self.units_per_turn
 
     @property
-    def multi_turn(self) -> bool:
-        """Whether the axis comes to the same angle more than once within its travel.
-
-        Positions of such an axis count on from turn to turn; only a model of the body may take
-        them modulo a turn.
-        """
-        return False
-
-    @property
     def linear_range(self) -> float:
         """In shares of which controllers count: so far, what the axis does to the tip is about the
         same. Its travel, but for what turns."""
@@ -336,11 +327,6 @@ class RotaryAxis(AxisBase):
     @property
     def period(self) -> float | None:
         return _TURN_RAD
-
-    @property
-    def multi_turn(self) -> bool:
-        lowest, highest = self.travel_rad
-        return highest - lowest > _TURN_RAD
 
 
 class LinearStepper(LinearAxis):

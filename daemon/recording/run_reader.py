@@ -73,11 +73,6 @@ class RunReader:
     _due: dict[int, int] = field(default_factory=dict)
     """Number of each channel's next message."""
 
-    @property
-    def damaged_bytes(self) -> int:
-        """Between whole records."""
-        return sum(end - start for start, end in self.damage)
-
     def records(self) -> Iterator[McapRecord]:
         """Schemas, channels, messages and metadata. Raises UnreadableRunError, OSError."""
         with self.path.open("rb") as file:

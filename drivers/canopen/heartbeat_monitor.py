@@ -29,10 +29,6 @@ class HeartbeatMonitor:
         """Whether a node that has been heard is heard no more."""
         return self.state is not None and t_ns - self._heard_ns > self._timeout_ns
 
-    def age_ns(self, t_ns: int) -> int | None:
-        """Time since the last heartbeat; None where there is none."""
-        return None if self.state is None else t_ns - self._heard_ns
-
     def forget(self) -> None:
         """Nothing heard so far counts."""
         self.state = None

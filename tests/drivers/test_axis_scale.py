@@ -124,7 +124,7 @@ def test_an_axis_of_a_new_kind_needs_its_class_alone() -> None:
     assert (scale.unit, scale.counts(40.0), scale.ml_per_mm) == ("mm", 20_000, None)
     assert (limits.lowest, limits.highest, limits.max_velocity) == (-5_000, 25_000, 5_000)
     assert scale.force(1000) == pytest.approx(0.4 * 5.0 * 2 * pi / 0.04)
-    assert (one.tension_range_n, one.piston_area_mm2, one.multi_turn) == (None, None, False)
+    assert (one.tension_range_n, one.piston_area_mm2) == (None, None)
     assert one.key("quick_stop_deceleration") == "quick_stop_deceleration_mm_s2"
 
 
@@ -134,9 +134,8 @@ def test_the_keys_of_the_unit_free_face_are_those_of_the_file(one: Axis) -> None
         assert getattr(one, quantity) == getattr(one, one.key(quantity))
 
 
-def test_only_a_rotation_of_more_than_a_turn_comes_to_an_angle_twice() -> None:
+def test_positions_of_a_rotation_count_on_from_turn_to_turn() -> None:
     twice = ROTATION.model_copy(update={"travel_rad": (-2 * pi, 2 * pi)})
-    assert (twice.multi_turn, ROTATION.multi_turn, CYLINDER.multi_turn) == (True, False, False)
     assert count_limits(twice).highest == 4000
 
 

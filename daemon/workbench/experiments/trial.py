@@ -54,8 +54,6 @@ class Trial:
         progress: Progress | None = None,
     ) -> None:
         """progress: hears how far it is, each part of it for itself."""
-        self.resumptions = 0
-        """How often the motion had to be resumed after something had held it."""
         self._experiment = experiment
         self._trajectory = trajectory
         self._service = session.service
@@ -148,7 +146,6 @@ class Trial:
             if held_s > _LONGEST_HELD_S:
                 raise TrialError(f"the motion is held and cannot go on, {where}: {self._why()}")
             self._operator.try_to_resume()
-            self.resumptions += supervisor.running
             in_a_row += supervisor.running
 
     def _tell_how_far(self) -> None:

@@ -42,7 +42,6 @@ class Refined:
     risk: PathRisk
     printed: float
     """Equation 10 over as many waypoints as the path had before."""
-    evaluations: int
 
 
 class Refinement:
@@ -56,13 +55,11 @@ class Refinement:
         self._count, self._iterations = waypoints, iterations
         self._lack = ClearanceLack(body.model, body.contact, body.grid, seed=seed)
         self._scale = body.model.scale
-        self._evaluations = 0
 
     def of(self, path: FloatArray, progress: Progress) -> Refined:
         """The (n, m) path made better; or as it was, where nothing is better."""
         before = resampled(self._body, path, self._count)
         progress.begin("refining", self._iterations, 0)
-        self._evaluations = 0
         after = self._optimised(before, progress)
         was = self._judged(path, before)
         best = was
@@ -79,7 +76,7 @@ class Refinement:
 
     def _judged(self, path: FloatArray, waypoints: FloatArray) -> Refined:
         risk = self._risks.of(path)
-        return Refined(path, risk, printed_path_risk(self._body, waypoints), self._evaluations)
+        return Refined(path, risk, printed_path_risk(self._body, waypoints))
 
     def _better(self, found: Refined, than: Refined) -> bool:
         """Never one that is worse by either measure; of the same risk, the one with more room."""
@@ -135,7 +132,6 @@ class Refinement:
         for row in range(1, n - 1):
             u = waypoints[row] / self._scale
             lack = self._lack.at(u)
-            self._evaluations += 1
             strange, by_place = self._strangeness(u)
             total += _PER_MM * lack.mm + _UNKNOWN * strange
             slope[row] += _PER_MM * lack.by_u / self._scale + _UNKNOWN * by_place

@@ -25,29 +25,22 @@ _HALVINGS: Final = 14
 
 
 class BodyError(NamedTuple):
-    """Over a grid of configurations: distances of the tips, and the angle between them."""
+    """Over a grid of configurations: distances of the tips."""
 
     mean_mm: float
     rms_mm: float
     highest_mm: float
-    rms_rad: float
-
-
-class _Off(NamedTuple):
-    mm: FloatArray
-    rad: FloatArray
 
 
 def body_error(
     one: ConcentricTubesPlant, other: ConcentricTubesPlant, axes: Sequence[AxisBase]
 ) -> BodyError:
     """Without loads and friction. Raises RelativeRangeError for what has no such body."""
-    off = _off(one, other, axes)
+    off_mm = _off_mm(one, other, axes)
     return BodyError(
-        float(off.mm.mean()),
-        float(np.sqrt((off.mm**2).mean())),
-        float(off.mm.max()),
-        float(np.sqrt((off.rad**2).mean())),
+        float(off_mm.mean()),
+        float(np.sqrt((off_mm**2).mean())),
+        float(off_mm.max()),
     )
 
 
@@ -75,10 +68,10 @@ def _turned(plant: ConcentricTubesPlant, angles_rad: FloatArray) -> ConcentricTu
     return plant.model_copy(update={"tubes": turned})
 
 
-def _off(one: ConcentricTubesPlant, other: ConcentricTubesPlant, axes: Sequence[AxisBase]) -> _Off:
+def _off_mm(
+    one: ConcentricTubesPlant, other: ConcentricTubesPlant, axes: Sequence[AxisBase]
+) -> FloatArray:
+    """Between the tips, wherever both bodies have an equilibrium."""
     mine, theirs = (RelativeTubes(plant, axes).poses(_POINTS) for plant in (one, other))
-    mm = np.linalg.norm(theirs.tip_mm - mine.tip_mm, axis=1)
-    across = np.linalg.norm(np.cross(mine.direction, theirs.direction), axis=1)
-    rad = np.arctan2(across, (mine.direction * theirs.direction).sum(axis=1))
-    known = np.isfinite(mm)
-    return _Off(mm[known], rad[known])
+    mm: FloatArray = np.linalg.norm(theirs.tip_mm - mine.tip_mm, axis=1)
+    return mm[np.isfinite(mm)]

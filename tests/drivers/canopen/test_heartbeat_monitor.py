@@ -15,7 +15,6 @@ def test_a_node_is_lost_when_its_heartbeat_is_late() -> None:
     assert monitor.receive(b"\x05", 1000 * MS) is NmtState.OPERATIONAL
     assert not monitor.is_lost(1250 * MS)
     assert monitor.is_lost(1251 * MS)
-    assert monitor.age_ns(1251 * MS) == 251 * MS
 
 
 def test_boot_ups_are_counted() -> None:
@@ -29,7 +28,7 @@ def test_nonsense_is_no_sign_of_life() -> None:
     monitor = HeartbeatMonitor(250 * MS)
     for data in (b"", b"\x05\x05", b"\x42"):
         assert monitor.receive(data, 0) is None
-    assert monitor.age_ns(0) is None
+    assert monitor.state is None
 
 
 def test_a_forgotten_node_has_to_be_heard_anew() -> None:
