@@ -182,8 +182,8 @@ class GuardedController:
 
     def propose(self, observation: Observation) -> Proposal:
         """As `Controller` says. Only a step for every axis, of numbers, comes back."""
-        return self._checked(
-            self._ask("propose", lambda: self._controller.propose(_copy(observation)))
+        return self._ask(
+            "propose", lambda: self._checked(self._controller.propose(_copy(observation)))
         )
 
     def learn(self) -> None:

@@ -92,6 +92,14 @@ HELD = {
     "no proposal": ("return 'left'", "proposed no Proposal, but 'left'"),
     "nothing": ("pass", "proposed no Proposal, but None"),
     "words": ("return Proposal(['a'] * 6)", "proposed no step: ValueError: "),
+    "an array that does not come off its device": (
+        "return Proposal(type('Tensor', (), {'__array__': lambda *_, **__: 1 / 0})())",
+        "failed in propose: ZeroDivisionError: ",
+    ),
+    "a note that cannot be printed": (
+        "return Proposal(np.zeros(6), type('Note', (), {'__str__': lambda _: 1 / 0})())",
+        "failed in propose: ZeroDivisionError: ",
+    ),
     "raises": ("raise IndexError('five')", "failed in propose: IndexError: five"),
     "gives up": ("raise ControllerError('lost')", ": lost"),
     "ends the process": ("sys.exit(3)", "SystemExit: 3"),
