@@ -109,18 +109,18 @@ class MotionLoader:
         self._busy = False
 
     async def to_follow(self, command: Load) -> tuple[Trajectory, Controller, Bounds]:
-        """What a `load` asks for, and what it has to keep to. Raises RefusedError."""
+        """What a `load` asks for, and what it has to keep to. Raises CommandRefusedError."""
         if command.robot and command.robot != self._robot.robot:
             text = f"it is meant for {command.robot}, and this is {self._robot.robot}"
             raise CommandRefusedError("wrong_robot", text)
         return await self._made(lambda: self._to_follow(command))
 
     async def controller(self, mapping: dict[str, Any] | None) -> Controller:
-        """The controller that a message asks for. Raises RefusedError."""
+        """The controller that a message asks for. Raises CommandRefusedError."""
         return await self._made(lambda: self.make_controller(self._options(mapping)))
 
     def make_controller(self, options: ControllerOptions) -> Controller:
-        """A controller for this robot. Raises RefusedError."""
+        """A controller for this robot. Raises CommandRefusedError."""
         try:
             return make_controller(options, self._robot, self._seed, self._answering)
         except ControllerError as error:

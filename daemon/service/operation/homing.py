@@ -32,7 +32,7 @@ class RobotHoming:
     def groups(self, names: Sequence[str]) -> list[list[AxisChannel]]:
         """The axes that are meant, group after group as the robot file orders them.
 
-        names: empty for all that do not know their zero. Raises RefusedError.
+        names: empty for all that do not know their zero. Raises CommandRefusedError.
         """
         unknown = [name for name in names if name not in self._channels]
         if unknown:
@@ -55,7 +55,10 @@ class RobotHoming:
         return [[self._channels[name] for name in group] for group in groups if group]
 
     async def home(self, groups: Sequence[Sequence[AxisChannel]]) -> None:
-        """Home them. At the end, whichever it is, the drives are off. Raises RefusedError."""
+        """Home them. At the end, whichever it is, the drives are off.
+
+        Raises CommandRefusedError.
+        """
         service, supervisor = self._service, self._service.supervisor
         failed: list[str] = []
         supervisor.request(Request.HOME, service.clock.now_ns())

@@ -161,7 +161,7 @@ class Operator:
         return self._service.status()
 
     async def load(self, trajectory: Trajectory, options: ControllerOptions) -> None:
-        """Make ready what `start` will follow. Raises RefusedError."""
+        """Make ready what `start` will follow. Raises CommandRefusedError."""
         controller = self._loader.make_controller(options)
         bounds = self._loader.bounds(options, controller)
         await self._load_checked(trajectory, controller, bounds, lambda: None)
@@ -258,7 +258,7 @@ class Operator:
         return self._answer(command, text=f"homed: {names}")
 
     async def _prepare(self, user: str, command: Command, request: Request) -> None:
-        """What comes before drives are energised, and takes a while. Raises RefusedError."""
+        """What comes before drives are energised, and takes a while. Raises CommandRefusedError."""
         self._check_can_begin(request)
         self._preparing, stops_before = True, self._stops
         try:
@@ -344,7 +344,7 @@ class Operator:
         return self._answer(command)
 
     def start(self, blend_speed_mm_s: float = BLEND_SPEED_MM_S) -> None:
-        """Follow what was loaded. Raises RefusedError."""
+        """Follow what was loaded. Raises CommandRefusedError."""
         # In a hold, `resume` goes on with what was held; what was loaded since is begun.
         anew = self._service.supervisor.state is OperatingState.HOLD and self._following.loaded_anew
         request = Request.RESUME if anew else Request.START
