@@ -12,7 +12,7 @@ from safety.coupling import AxisSum, Condition, CoupledLimit
 from safety.limits import CountLimits
 from safety.shaping import AxisMotion, acceleration_range
 from tests.safety.examples import examples
-from tests.safety.gate_rig import LIMITS, STEP_NS
+from tests.safety.gate.gate_rig import LIMITS, STEP_NS
 
 WIDE = replace(LIMITS, lowest=-100_000)
 # Axis 0 goes no more than 1000 counts before axis 1, and no more than 1000 behind; 8 of rounding.

@@ -9,7 +9,7 @@ from daemon.messages import Acquire, Arm, Load, Start
 from safety.risk_source import Leaving, Nearest, RiskReading
 from safety.states import OperatingState
 from tests.daemon.service.rig import MODEL, SMALL_CIRCLE, Rig, on_a_rig
-from tests.safety.gate_rig import ToldRisk
+from tests.safety.gate.gate_rig import ToldRisk
 
 TOUCHES = Nearest(-3.14, 42.0, (1.0, 2.0, 30.0), (4.0, 5.0, 31.0), ())
 

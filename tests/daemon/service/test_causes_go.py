@@ -10,7 +10,7 @@ from daemon.messages import Arm, Clear, Disarm, Inject, Start, Stop
 from safety.causes import Cause
 from safety.states import OperatingState
 from tests.daemon.service.rig import SMALL_CIRCLE, Rig, on_a_rig
-from tests.safety.gate_rig import ToldRisk
+from tests.safety.gate.gate_rig import ToldRisk
 
 S = OperatingState
 

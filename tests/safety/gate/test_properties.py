@@ -12,7 +12,7 @@ from safety.gate import RISK, Decision, Gate, Measured
 from safety.limits import CountLimits
 from safety.permit import PermittedStep
 from tests.safety.examples import examples
-from tests.safety.gate_rig import (
+from tests.safety.gate.gate_rig import (
     LATEST_S,
     LIMITS,
     STEP_NS,

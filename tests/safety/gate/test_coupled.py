@@ -12,7 +12,7 @@ from safety.gate import RISK, Gate, Measured
 from safety.permit import PermittedStep
 from safety.risk_source import NoModel, RiskReading
 from tests.safety.examples import examples
-from tests.safety.gate_rig import LATEST_S, LIMITS, STEP_NS, THRESHOLD, ToldRisk
+from tests.safety.gate.gate_rig import LATEST_S, LIMITS, STEP_NS, THRESHOLD, ToldRisk
 
 WIDE = replace(LIMITS, lowest=-100_000)
 ORDER = CoupledLimit("order", AxisSum(((0, 1.0), (1, -1.0))), -1000.0, 1000.0)
