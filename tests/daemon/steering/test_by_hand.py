@@ -23,8 +23,8 @@ from daemon.steering.devices import DeviceState
 from daemon.steering.hid_device import HidDevice, HidDeviceError, looks_like
 from daemon.steering.input_events import EV_ABS, EV_KEY, EV_REL, EventStream
 from daemon.steering.station import replayed
+from tests.daemon.remote.commands.typed import Daemon, started
 from tests.daemon.remote.rig import ROBOT, WITHIN_S, FakeRobot, tip
-from tests.daemon.remote.test_commands import Daemon, started
 from tests.daemon.steering.scripted import DEAD_MAN, LET_GO, Puck
 
 OK = 0
