@@ -20,7 +20,8 @@ from daemon.recording.run_folder import RESULT_FILE, RUN_FILE, unfinished
 from daemon.recording.run_reader import RunReader
 from drivers.canopen.codec import cob_ids
 from tests import SOFT_ARM
-from tests.hil.daemon_rig import PATIENT, Rig, S, bus_watch, rig, short_folder
+from tests.hil.bus_watch import bus_watch
+from tests.hil.daemon_rig import PATIENT, Rig, S, rig, short_folder
 from tests.hil.processes import PATIENCE_S, command, lab, run
 
 pytestmark = [pytest.mark.hil, pytest.mark.long, pytest.mark.xdist_group("hil")]

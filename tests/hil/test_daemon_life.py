@@ -28,6 +28,7 @@ from daemon.recording.run_reader import RunReader
 from drivers.canopen.codec import cob_ids
 from drivers.cia402.power_state import Control, PowerState
 from safety.states import OperatingState
+from tests.hil.bus_watch import BusWatch, bus_watch
 from tests.hil.daemon_rig import (
     AS_ON_A_RIG,
     BEFORE_THE_DRIVES,
@@ -35,9 +36,7 @@ from tests.hil.daemon_rig import (
     MODEL,
     NODES,
     PATIENT,
-    BusWatch,
     Rig,
-    bus_watch,
     farthest,
     rig,
     short_folder,
