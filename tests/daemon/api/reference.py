@@ -94,8 +94,7 @@ def _arguments(function: object) -> str:
 
 def _messages(module: ModuleType) -> Iterator[tuple[str, type[msgspec.Struct]]]:
     for name, value in vars(module).items():
-        own = isinstance(value, type) and issubclass(value, msgspec.Struct)
-        if own and value.__module__ == module.__name__:
+        if isinstance(value, type) and issubclass(value, msgspec.Struct):
             yield name, value
 
 

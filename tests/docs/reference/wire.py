@@ -3,12 +3,13 @@
 import ast
 import inspect
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 
 from daemon import messages
-from daemon.messages import COMMANDS, Message, tag, verb
+from daemon.messages import COMMANDS, Message, answers, commands, status, tag, telemetry, verb
+from daemon.messages import base as message_base
 from daemon.remote.keys import TELEMETRY_KEYS, Keys
 from daemon.remote.wire import json_schema
 from tests.docs.reference.markdown import plain, schema_table, table
@@ -20,6 +21,7 @@ What is said over zenoh. How to use it, with an example without this package:
 [Remote API](../remote-api.md).
 
 """
+_MODULES: Final = (message_base, status, telemetry, commands, answers)
 
 
 def messages_page() -> str:
@@ -81,10 +83,11 @@ def _schema(kind: type[msgspec.Struct]) -> dict[str, Any]:
 
 
 def _structs() -> Iterator[tuple[str, type[msgspec.Struct]]]:
-    for name, value in vars(messages).items():
-        own = isinstance(value, type) and issubclass(value, msgspec.Struct)
-        if own and value.__module__ == messages.__name__ and msgspec.structs.fields(value):
-            yield name, value
+    for module in _MODULES:
+        for name, value in vars(module).items():
+            own = isinstance(value, type) and issubclass(value, msgspec.Struct)
+            if own and value.__module__ == module.__name__ and msgspec.structs.fields(value):
+                yield name, value
 
 
 def _link(kind: type[msgspec.Struct]) -> str:
@@ -96,7 +99,7 @@ def _link(kind: type[msgspec.Struct]) -> str:
 def _field_texts() -> dict[str, dict[str, str]]:
     """By class and field: the text under it, which is in the source alone."""
     found: dict[str, dict[str, str]] = {}
-    for node in ast.parse(inspect.getsource(messages)).body:
+    for node in [node for module in _MODULES for node in ast.parse(inspect.getsource(module)).body]:
         if isinstance(node, ast.ClassDef):
             pairs = zip(node.body, node.body[1:], strict=False)
             found[node.name] = dict(one for field, after in pairs for one in _text(field, after))
