@@ -14,10 +14,10 @@ import numpy as np
 
 from config.robot import Robot
 from config.tasks.controllers import Broyden
-from daemon.array_files import Arrays, ModelError
+from daemon.array_files import Arrays, ModelError, read_as
 from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.control.jacobian_estimate import FIRST_STD_MM, JacobianEstimate
-from daemon.control.lag.body_lag import BodyLag
+from daemon.control.lag.body_lag import KNOWN_LAG, BodyLag, known_lag
 from daemon.control.lag.lagged_axes import LaggedAxes
 from daemon.control.task import POSE, POSITION, points, task_of
 from daemon.control.tip_following import TipFollower, step_time
@@ -349,6 +349,8 @@ class BroydenController:
         arrays = {"jacobian": estimate.jacobian, "covariance": estimate.covariance}
         if len(estimate.jacobian) == POSE:
             arrays[_COUNTED] = np.array(self._options.pointing_mm_per_rad)
+        if self._options.leads:
+            arrays |= self._follower.leading.lag.to_arrays()
         save_model(path, self._metadata, arrays)
 
     def load(self, path: Path) -> None:
@@ -357,18 +359,22 @@ class BroydenController:
         counted = float(arrays.get(_COUNTED, np.array(now)))  # there are files that do not say
         if not counted > 0.0:
             raise ModelError(f"{path} is damaged: {_COUNTED} is {counted:g}, and must be above 0")
+        with read_as(path, "a model of this kind"):
+            lag = known_lag(arrays)
         jacobian[POSITION:] *= now / counted
         self._begin(jacobian, arrays["covariance"])
+        if lag is not None:
+            self._follower.leading.lag.take_for(*lag)
 
     def _read(self, path: Path) -> Arrays:
         """With the direction's rows, if it has them. Raises ModelError or OSError."""
         count = len(self._scale)
         place = {"jacobian": (POSITION, count), "covariance": (count, count)}
         pose = {**place, "jacobian": (POSE, count)}
-        for shapes in ({**pose, _COUNTED: ()}, pose):
-            with suppress(ModelError):
-                return load_model(path, self._metadata, shapes)
-        return load_model(path, self._metadata, place)
+        optional = {_COUNTED: (), KNOWN_LAG: (2,)}
+        with suppress(ModelError):
+            return load_model(path, self._metadata, pose, optional)
+        return load_model(path, self._metadata, place, optional)
 
     def _begin_to_point(self) -> None:
         """First motions showed what turns the tip, too, if they are over."""

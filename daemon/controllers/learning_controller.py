@@ -18,6 +18,7 @@ from config.tasks.controllers import Learner
 from daemon.array_files import Arrays, ModelError
 from daemon.control.axis_speeds import Foresight
 from daemon.control.controller import ControllerError, Observation, Proposal
+from daemon.control.lag.body_lag import known_lag
 from daemon.control.lag.lagged_axes import LaggedAxes
 from daemon.control.task import POSITION, points
 from daemon.control.tip_following import TipFollower
@@ -261,6 +262,8 @@ class LearningController(ABC):
         known = {**self._jacobian.to_arrays(), **self._pointing.to_arrays()}
         arrays = {**known, **self._learnt_arrays()}
         model, forward = self._model, self._jacobian.forward
+        if model is None:  # which says how late its body is
+            arrays |= self._follower.leading.lag.to_arrays()
         if model is not None and forward is not None:
             model = replace(model, lwpr=forward)
         save_learnt(path, LearntFile(self.name, model, arrays), self._robot)
@@ -367,8 +370,11 @@ class LearningController(ABC):
             pointing.restore(loaded.arrays)
         if not jacobian.known:
             raise ValueError("it knows no Jacobian")
+        lag = None if loaded.model is not None else known_lag(loaded.arrays)
         self._adopt(loaded.model, jacobian, loaded.arrays)
         self._pointing = pointing
+        if lag is not None and self._options.lag_s is None:
+            self._take_for_as_late(*lag)
 
     def _adopt(self, model: PretrainedModel | None, jacobian: TipJacobian, learnt: Arrays) -> None:
         self._take_over(model, jacobian, learnt)
@@ -385,6 +391,11 @@ class LearningController(ABC):
         self._samples = self._sampler(sampling)
         lag_s = self._options.lag_s
         self._follower.leading.lag.lag_s = sampling.lag_s if lag_s is None else lag_s
+
+    def _take_for_as_late(self, lag_s: float, dead_share: float) -> None:
+        """As motions without a model have told it."""
+        self._take_for_late(replace(_UNKNOWN_BODY, lag_s=lag_s))
+        self._follower.leading.lag.take_for(lag_s, dead_share)
 
     def _end_babbling(self) -> None:
         """Fit a Jacobian to what was seen. Raises ControllerError where it was too little."""
@@ -405,8 +416,7 @@ class LearningController(ABC):
         if first is not None and first.lag != first.expected:
             # These axes were measured, and are told before that.
             late_s = first.lag.lag_s + self._axes.late_s
-            self._take_for_late(replace(_UNKNOWN_BODY, lag_s=late_s))
-            self._follower.leading.lag.take_for(late_s, first.lag.dead_share)
+            self._take_for_as_late(late_s, first.lag.dead_share)
         for sample in babbled:
             self._work_in(sample, self._follower.made_up_for)
         self._babbled = []

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -40,10 +41,14 @@ def save_model(path: Path, metadata: Mapping[str, Any], arrays: Mapping[str, Vec
 
 
 def load_model(
-    path: Path, metadata: Mapping[str, Any], shapes: Mapping[str, tuple[int, ...]]
+    path: Path,
+    metadata: Mapping[str, Any],
+    shapes: Mapping[str, tuple[int, ...]],
+    optional: Mapping[str, tuple[int, ...]] = MappingProxyType({}),
 ) -> dict[str, Vector]:
     """Arrays of these shapes from a model with this metadata.
 
+    optional: those that are read as well where the file has them.
     Raises ModelError that names what does not fit, OSError for a file that cannot be opened.
     """
     with read_as(path, "a model of this kind"):
@@ -52,6 +57,7 @@ def load_model(
         actual = file.about.get(key)
         if actual != expected:
             raise ModelError(f"{path} does not fit: its {key} is {actual!r}, not {expected!r}")
+    shapes = {**shapes, **{name: optional[name] for name in optional.keys() & file.arrays.keys()}}
     with read_as(path, "a model of this kind"):
         arrays = {name: np.asarray(file.arrays[name], dtype=np.float64) for name in shapes}
     for name, shape in shapes.items():

@@ -11,7 +11,7 @@ across the axes of space would explain a circle with any delay, as a turn.
 """
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import exp, inf
 from typing import Final, NamedTuple
 
@@ -21,6 +21,8 @@ from daemon.control.lag import lag_kernels as kernels
 from daemon.learning.samples.motion import DEAD_SHARE
 from drivers.pose import Vector
 
+KNOWN_LAG: Final = "body_lag"
+"""In a file: the lag in s, and its share of dead time."""
 LONGEST_S = 1.6
 """No lag beyond this is looked for."""
 DEAD_SHARES: Final = (DEAD_SHARE, 0.25, 0.6, 0.85)
@@ -112,6 +114,10 @@ class BodyLag:
             self._shares = np.array([dead_share])
             self._dead_s = dead_share * self._delays
             self._first_order_s = np.maximum(self._delays - self._dead_s, 1e-9)
+
+    def to_arrays(self) -> dict[str, Vector]:
+        """What `known_lag` reads again."""
+        return {KNOWN_LAG: np.array([self.lag_s, self.dead_share])}
 
     def break_off(self) -> None:
         """What comes next does not go on from here. What was found stays."""
@@ -219,6 +225,19 @@ class BodyLag:
             return
         if here - least >= _CLEARER * least + _AT_LEAST:
             self.lag_s += (1.0 - exp(-dt_s / _APPROACH_S)) * (lag_s - self.lag_s)
+
+
+def known_lag(arrays: Mapping[str, Vector]) -> tuple[float, float] | None:
+    """The lag and its share of dead time that `BodyLag.to_arrays` gave; None: nobody knew them.
+
+    Raises ValueError for what cannot be.
+    """
+    if KNOWN_LAG not in arrays:
+        return None
+    known = arrays[KNOWN_LAG]
+    if known.shape != (2,) or not ((known >= 0.0) & (known <= (2.0 * LONGEST_S, 1.0))).all():
+        raise ValueError(f"how late the body is, is {known.tolist()}")
+    return float(known[0]), float(known[1])
 
 
 class _Track:

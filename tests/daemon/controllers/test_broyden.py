@@ -218,6 +218,20 @@ def test_however_long_it_is_held_in_its_first_motions_they_tell_how_late_the_bod
     assert found_lag_s(held) == pytest.approx(found_lag_s(not_held), abs=0.05)
 
 
+def test_how_late_the_body_is_is_kept_in_its_file(tmp_path: Path) -> None:
+    """Nothing but first motions tells it at once, and who loads a file makes none: taken for prompt
+    a body that is half a second late is swung up."""
+    options = OPTIONS.model_copy(update={"lead": True})
+    loop = LateRobot(options=options)
+    lag_s = found_lag_s(loop)
+    assert lag_s > 0.3
+    loop.controller.save(tmp_path / "broyden.npz")
+    for also in (options, OPTIONS):  # who does not lead has no use for it
+        again = BroydenController(also, ROBOT)
+        again.load(tmp_path / "broyden.npz")
+        assert again._follower.leading.lag.lag_s == lag_s
+
+
 def test_what_is_seen_while_it_is_held_is_not_kept() -> None:
     loop = LinearRobot()
     loop.controller.reset(loop.seen())

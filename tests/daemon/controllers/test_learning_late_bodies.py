@@ -1,13 +1,14 @@
 """What motions of a body teach that answers late: less than a prompt one's, and no load at once."""
 
 from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from config.tasks.controllers import TipFollowing
 from daemon.control.controller import ControllerError, Observation
-from daemon.control.lag.body_lag import parts
+from daemon.control.lag.body_lag import KNOWN_LAG, known_lag, parts
 from daemon.control.tip_following import TipFollower
 from daemon.controllers.learning_controller import LearningController
 from tests.daemon.control.closed_loop import (
@@ -125,6 +126,29 @@ def test_first_motions_tell_the_jacobian_of_a_body_however_late_it_is(
     body.babble()
     assert body.off < 0.15
     assert body.learner._follower.leading.lag.lag_s == pytest.approx(late_s, abs=0.06)
+
+
+@pytest.mark.parametrize("lead", [True, False])
+def test_how_late_a_body_is_that_was_learnt_without_a_model_is_kept(
+    lead: bool, tmp_path: Path
+) -> None:
+    kind, babbling = "forward_jacobian", {"duration_s": 15.0}
+    body = LateBody(0.5, made_learner(kind, babbling=babbling, lead=lead))
+    body.babble()
+    lag = body.learner._follower.leading.lag
+    body.learner.save(tmp_path / "learnt.npz")
+    for said_s in (None, 0.3):
+        model = str(tmp_path / "learnt.npz")
+        again = made_learner(kind, model=model, lead=lead, lag_s=said_s)
+        known = again._follower.leading.lag
+        assert known.lag_s == (said_s or lag.lag_s)
+        assert said_s or known.dead_share == lag.dead_share
+
+
+@pytest.mark.parametrize("known", [[-0.1, 0.4], [0.5, 1.5], [9.0, 0.4], [0.5]])
+def test_a_file_that_has_a_body_late_as_none_can_be_is_refused(known: list[float]) -> None:
+    with pytest.raises(ValueError, match="how late the body is"):
+        known_lag({KNOWN_LAG: np.array(known)})
 
 
 def test_a_pause_while_it_works_out_how_late_the_body_is_begins_nothing_anew() -> None:
