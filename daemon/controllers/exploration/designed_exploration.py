@@ -109,6 +109,12 @@ class DesignedExplorationController(ExplorationController):
             return ""
         return f"tries motions: {self._elapsed_s:.0f} of {self._options.duration_s:.0f} s"
 
+    def reset(self, observation: Observation) -> None:
+        turns = bool((self._axes.period > 0.0).any())  # tubes may be drawn back first
+        if self._line < 0 and not turns:
+            self._walls.come_near(observation.tip_mm)
+        super().reset(observation)
+
     def propose(self, observation: Observation) -> Proposal:
         self._elapsed_s += step_time(observation)
         return super().propose(observation)

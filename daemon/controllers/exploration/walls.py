@@ -10,7 +10,7 @@ from config.control import Workspace
 from config.robot import Robot
 from daemon.control.controller import Observation
 from daemon.robot.axes import AxisRanges
-from drivers.pose import Vector
+from drivers.pose import Vector, length
 
 # A rough idea of what the body does for which axes, from what was seen: it keeps waypoints inside.
 #
@@ -71,19 +71,34 @@ _BEHIND_THE_FIRST = 0.8
 workspace goes: an arm that rests near its end would turn back from every line across its middle."""
 
 
+_NEAR = 0.55
+"""Of how far the tip is from its base where it is first, along each coordinate. A soft arm that
+bends farther in seconds of motion shows more of a shape that no quadratic has than of how it rises
+and sinks, and a path near the axis of one is then followed 60 mm off."""
+
+
 class Walls:
-    """The tip's place, if there is a workspace, and then the tensions of what tendons there are."""
+    """The tip's place, and then the tensions of what tendons there are."""
 
     def __init__(self, robot: Robot, wall_mm: float) -> None:
         tensions_n = [axis.tension_range_n for axis in robot.axes]
         self._tendons = [i for i, one in enumerate(tensions_n) if one is not None]
         self._box, self._wall_mm = robot.workspace, wall_mm
-        pairs = [] if robot.workspace is None else _box(robot.workspace, wall_mm)
+        pairs = 3 * [(-np.inf, np.inf)]
+        if robot.workspace is not None:
+            pairs = _box(robot.workspace, wall_mm)
         for low, high in filter(None, tensions_n):
             spared = _TENSION_SPARED * (high - low)
             pairs.append((low + spared, high - spared))
         self._lowest, self._highest = np.array(pairs).reshape(-1, 2).T
         self.count = len(pairs)
+
+    def come_near(self, tip_mm: Vector) -> None:
+        """The tip is at (3,) first, and shall not go so far that no quadratic tells where it is."""
+        if np.isfinite(tip_mm).all():
+            reach_mm, tip = _NEAR * length(tip_mm), slice(0, 3)
+            self._lowest[tip] = np.maximum(self._lowest[tip], tip_mm - reach_mm)
+            self._highest[tip] = np.minimum(self._highest[tip], tip_mm + reach_mm)
 
     def stand_back(self, tip_mm: Vector) -> None:
         """The tip is at (3,) first, before anything moves."""
@@ -97,8 +112,7 @@ class Walls:
 
     def values(self, observation: Observation) -> Vector:
         """(k,) mm and N: what stands between the walls at this step."""
-        tip = observation.tip_mm if self._box is not None else np.empty(0)
-        pulls = observation.tensions_n
+        tip, pulls = observation.tip_mm, observation.tensions_n
         if pulls is None:
             return np.concatenate([tip, np.full(len(self._tendons), np.nan)])
         return np.concatenate([tip, pulls[self._tendons]])
@@ -107,7 +121,7 @@ class Walls:
         """(n,) how far the worst of each of (n, k) values is outside, as a share of what is between
         its walls; 0 inside, and where it is not known."""
         outside = np.maximum(self._lowest - values, values - self._highest)
-        shares = outside / (self._highest - self._lowest)
+        shares = outside / self._between
         return np.asarray(np.nan_to_num(shares, nan=0.0).max(axis=1, initial=0.0))
 
     def well_inside(self, values: Vector, share: float) -> bool:
@@ -115,9 +129,15 @@ class Walls:
         tendon beyond its own."""
         if self.beyond(values[None, :])[0] > 0.0:
             return False
-        tip = slice(0, 3 if self._box is not None else 0)
+        tip = slice(0, 3)
         low, high, at = self._lowest[tip], self._highest[tip], values[tip]
-        return bool((np.minimum(at - low, high - at) > share * (high - low)).all())
+        return bool((np.minimum(at - low, high - at) > share * self._between[tip]).all())
+
+    @property
+    def _between(self) -> Vector:
+        """(k,) what is between the walls; 1 where there are none."""
+        between = self._highest - self._lowest
+        return np.where(np.isfinite(between), between, 1.0)
 
 
 def _box(workspace: Workspace, wall_mm: float) -> list[tuple[float, float]]:

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from config.control import Workspace
 from config.loader import load_robot
 from config.robot import Robot
 from config.tasks.exploration import DesignedExploration, WaypointExploration
@@ -28,6 +29,7 @@ from tests.daemon.controllers.exploration.test_waypoint_exploration import (
 )
 
 SECONDS = 16.0
+WIDE = Workspace(x_mm=(-300.0, 300.0), y_mm=(-300.0, 300.0), z_mm=(-100.0, 400.0))
 
 
 def controller(
@@ -55,6 +57,30 @@ def walked(
 
 
 MIDDLE = np.full(6, 25.0)
+
+
+def explored(workspace: Workspace | None) -> Vector:
+    """(n, 6) axes of a body whose tip begins 174 mm above its base, and moves in proportion."""
+    control = controller(robot=ROBOT.model_copy(update={"workspace": workspace}))
+    first_mm, u = np.array([0.0, 0.0, 174.0]), np.zeros(6)
+    per_mm = np.random.default_rng(5).normal(0.0, 3.0, (3, 6))
+    control.reset(still(u, first_mm))
+    places = [u]
+    for _ in range(round(SECONDS / DT_S)):
+        seen = still(u, first_mm + per_mm @ u)
+        control.observe(seen)
+        u = u + control.propose(seen).delta_u
+        places.append(u)
+    return np.array(places)
+
+
+def test_a_workspace_is_explored_no_farther_than_a_quadratic_tells_where_a_supple_arm_is() -> None:
+    far_mm, wall_mm = 0.55 * 174.0, 5.0
+    aside, low, high = far_mm + wall_mm, 174.0 - far_mm - wall_mm, 174.0 + far_mm + wall_mm
+    as_wide = Workspace(x_mm=(-aside, aside), y_mm=(-aside, aside), z_mm=(low, high))
+    expected = explored(as_wide)
+    np.testing.assert_allclose(explored(WIDE), expected)
+    np.testing.assert_allclose(explored(None), expected)
 
 
 def told(places: Vector) -> float:
