@@ -366,14 +366,14 @@ class TipFollower:
             step = keeping.evened(step)
         fastest = self.axes.max_velocity * dt_s
         step = np.clip(np.clip(step, lowest, highest), -fastest, fastest)
-        kept = self._coupled_kept(step, jacobian, observation)
+        kept = self.coupled_kept(step, jacobian, observation)
         if kept is not step:
             made = made + jacobian @ (kept - step)
         if self._leads:
             self.leading.see_made(tip_step[:POSITION], made[:POSITION])
         return np.asarray(kept)
 
-    def _coupled_kept(self, step: Vector, jacobian: Matrix, observation: Observation) -> Vector:
+    def coupled_kept(self, step: Vector, jacobian: Matrix, observation: Observation) -> Vector:
         """(m,) a step that keeps what couples the axes; itself where there is nothing to keep."""
         if self._coupled_keeping is None:
             return step
@@ -420,7 +420,7 @@ class TipFollower:
         Raises ControllerError as `axis_step` does.
         """
         self._tell(jacobian, observation)
-        return self._coupled_kept(self.within_limits(step, observation), jacobian, observation)
+        return self.coupled_kept(self.within_limits(step, observation), jacobian, observation)
 
     def _tell(self, jacobian: Matrix, observation: Observation) -> None:
         if not (_all_finite(jacobian) and _all_finite(observation.targets)):

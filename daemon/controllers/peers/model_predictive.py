@@ -174,7 +174,8 @@ class ModelPredictiveController(JacobianController):
         motion, self._prices = kernels.best_motion(horizon, weights, bounds, self._prices)
         self._last = jacobian, observation.targets, dt_s
         step = motion[0] * self._scale * (dt_s / interval_s)
-        return Proposal(self._follower.within_limits(step, observation))
+        step = self._follower.within_limits(step, observation)
+        return Proposal(self._follower.coupled_kept(step, jacobian, observation))
 
     def _observed(self, observation: Observation, dt_s: float) -> tuple[LaggedTip, Vector]:
         """The model with what was told and seen, and (m,) shares per second that the axes go."""

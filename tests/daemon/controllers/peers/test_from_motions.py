@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from config.coupling.limits import LengthLimit
 from config.loader import load_robot
 from config.tasks.controllers import load_controller_options
 from config.tasks.trajectory import Circle
@@ -14,7 +15,7 @@ from daemon.controllers.make_controller import make_controller
 from daemon.reference.trajectories import make_trajectory
 from drivers.pose import Vector
 from tests import SHIPPED_ROBOTS
-from tests.daemon.control.closed_loop import DT_S, made_learner, pretrained, started
+from tests.daemon.control.closed_loop import DT_S, ROBOT, made_learner, pretrained, started
 
 pytestmark = pytest.mark.xdist_group("from_motions")  # whose arm is explored once for all tests
 
@@ -69,6 +70,26 @@ def test_the_prediction_leaves_no_error_at_rest(model: str) -> None:
         away.append(loop.tip_mm - START_MM)
     left_mm = np.linalg.norm(np.mean(away[-120:], axis=0))
     assert left_mm < 0.15, "on average: the tracker's noise is not error"
+
+
+@each
+def test_limits_that_couple_axes_are_gone_along(kind: str, model: str) -> None:
+    """The tip is asked to where the first two axes together would have to be nearer to 0."""
+    both = LengthLimit(
+        name="both",
+        reason="they would touch",
+        kind="length",
+        sum={"proximal_1": 1.0, "proximal_2": 1.0},
+        lowest_mm=45.0,
+    )
+    robot = ROBOT.model_copy(update={"coupled_limits": [both]})
+    options = load_controller_options({"kind": kind, "model": model, "probe": False})
+    loop = started(make_controller(options, robot, seed=1), START_MM)
+    lowest = loop.u[:2].sum()
+    for _ in range(160):
+        loop.step(START_MM + np.array([0.0, 0.0, -40.0]), np.zeros(3))
+        lowest = min(lowest, loop.u[:2].sum())
+    assert 45.0 - 0.01 < lowest < 47.0
 
 
 @each
