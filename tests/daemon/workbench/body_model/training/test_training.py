@@ -238,6 +238,22 @@ def test_one_component_learns_alone_and_is_split_as_it_misses(components: int) -
     assert mixture.weights @ np.abs(at_0) == pytest.approx(3.0, abs=0.8)
 
 
+def test_few_groups_that_are_learnt_by_heart_stay_one_component() -> None:
+    whole = Beginning(np.zeros((1, 8)), np.eye(8)[None] * 400.0)
+    scale = Scaling(np.zeros(2), np.ones(2), np.zeros(8), 5.0, (-4.0, 4.0), np.zeros(2))
+    settings = TrainingSettings(
+        steps=300, groups=10, samples=12, learning_rate=1e-2, check_every=50, alone=0.5
+    )
+    found = train(*strewn(10), NetworkShape(2, (32, 32)), scale, whole, settings)
+    after = [check.kept_back for check in found.checks if check.step > 150]
+    assert after == sorted(after), "the longer, the worse"
+    assert found.best == min(found.checks, key=lambda check: check.kept_back)
+    assert found.best.step <= 150
+    mixture = MixtureNetwork(found.arrays, "silu").mixture([0.3, -0.2])
+    assert mixture is not None
+    assert mixture.components == 1
+
+
 def test_too_few_samples_cannot_say_how_to_split() -> None:
     settings = TrainingSettings(steps=20, groups=4, samples=2, alone=0.5)
     with pytest.raises(TrainingError, match="too few for 8 components"):
