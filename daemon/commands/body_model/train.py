@@ -88,6 +88,7 @@ def run(arguments: argparse.Namespace) -> Result:
     from daemon.risk.model_file import write_model
     from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset
     from daemon.workbench.body_model.training.body_training import nats_in_metres, train_body
+    from daemon.workbench.body_model.training.recalibration import Widths
 
     try:
         settings = _settings(arguments)
@@ -111,6 +112,11 @@ def run(arguments: argparse.Namespace) -> Result:
         f"{widths['wide_share']:.0%} are {widths['wide']:.2f} times as wide as learnt, the others "
         f"{widths['narrow']:.2f} times, as the same say"
     )
+    if not Widths(**widths).enough:
+        text += (
+            ". That is the most that is allowed: bodies miss this model by more than it says, so "
+            "its risks are not to be trusted. See the body at more configurations, or more starts"
+        )
     return Result(
         {
             "written": arguments.out,

@@ -25,7 +25,7 @@ Arrays = dict[str, NDArray[Any]]
 MOST_DOUBLED: Final = MOST_COMPONENTS // 2
 """Components that can become two."""
 _FIRST: Final = (log(0.8), log(1.3), 0.0)
-_MOST: Final = log(3.0)
+MOST_WIDER: Final = 3.0
 """Times narrower or wider, no further: then it is the network that is wrong."""
 
 
@@ -36,6 +36,11 @@ class Widths:
     narrow: float
     wide: float
     wide_share: float
+
+    @property
+    def enough(self) -> bool:
+        """Whether no more was asked for than may be."""
+        return self.wide < MOST_WIDER * (1.0 - 1e-6)
 
 
 def recalibrated(
@@ -49,7 +54,7 @@ def recalibrated(
     d = samples_mm.shape[2]
 
     def unlikely(parameters: FloatArray) -> float:
-        narrow, wide = np.clip(parameters[:2], -_MOST, _MOST).tolist()
+        narrow, wide = np.clip(parameters[:2], -log(MOST_WIDER), log(MOST_WIDER)).tolist()
         share = float(expit(parameters[2]))
         parts = np.logaddexp(
             np.log1p(-share) - d * narrow - 0.5 * squares * np.exp(-2.0 * narrow),
@@ -58,7 +63,7 @@ def recalibrated(
         return -float(logsumexp(logarithms[:, :, None] + parts, axis=1).mean())
 
     found = minimize(unlikely, np.array(_FIRST), method="Nelder-Mead")
-    first, second = np.exp(np.clip(found.x[:2], -_MOST, _MOST)).tolist()
+    first, second = np.exp(np.clip(found.x[:2], -log(MOST_WIDER), log(MOST_WIDER))).tolist()
     share = float(expit(found.x[2]))
     widths = Widths(first, second, share) if first <= second else Widths(second, first, 1 - share)
     return doubled(arrays, widths), widths

@@ -46,6 +46,7 @@ def test_those_widths_are_found_that_the_data_were_made_with(truly: Widths) -> N
         assert widths.narrow == pytest.approx(truly.narrow, rel=0.06)
         assert widths.wide == pytest.approx(truly.wide, rel=0.06)
         assert widths.wide_share == pytest.approx(truly.wide_share, abs=0.06)
+    assert widths.enough
     found = scores(MixtureNetwork(made, "silu"), u, samples)
     np.testing.assert_allclose(found.coverage(), [0.5, 0.8, 0.95], atol=0.03)
 
@@ -55,6 +56,7 @@ def test_a_network_that_is_nothing_like_the_data_is_not_widened_without_end() ->
     u, samples = seen_by(MixtureNetwork(arrays, "silu"), samples=5)
     _, widths = recalibrated(arrays, "silu", u, samples * 50.0)
     assert 1.0 / 3.0 - 1e-9 <= widths.narrow <= widths.wide <= 3.0 + 1e-9
+    assert not widths.enough, "whoever trains it is told"
 
 
 def test_an_array_that_is_given_is_not_changed() -> None:
