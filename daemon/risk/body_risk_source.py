@@ -285,6 +285,10 @@ def make_risk_source(
         return NoModel()
     files = read_risk_files(file, tip_loads_g)
     read = files.model
+    try:
+        check_way_in(files.surroundings, BodySize.of(read.model))
+    except EnvironmentFaultError as error:
+        raise RiskFilesError(str(error), "surface") from None
     given = None
     if settings.given_tip:
         accuracies = settings.tip_accuracy_mm, settings.tip_accuracy_rad
@@ -346,9 +350,7 @@ def read_risk_files(
                 "model",
             )
     try:
-        size = BodySize.of(read.model)
-        around = read_surroundings(surface, file.path, size)
-        check_way_in(around, size)
+        around = read_surroundings(surface, file.path, BodySize.of(read.model))
     except (EnvironmentFaultError, ValueError) as error:
         raise RiskFilesError(str(error), "surface") from None
     return RiskFiles(read, around)
