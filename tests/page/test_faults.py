@@ -189,6 +189,8 @@ def test_a_frozen_server_greys_the_page_within_a_second_and_the_lease_runs_out(
             until(lambda: seen.stale, "it greys out", 1.0)
             assert seen.page.locator("#stop").is_enabled()
             until(lambda: on.robot.state == "hold", "the robot holds by the lease", 3.0)
+            told = seen.page.locator("#connection")
+            until(lambda: "server does not answer" in told.inner_text(), told.inner_text, 8.0)
         finally:
             on.server.process.send_signal(signal.SIGCONT)
         seen.until_live()
@@ -209,6 +211,14 @@ def test_a_server_that_is_killed_is_told_and_another_one_is_a_new_beginning(
         says = seen.page.locator("#stopsays")
         until(lambda: says.get_attribute("data-outcome") == "no answer", "STOP tells that too")
         assert "emergency stop" in says.inner_text()
+        told = seen.page.locator("#connection")
+        until(lambda: "server does not answer" in told.inner_text(), told.inner_text)
+        port = on.base.rpartition(":")[2].strip("/")
+        another = Process(command("dashboard", "--runtime-dir", str(on.folder), "--port", port))
+        try:
+            until(lambda: "open the address" in told.inner_text(), told.inner_text)
+        finally:
+            another.leave()
 
 
 def test_stop_is_told_though_telemetry_and_picture_hang(browser: "Browser", on: Stage) -> None:

@@ -22,10 +22,10 @@ export function clock(seconds) {
   return `${Math.floor(whole / 60)}:${String(whole % 60).padStart(2, "0")}.${tenths}`;
 }
 
-// as: `json`, or what else a response is made of.
-export async function told(path, as = "json") {
-  const response = await fetch(path);
-  if (!response.ok) throw new Error(await response.text());
+// as: `json`, or what else a response is made of. within_ms: then it is given up, where that is said.
+export async function told(path, as = "json", within_ms = 0) {
+  const response = await fetch(path, within_ms ? { signal: AbortSignal.timeout(within_ms) } : {});
+  if (!response.ok) throw Object.assign(new Error(await response.text()), { status: response.status });
   return response[as]();
 }
 

@@ -11,7 +11,7 @@ import { fetchReplay, openReplay, reading } from "./replay.js";
 import { showRuns } from "./runs.js";
 import { Hand } from "./teleoperation.js";
 
-const STALE_S = 0.5, CLOCKS_APART_S = 1, CLOCKS_ASKED_MS = 60000, RUNS_EVERY_MS = 15000, SHOWN_EVERY_MS = 95, SHOWN_WITHIN_MS = 250, HANGS_S = 1.5, TOLD_WITHIN_MS = 30;
+const STALE_S = 0.5, CLOCKS_APART_S = 1, CLOCKS_ASKED_MS = 60000, RUNS_EVERY_MS = 15000, SHOWN_EVERY_MS = 95, SHOWN_WITHIN_MS = 250, HANGS_S = 1.5, TOLD_WITHIN_MS = 30, FOUND_WITHIN_MS = 4000;
 const replayed = new URLSearchParams(location.search).get("replay");
 const look = {
   frames: 0, status: null, risk: null, tip: null, body: null, heard: 0, age: Infinity, number: 0, drawnNumber: 0, drawnHeard: -Infinity,
@@ -25,7 +25,7 @@ const fetched = replayed ? fetchReplay(replayed, reading) : null;
 if (fetched) fetched.catch(() => {});  // told where it is opened
 const drawnTimes = [];
 let scene = null, plots = null, axisNames = "", replay = null, hand = null, awake = false, timer = 0;
-let unshown = null, shown_ms = -Infinity, turn = 0, room = 0;
+let unshown = null, shown_ms = -Infinity, turn = 0, room = 0, serverSays = "", finding = false;
 
 async function makeScene() {
   try {
@@ -139,8 +139,9 @@ function showAge() {
     put($("remedy"), "A robot is started with `tentacled run ROBOT`, and found by itself");
   }
   const age = Number.isFinite(seconds) ? `no data for ${seconds.toFixed(1)} s` : "no data";
-  put($("connection"), stale ? look.problem || age : "live");
-  if (stale) { put($("stopstate"), look.problem || age); put($("holder"), ""); }
+  const why = serverSays || look.problem || age;
+  put($("connection"), stale ? why : "live");
+  if (stale) { put($("stopstate"), why); put($("holder"), ""); }
   $("connection").dataset.live = String(!stale);
   const hangs = !stale && !document.hidden && scene.working && look.pictureAge() > HANGS_S;
   $("scenepanel").classList.toggle("hanging", hangs);
@@ -194,9 +195,15 @@ function sayWhom() {
   put($("stopwhom"), count ? (count > 1 || replayed ? `Stops ${$("robot").value}.` : "") : "No robot is connected here.");
 }
 
+// One question at a time: a browser asks a server for few things at once, and STOP may have to be one of them.
 async function findRobots() {
+  if (finding) return;
+  finding = true;
   let robots;
-  try { robots = await told("api/robots"); } catch { return; }
+  try { robots = await told("api/robots", "json", FOUND_WITHIN_MS); serverSays = ""; } catch (error) {
+    serverSays = error.status === 401 ? "The page's server was started anew: open the address that it has printed" : "The page's server does not answer";
+    return;
+  } finally { finding = false; }
   const select = $("robot"), before = select.value, names = robots.map((robot) => robot.name);
   if (names.join() !== [...select.options].map((option) => option.value).join()) {
     select.replaceChildren(...robots.map((robot) => new Option(robot.name, robot.name)));
