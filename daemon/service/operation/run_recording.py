@@ -82,8 +82,7 @@ class RunRecording:
             raise RecordingError(f"no folder for the run: {error}") from None
         await self._start(self.folder)
         self._recording = True
-        for listener in self.begun:
-            listener()
+        self._tell_begun()
         self._service.publish(self._service.status())
 
     async def keep(self, name: str, content: bytes) -> None:
@@ -197,6 +196,13 @@ class RunRecording:
             if folder != self.folder:
                 self.folder, self._segment = folder, 1
         await self._start(self.folder)
+        if self._segment == 1:
+            self._tell_begun()
+
+    def _tell_begun(self) -> None:
+        """A recording in a folder of its own is explained by what is in it."""
+        for listener in self.begun:
+            listener()
 
     @property
     def _recorded_in(self) -> str:

@@ -96,6 +96,32 @@ def test_a_killed_recorder_goes_on_in_a_new_file_and_the_gap_is_told(tmp_path: P
     assert second.metadata["run"]["goes_on_after_gap"] == "1"
 
 
+def test_a_recording_that_goes_on_in_another_folder_is_explained_there(tmp_path: Path) -> None:
+    begun: list[Path | None] = []
+
+    async def scene(rig: Rig) -> None:
+        recording, others = rig.recording, iter(range(2, 9))
+
+        async def another_folder() -> Path:
+            folder = tmp_path / f"run-{next(others)}"
+            folder.mkdir()
+            return folder
+
+        await rig.running()
+        recording.begun.append(lambda: begun.append(recording.folder))
+        recording._make_folder = another_folder
+        for _ in range(2):
+            recorder_of(rig).kill()
+            await rig.until(lambda: not recorder_of(rig).killed, 5.0)
+            await rig.until(lambda: recorder_of(rig).status.recording, 5.0)
+        await rig.until(lambda: bool(begun), 1.0)
+        await rig.do(Stop)
+        await rig.until_state(S.READY)
+
+    on_a_rig(scene, folder=tmp_path)
+    assert begun == [tmp_path / "run-2"], "what goes on where it was is explained there already"
+
+
 def test_where_recording_stays_impossible_the_robot_is_held_and_may_be_armed_again(
     tmp_path: Path,
 ) -> None:
