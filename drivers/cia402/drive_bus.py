@@ -110,7 +110,9 @@ class DriveBus:
         self._ticked_ns = 0
         self._catches_up = False
         """A cycle came late: targets are further away than axes go in one."""
-        self._sends_steps_at_once = sends_steps_at_once(bus) and all(
+        self._targets_for_ns = 0
+        self._is_slow = sends_steps_at_once(bus)
+        self._sends_steps_at_once = self._is_slow and all(
             axis.drive.mode in CYCLIC_MODES for _, axis in axes
         )
         # Their states, which go before them after a SYNC, and their targets.
@@ -132,8 +134,10 @@ class DriveBus:
             return
         self._catches_up |= t_ns - self._ticked_ns > _LATE * self._period_ns
         self._ticked_ns = t_ns
-        # Drives take what they are sent now with the next SYNC: that is what it is meant for.
         self._next_sync_ns = t_ns + self._period_ns
+        # Drives take what they are sent now with the next SYNC, which it is meant for where a step
+        # that comes until then is sent at once. Elsewhere it would not begin with what they took.
+        self._targets_for_ns = self._next_sync_ns if self._is_slow else t_ns
         frames = [_SYNC, *self._outputs(self._current_step())]
         if healthy and t_ns >= self._heartbeat_due_ns:
             self._heartbeat_due_ns = t_ns + self._heartbeat_period_ns
@@ -332,10 +336,10 @@ class DriveBus:
     def _outputs(self, step: PermittedStep | None) -> list[tuple[int, bytes]]:
         """What all axes are sent for the next SYNC."""
         frames: list[tuple[int, bytes]] = []
-        next_sync_ns = self._next_sync_ns
+        at_ns = self._targets_for_ns
         share = self._share(step) if self._catches_up else 1.0
         for channel in self.channels:
-            output = channel.output(next_sync_ns, step, share)
+            output = channel.output(at_ns, step, share)
             if output is not None:
                 frames.append((channel.rpdo_id, output))
         return frames
@@ -343,7 +347,7 @@ class DriveBus:
     def _share(self, step: PermittedStep | None) -> float:
         """Of the ways to their targets, what all axes go, on their line: none faster than it may,
         whatever time was lost."""
-        at_ns, cycle_s, share = self._next_sync_ns, self.bus.cycle_period_s, 1.0
+        at_ns, cycle_s, share = self._targets_for_ns, self.bus.cycle_period_s, 1.0
         if step is not None:
             share = min([one.share_in_a_cycle(at_ns, step, cycle_s) for one in self.channels])
         self._catches_up = share < 1.0

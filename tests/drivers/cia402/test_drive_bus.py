@@ -17,6 +17,7 @@ from drivers.cia402 import conditions, objects
 from drivers.cia402.configuration import Need, node_settings
 from drivers.cia402.node import NodeState
 from drivers.cia402.power_state import PowerGoal, PowerState
+from safety.permit import PermittedStep, permit
 from sim_backends.virtual_time import VirtualTimeLoop
 from tests.drivers.cia402.rig import BUS, Rig, axes, on_a_rig
 
@@ -443,6 +444,34 @@ def test_a_step_that_comes_too_late_is_dropped() -> None:
         assert rig.positions() == [0, 0]
 
     on_a_rig(test)
+
+
+def test_in_a_fast_cycle_a_step_begins_where_the_one_before_has_led_the_drives() -> None:
+    async def test(rig: Rig) -> None:
+        await rig.enabled()
+        fast = rig.step(1000, 0.1)  # 20 counts in a cycle
+        rig.master.write(fast)
+        await asyncio.sleep(0.0507)
+        rig.frames.clear()
+        slow = permit(  # 8 counts in a cycle
+            from_counts=fast.targets(rig.clock.now_ns()),
+            to_counts=[target + 100 for target in fast.targets(rig.clock.now_ns())],
+            measured_counts=rig.positions(),
+            velocities_before=[10_000.0] * 2,
+            begins_ns=rig.clock.now_ns(),
+            duration_ns=25_000_000,
+            limits=[replace(count_limits(axis), max_acceleration=10**6) for axis in rig.axes],
+        )
+        assert isinstance(slow, PermittedStep), slow
+        before = rig.master.channels[0].target_counts
+        rig.master.write(slow)
+        await asyncio.sleep(0.02)
+        told = [targets[1] for targets in between_syncs(rig.frames) if targets]
+        changes = np.diff([before, *told])
+        assert changes.min() >= 7
+        assert changes.max() <= 20
+
+    on_a_rig(test, bus=BUS.model_copy(update={"cycle_period_s": 0.002}))
 
 
 def test_after_a_late_cycle_axes_catch_up_together_and_no_faster_than_they_may() -> None:
