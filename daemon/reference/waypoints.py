@@ -67,7 +67,7 @@ def _numbered(lines: list[str]) -> list[tuple[int, Row | str]]:
     for number, line in enumerate(lines, start=1):
         if number % _LINES_IN_A_ROW == 0:
             select.select((), (), (), 0)
-        words = [word.strip() for word in line.split(",")]
+        words = [word.strip().strip('"') for word in line.split(",")]
         if not any(words) or line.lstrip().startswith("#"):
             continue
         if header:
@@ -76,7 +76,8 @@ def _numbered(lines: list[str]) -> list[tuple[int, Row | str]]:
         header = WITH_DIRECTION if tuple(words) == WITH_DIRECTION else HEADER
         if tuple(words) != header:
             more = ", ".join(WITH_DIRECTION[len(HEADER) :])
-            what = f"the header must be `{', '.join(HEADER)}`, or have `{more}` behind"
+            names = ", ".join(HEADER)
+            what = f"the header must be `{names}`, with commas, or have `{more}` behind"
             rows.append((number, what))
     return rows
 

@@ -27,6 +27,12 @@ def test_comments_blank_lines_and_a_byte_order_mark_are_passed_over(tmp_path: Pa
     np.testing.assert_array_equal(points, [[1, 2, 3], [4, 5, 6]])
 
 
+def test_words_may_be_quoted_as_tables_are_often_written(tmp_path: Path) -> None:
+    path = written(tmp_path, '"t","x","y","z"\n"0","1","2","3"\n5,4,5,6\n')
+    times_s, points_mm = read_waypoints(path, closed=False)
+    assert (times_s.tolist(), points_mm.tolist()) == ([0, 5], [[1, 2, 3], [4, 5, 6]])
+
+
 def test_every_bad_line_is_told_with_its_number(tmp_path: Path) -> None:
     path = written(
         tmp_path,
