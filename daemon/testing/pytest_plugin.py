@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import shutil
+from argparse import ArgumentTypeError
 from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -30,10 +31,13 @@ _MARKERS = (
 def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("tentacled", "tentacled: tracking tests")
     group.addoption(
-        "--tentacled-seeds", type=int, metavar="N", help="seeds of each test, instead of its own"
+        "--tentacled-seeds", type=_count, metavar="N", help="seeds of each test, instead of its own"
     )
     group.addoption(
-        "--tentacled-plants", type=int, metavar="N", help="bodies of each test, instead of its own"
+        "--tentacled-plants",
+        type=_count,
+        metavar="N",
+        help="bodies of each test, instead of its own",
     )
     group.addoption(
         "--tentacled-artifacts",
@@ -65,14 +69,33 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     marker = metafunc.definition.get_closest_marker("tentacled_seeds")
     if marker is None and not _LAB_FIXTURES & set(metafunc.fixturenames):
         return  # these names are common: they may be fixtures of somebody else's
-    seeds = marker.args[0] if marker is not None and marker.args else 1
-    plants = marker.kwargs.get("plants", 1) if marker is not None else 1
+    seeds, plants = (1, 1) if marker is None else _said(marker, metafunc.definition.nodeid)
     asked = metafunc.config.getoption("--tentacled-seeds")
     others = metafunc.config.getoption("--tentacled-plants")
     if _free(metafunc, "seed"):
         metafunc.parametrize("seed", range(1, 1 + (asked or seeds)))
     if _free(metafunc, "plant"):
         metafunc.parametrize("plant", range(others or plants))
+
+
+def _said(marker: pytest.Mark, test: str) -> tuple[int, int]:
+    """How many seeds and plants. Less of them than was meant would go unnoticed."""
+
+    def said(seeds: int = 1, plants: int = 1) -> tuple[int, int]:
+        return _count(str(seeds)), _count(str(plants))
+
+    try:
+        return said(*marker.args, **marker.kwargs)
+    except (TypeError, ArgumentTypeError) as error:
+        wrong = str(error).replace("_said.<locals>.said", marker.name)
+        pytest.fail(f"{test}: {marker.name}(seeds, plants=1): {wrong}", pytrace=False)
+
+
+def _count(text: str) -> int:
+    """Raises ArgumentTypeError."""
+    if not (text.isascii() and text.isdecimal() and int(text) > 0):
+        raise ArgumentTypeError(f"{text!r} is no number from 1 on")
+    return int(text)
 
 
 def _free(metafunc: pytest.Metafunc, name: str) -> bool:

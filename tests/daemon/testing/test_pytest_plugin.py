@@ -137,6 +137,22 @@ def test_names_that_are_somebody_elses_stay_theirs(suite: pytest.Pytester) -> No
     assert run(suite, "test_theirs.py", *asked).stdout.str().count("::test_") == 4
 
 
+def test_the_marker_counts_by_place_or_name_and_what_it_cannot_count_is_told(
+    suite: pytest.Pytester,
+) -> None:
+    test = "import pytest\n@pytest.mark.tentacled_seeds({})\ndef test_it(seed, plant): pass"
+    for said, tests in (("seeds=3", 3), ("2, 2", 4), ("plants=2", 2)):
+        suite.makepyfile(test_said=test.format(said))
+        run(suite, "test_said.py").assert_outcomes(passed=tests)
+    for said, told in (("0", "'0' is no number from 1 on"), ("seed=3", "keyword argument 'seed'")):
+        suite.makepyfile(test_said=test.format(said))
+        result = run(suite, "test_said.py").stdout.str()
+        assert "test_said.py::test_it: tentacled_seeds(seeds, plants=1): " in result
+        assert told in result and "Traceback" not in result
+    refused = run(suite, "--tentacled-seeds", "0").stderr.str()
+    assert "'0' is no number from 1 on" in refused
+
+
 THEIRS = """
 import pytest
 
