@@ -14,6 +14,7 @@ from config.paths import BUILTIN
 from daemon.host.writable_places import ensure_writable_places, own_temporary_folder
 from daemon.recording.result import read_result
 from daemon.testing.tracking_result import TrackingResult
+from daemon.workbench.experiments.construction import check_happenings
 from daemon.workbench.experiments.experiment_file import ExperimentFile, load_experiment
 from daemon.workbench.experiments.in_virtual_time import carry_out_in_virtual_time
 from daemon.workbench.experiments.trial import TrialError
@@ -62,6 +63,7 @@ class TestLab:
         if (seed or 0) < 0 or plant < 0:
             raise ValueError(f"seed {seed}, plant {plant}: neither is below 0")
         file = load_experiment(self._path(experiment), given)
+        check_happenings(file)
         number = file.experiment.seed if seed is None else seed
         if plant:
             file = _on_another_body(file, plant)

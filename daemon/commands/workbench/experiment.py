@@ -14,6 +14,7 @@ from daemon.host.stop_signals import all_like_ctrl_c
 from daemon.recording.result import Result as RunResult
 from daemon.recording.result import pose_text, table_text
 from daemon.robot.shipped_files import add_list_option, file_argument
+from daemon.workbench.experiments.construction import check_happenings
 from daemon.workbench.experiments.experiment_file import ExperimentFile, load_experiment
 from daemon.workbench.experiments.measures import measures_of, recovery_lines
 from daemon.workbench.pretraining.model_cache import with_model
@@ -40,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> Result:
     file = load_experiment(arguments.experiment)
+    check_happenings(file)
     seed = file.experiment.seed if arguments.seed is None else arguments.seed
     try:
         arguments.out.mkdir(parents=True)

@@ -83,8 +83,22 @@ def experiment_problems(file: ExperimentFile) -> list[Problem]:
         )
         for why in filter(None, (why_too_fast(file, controller) for controller in made)):
             problems.append(file.problem(("trajectory",), why))
-    for index, happening in enumerate(experiment.happenings):
-        if lab is not None and happening.inject is not None:
+    return problems + ([] if lab is None else _misunderstood(file, lab))
+
+
+def check_happenings(file: ExperimentFile) -> None:
+    """All of them are understood before the first one happens. Raises ConfigError."""
+    if any(happening.inject is not None for happening in file.experiment.happenings):
+        robot_file = replace(file.file, robot=file.robot)
+        if problems := _misunderstood(file, lab_of(robot_file)):
+            raise ConfigError(problems)
+
+
+def _misunderstood(file: ExperimentFile, lab: Lab) -> list[Problem]:
+    """Faults that the lab's devices do not have."""
+    problems: list[Problem] = []
+    for index, happening in enumerate(file.experiment.happenings):
+        if happening.inject is not None:
             where = ("happenings", index, "inject")
             ask = partial(understand, lab.devices, happening.inject)
             problems += _why_not(where, file.problem, ask)

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from config.documents.problems import ConfigError
+from daemon.commands.outcome.exit_codes import EXIT_CONFIGURATION
+from daemon.commands.terminal.command_line import main
 from daemon.messages import TELEMETRY
 from daemon.recording.format.channels import TIP_POSE, TOPICS
 from daemon.recording.result import Result
@@ -185,6 +187,18 @@ def test_who_is_held_by_what_does_not_go_gives_up_and_says_why(
     missing = [{"at_s": 0.5, "inject": "tracker.missing=2.5s"}]
     run = lab.run(file, happenings=missing, may_end_early=True)
     assert re.search(r"held and cannot go on, .*tool_missing", run.problem)
+
+
+def test_a_fault_that_no_device_has_is_told_before_anything_begins(
+    lab: TestLab, file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = r"happenings\[0\]\.inject: .* no fault 'mising' \(did you mean 'missing'\?\)"
+    with pytest.raises(ConfigError, match=told):
+        lab.run(file, happenings=[{"at_s": 0.5, "inject": "tracker.mising=1s"}])
+    file.write_text(CIRCLE + "happenings: [{at_s: 0.5, inject: tracker.mising=1s}]")
+    assert main(["experiment", str(file), "--out", str(tmp_path / "out")]) == EXIT_CONFIGURATION
+    assert re.search(told, capsys.readouterr().err)
+    assert not (tmp_path / "out").exists()
 
 
 def test_another_plant_is_another_body(circle: tuple[Result, Path], tmp_path: Path) -> None:
