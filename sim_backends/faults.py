@@ -98,6 +98,8 @@ def understand(devices: Mapping[str, FaultyDevice], order: str) -> Injection:
     """What an order asks of which device. Raises FaultError."""
     head, _, tail = order.strip().partition("=")
     target, _, fault = head.rpartition(".")
+    if not target:
+        raise FaultError(f"'{order}' is not of the form DEVICE.FAULT, such as tracker.missing=3s")
     if target not in devices:
         hint = did_you_mean(target, devices) or f" (there are: {', '.join(sorted(devices))})"
         raise FaultError(f"'{order}': there is no device '{target}'{hint}")

@@ -58,7 +58,7 @@ def test_a_target_may_have_dots_and_slashes() -> None:
     ("order", "says"),
     [
         ("traker.reset", "there is no device 'traker' (did you mean 'tracker'?)"),
-        ("reset", "there is no device ''"),
+        ("reset", "'reset' is not of the form DEVICE.FAULT, such as tracker.missing=3s"),
         ("tracker.misssing", "has no fault 'misssing' (did you mean 'missing'?)"),
         ("tracker.zzz", "it has: bad_crc, emergency, missing, reset, unplug"),
         ("tracker.missing=soon", "for_s: 'soon' is not like 0.5s, 200ms or forever"),

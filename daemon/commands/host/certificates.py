@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from config.remote import LOCAL_USER
 from daemon.commands.outcome.failures import UsageError
 from daemon.commands.outcome.result import Result
 from daemon.host.clock import MonotonicClock
@@ -41,6 +42,8 @@ def run(arguments: argparse.Namespace) -> Result:
             Keys("robot").whoami(user)
     except ValueError as error:
         raise UsageError(str(error)) from None
+    if LOCAL_USER in users:
+        raise UsageError(f"'{LOCAL_USER}' is whoever uses the unix socket: take another name")
     if arguments.days < 1 or not (arguments.host or users):
         raise UsageError("name a --host, an --operator or a --viewer, and one day at least")
     folder = CertificateFolder(arguments.folder, MonotonicClock().wall_time_ns(), arguments.days)

@@ -8,6 +8,8 @@ import argparse
 import re
 from importlib.metadata import version
 from importlib.resources import files
+from importlib.util import find_spec
+from keyword import iskeyword
 from pathlib import Path
 from typing import Final
 
@@ -45,6 +47,8 @@ def run(arguments: argparse.Namespace) -> Result:
         raise UsageError(f"{folder}: its name is the {arguments.what}'s, and {text}")
     if arguments.what == "controller" and name in entries(CONTROLLERS):
         raise UsageError(f"there is a controller {name} already: take another name")
+    if arguments.what == "controller" and (iskeyword(name) or find_spec(name) is not None):
+        raise UsageError(f"Python has a word or a module {name} already: take another name")
     folder.mkdir(parents=True)
     made = _controller(name) if arguments.what == "controller" else _robot(name, arguments.like)
     for path, text in made.items():

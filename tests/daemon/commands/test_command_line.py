@@ -186,3 +186,12 @@ def test_a_number_that_an_option_cannot_have_is_refused_before_anything_begins(
     words: str, said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert refused(words, capsys).endswith(said)
+
+
+def test_no_certificate_is_made_for_whoever_uses_the_unix_socket(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "keys"
+    assert main(["certificates", str(folder), "--operator", "local"]) == EXIT_USAGE
+    assert "'local' is whoever uses the unix socket" in capsys.readouterr().err
+    assert not folder.exists()

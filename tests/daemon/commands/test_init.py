@@ -98,3 +98,12 @@ def test_what_cannot_be_made_is_explained(
     assert main(["init", *words]) == code
     assert told in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["there"]
+
+
+@pytest.mark.parametrize("name", ["numpy", "json", "class"])
+def test_a_controller_is_not_named_as_what_python_has(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["init", "controller", str(tmp_path / name)]) == EXIT_USAGE
+    assert f"Python has a word or a module {name} already" in capsys.readouterr().err
+    assert not (tmp_path / name).exists()
