@@ -208,9 +208,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     ensure_writable_places()
     with only_json_on_stdout() if _wants_json(words) else nullcontext():
-        arguments = parsed(words)
-        name = name_of(arguments)
+        name = _first_word(words)
         try:
+            arguments = parsed(words)  # imports the command: Ctrl-C may come by then
+            name = name_of(arguments)
             result = _command(arguments.command).run(arguments)
             tell_result(name, result)
         except BrokenPipeError:  # the reader of our output has left, as `head` does
@@ -230,10 +231,14 @@ def _failed(name: str, error: BaseException) -> int:
     return failure.kind.code
 
 
+def _first_word(words: Sequence[str]) -> str:
+    """The command that is meant, before anything has been imported for it."""
+    return next((word for word in words if not word.startswith("-")), "")
+
+
 def parsed(words: Sequence[str]) -> argparse.Namespace:
     """What the words after `tentacled` ask for. Explains wrong usage, and ends the process."""
-    wanted = next((word for word in words if not word.startswith("-")), "")
-    parser = command_parser(only=wanted)
+    parser = command_parser(only=_first_word(words))
     if not words:
         parser.print_help(sys.stderr)
         sys.exit(EXIT_USAGE)

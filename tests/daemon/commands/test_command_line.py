@@ -1,12 +1,14 @@
 """A mistyped word: what is said of a command, an option, a choice and a file that do not exist."""
 
+import json
 import shutil
 from importlib.resources import files
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 
-from daemon.commands.outcome.exit_codes import EXIT_CONFIGURATION, EXIT_USAGE
+from daemon.commands.outcome.exit_codes import EXIT_CONFIGURATION, EXIT_INTERRUPTED, EXIT_USAGE
 from daemon.commands.terminal import command_line
 from daemon.commands.terminal.command_line import main
 
@@ -195,3 +197,19 @@ def test_no_certificate_is_made_for_whoever_uses_the_unix_socket(
     assert main(["certificates", str(folder), "--operator", "local"]) == EXIT_USAGE
     assert "'local' is whoever uses the unix socket" in capsys.readouterr().err
     assert not folder.exists()
+
+
+@pytest.mark.parametrize("as_json", [False, True])
+def test_who_interrupts_a_command_as_it_is_imported_sees_no_traceback(
+    as_json: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(words: object) -> NoReturn:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(command_line, "parsed", interrupted)
+    assert main(["run", "arm.yaml", *(["--json"] if as_json else [])]) == EXIT_INTERRUPTED
+    told = capsys.readouterr()
+    if as_json:
+        assert json.loads(told.out)["error"]["command"] == "run"
+    else:
+        assert told.err.strip() == "interrupted"
