@@ -49,6 +49,9 @@ class Decision(NamedTuple):
     """What the risk is of; None: nobody said."""
     answers: RiskAnswers | None = None
     """Of which the risk is one; None: there is but one."""
+    kept: float = 0.0
+    """As `scale`, but of axes that still go the other way nothing is kept back: they turn as fast
+    as they may, which slow drives take a second for."""
 
 
 class _Start(NamedTuple):
@@ -143,8 +146,9 @@ class Gate:
         step = self._permit(changes, start)
         if isinstance(step, str):
             return self._brake(start, step, limited, answer)
-        scale = _share_of(targets, changes, start.motions)
-        return _decision(step, scale, limited, answer, "")
+        kept, turns = _share_of(targets, changes, start.motions)
+        scale = 0.0 if turns else kept
+        return _decision(step, scale, limited, answer, "")._replace(kept=kept)
 
     def hold(self, measured: Measured, begins_ns: int, duration_ns: int) -> Decision:
         """Come to rest as fast as the limits allow, or stay there."""
@@ -369,14 +373,19 @@ def _words_of_place(nearest: Nearest) -> str:
 
 def _share_of(
     targets: Sequence[float], changes: Sequence[int], motions: Sequence[AxisMotion]
-) -> float:
-    """How much of what was proposed is left, of the axis that keeps least of it."""
-    share = 1.0
+) -> tuple[float, bool]:
+    """How much of what was proposed is left, of the axis that keeps least of it, without those that
+    still go the other way; and whether there are any."""
+    share, turns = 1.0, False
     for target, change, motion in zip(targets, changes, motions, strict=True):
         proposed = target - motion.start
-        if round(change - proposed) and proposed:
-            share = min(share, max(0.0, change / proposed))
-    return share
+        if not (round(change - proposed) and proposed):
+            continue
+        if change / proposed < 0.0:
+            turns = True
+        else:
+            share = min(share, change / proposed)
+    return share, turns
 
 
 def _decision(

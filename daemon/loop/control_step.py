@@ -419,7 +419,7 @@ class ControlLoop:
         if self._compared is not None and self._compared.doubt:
             unknown = False  # that follows from a cause which is told by itself
         moves = any(abs(change) > _REQUESTED_ABOVE for change in requested.delta_u.tolist())
-        stuck = moves and not (too_high or unknown) and decision.scale < _STUCK_BELOW
+        stuck = moves and not (too_high or unknown) and decision.kept < _STUCK_BELOW
         limits = decision.refused or self._in_words(decision.limits) if stuck else ""
         risk = 0.0 if decision.risk is None or decision.refused else decision.risk
         leaving = risk > self._threshold

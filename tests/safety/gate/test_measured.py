@@ -54,6 +54,23 @@ def test_a_target_does_not_run_away_from_an_axis_that_is_stuck() -> None:
     assert decision.scale == 0.0
 
 
+@pytest.mark.parametrize(("ask", "kept"), [(100_000, 1.0), (100_400, 0.0)])
+def test_of_an_axis_that_has_to_turn_nothing_is_kept_but_of_one_at_its_end_all(
+    ask: int, kept: float
+) -> None:
+    """Slow drives take a second to turn. Who took that for a robot that gets nowhere held it."""
+    rig = Rig(2, at=100_000)
+    for _ in range(20):
+        rig.decide(rig.at[0] - 400, 100_000)
+    turning = 0
+    while (decision := rig.decide(rig.at[0] + 400, ask)).step is not None:
+        if decision.step.to_counts[0] >= decision.step.from_counts[0]:
+            break
+        turning += 1
+        assert (decision.scale, decision.kept) == (0.0, kept)
+    assert turning > 1
+
+
 def test_an_axis_that_is_far_from_its_target_gets_no_step() -> None:
     rig = Rig()
     far = rig.measured(47_999)
