@@ -58,7 +58,8 @@ class Tracker(ConfigModel):
     """`text` doubles the bytes on the wire; for looking at it with a terminal."""
 
     frame_rate: Literal["normal", "fast"] = "normal"
-    """40 Hz, or 66 Hz with twice the noise."""
+    """40 Hz, or 66 Hz with twice the noise: say so to the filter, too
+    (`pose_filter.position_noise_mm`), or it does not believe the frames."""
 
     acquisition_latency_s: NotNegative = 0.0
     """From a measurement to its earliest possible reply, where you have measured it on your rig.
