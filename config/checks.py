@@ -16,7 +16,8 @@ from config.coupling.limits import CoupledLimit
 from config.documents.problems import did_you_mean
 from config.documents.schema_errors import location_in_file
 from config.documents.yaml_document import Location
-from config.emulation import ConcentricTubesPlant, Emulation, SoftArmPlant, TendonArmPlant
+from config.emulation.lab import Emulation
+from config.emulation.plants import ConcentricTubesPlant, SoftArmPlant, TendonArmPlant
 from config.patience import frames_impatience, impatience
 from config.tracker import Tracker
 

@@ -13,7 +13,7 @@ from config.bus import Bus
 from config.control import PoseFilterSettings, Supervision
 from config.documents.model import LONGEST_DRIVE_TIME_S
 from config.documents.yaml_document import Location
-from config.emulation import Emulation
+from config.emulation.lab import Emulation
 from config.robot import Robot
 from config.tracker import Tracker
 

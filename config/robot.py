@@ -10,7 +10,7 @@ from config.control import PoseFilterSettings, RiskSettings, Supervision, Worksp
 from config.coupling.coordinates import Coordinate
 from config.coupling.limits import CoupledLimit
 from config.documents.model import ConfigModel, Name
-from config.emulation import Emulation
+from config.emulation.lab import Emulation
 from config.remote import Remote
 from config.tracker import Tracker
 

@@ -59,9 +59,9 @@ _SHIPPED: Final[Mapping[Group, Mapping[str, str]]] = {
         "waypoint_exploration": "config.tasks.controllers:WAYPOINT_EXPLORATION",
     },
     PLANTS: {
-        "soft_arm": "config.emulation:SOFT_ARM",
-        "tendon_arm": "config.emulation:TENDON_ARM",
-        "concentric_tubes": "config.emulation:CONCENTRIC_TUBES",
+        "soft_arm": "config.emulation.plants:SOFT_ARM",
+        "tendon_arm": "config.emulation.plants:TENDON_ARM",
+        "concentric_tubes": "config.emulation.plants:CONCENTRIC_TUBES",
     },
     TRAJECTORIES: {
         "rectangle": "config.tasks.trajectory:RECTANGLE",

@@ -4,8 +4,8 @@ from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
-from config.bodies import BodyName
 from config.documents.model import ConfigModel, Name, NotNegative, Positive
+from config.emulation.bodies import BodyName
 from config.tasks.experiment import Happening
 
 

@@ -12,7 +12,7 @@ from config.documents.kinds import API_VERSION
 
 if TYPE_CHECKING:
     from config.documents.kinds import Kind, KindError, KindOptions
-    from config.emulation import BodyExtent, PlantOptions
+    from config.emulation.plants import BodyExtent, PlantOptions
     from config.robot import Robot
     from config.tasks.controllers import TipFollowing
     from config.tasks.trajectory import Periodic, Pointed
@@ -45,8 +45,8 @@ _HOMES: Final = {
     "AxisRanges": "daemon.robot.axes",
     "Plant": "sim_backends.plants.plant",
     "PlantError": "sim_backends.plants.plant",
-    "PlantOptions": "config.emulation",
-    "BodyExtent": "config.emulation",
+    "PlantOptions": "config.emulation.plants",
+    "BodyExtent": "config.emulation.plants",
     "BodyState": "sim_backends.plants.plant",
     "TipLoad": "sim_backends.plants.plant",
     "Pose": "drivers.pose",

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from config.emulation import Plant, TendonArmPlant
+from config.emulation.plants import Plant, TendonArmPlant
 
 FloatArray = NDArray[np.float64]
 

@@ -3,7 +3,8 @@
 import numpy as np
 
 from config.documents.kinds import PLANTS, KindError, described, entry_of, maker, variation
-from config.emulation import ConcentricTubesPlant, Emulation, SoftArmPlant, TendonArmPlant
+from config.emulation.lab import Emulation
+from config.emulation.plants import ConcentricTubesPlant, SoftArmPlant, TendonArmPlant
 from config.robot import Robot
 from sim_backends.plants.concentric.concentric_tubes import ConcentricTubes
 from sim_backends.plants.plant import (

@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from config.emulation import SoftArmPlant
+from config.emulation.plants import SoftArmPlant
 from drivers.pose import Pose
 from sim_backends.plants.rod_kernels import March
 

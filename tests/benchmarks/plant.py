@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from config.emulation import SoftArmPlant
+from config.emulation.plants import SoftArmPlant
 from sim_backends.plants.plant import FloatArray, TipLoad
 from sim_backends.plants.rod import Rod, Section, helix
 from sim_backends.plants.shooting import ConstantPull, Problem, Solver, warm_up

@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from config.emulation import TendonArmPlant
+from config.emulation.plants import TendonArmPlant
 from sim_backends.plants.plant import FloatArray, TipLoad
 from sim_backends.plants.tendon_arm.tendon_arm import TendonArm
 from tests.benchmarks.timing import Figures, pieces

@@ -5,8 +5,8 @@ from typing import get_args
 import pytest
 from pydantic import ValidationError
 
-from config.bodies import BODY_NAMES, BodyName, body_figures
-from config.emulation import SoftArmPlant, TendonArmPlant
+from config.emulation.bodies import BODY_NAMES, BodyName, body_figures
+from config.emulation.plants import SoftArmPlant, TendonArmPlant
 
 KINDS: dict[str, type[SoftArmPlant] | type[TendonArmPlant]] = {
     "soft_arm": SoftArmPlant,

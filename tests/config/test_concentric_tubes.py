@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from config.emulation import ConcentricTubesPlant, Tube
+from config.emulation.plants import ConcentricTubesPlant, Tube
 from config.loader import load_robot
 from config.robot import Robot
 from daemon.robot.coupled_axes import CoupledAxes

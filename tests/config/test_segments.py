@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from config.emulation import SoftArmPlant
+from config.emulation.plants import SoftArmPlant
 from tests import SHIPPED_ROBOTS
 from tests.config.edited import problems_of
 

@@ -6,7 +6,7 @@ import pytest
 
 from config.axis import TendonMotor
 from config.documents.problems import ConfigError
-from config.emulation import TendonArmPlant
+from config.emulation.plants import TendonArmPlant
 from config.loader import load_robot
 from drivers.axis_scale import axis_scale
 from tests import SHIPPED_ROBOTS

@@ -17,7 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from config.bodies import BODY_NAMES
+from config.emulation.bodies import BODY_NAMES
 from daemon.host.processes import worker_processes
 from daemon.workbench.experiments.experiment_file import load_experiment
 from daemon.workbench.experiments.in_virtual_time import carry_out_in_virtual_time

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from config.emulation import ConcentricTubesPlant, Tube
+from config.emulation.plants import ConcentricTubesPlant, Tube
 from config.loader import load_robot
 from tests import SHIPPED_ROBOTS
 from tests.experiments.led_bodies import came_of, carry_out_all

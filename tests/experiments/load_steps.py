@@ -18,8 +18,8 @@ from concurrent.futures import as_completed
 from pathlib import Path
 from typing import Any, Final
 
-from config.bodies import BODY_NAMES
-from config.emulation import SoftArmPlant
+from config.emulation.bodies import BODY_NAMES
+from config.emulation.plants import SoftArmPlant
 from daemon.host.processes import worker_processes
 from daemon.workbench.experiments.experiment_file import ExperimentFile, load_experiment
 from daemon.workbench.experiments.in_virtual_time import carry_out_in_virtual_time

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from config.emulation import ConcentricTubesPlant
+from config.emulation.plants import ConcentricTubesPlant
 from config.paths import shipped_or_beside
 from daemon.control.redundancy import damped_solution
 from daemon.control.task import tip_axis, turn_between

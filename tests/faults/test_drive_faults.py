@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from config.emulation import EmulatedDrives
+from config.emulation.lab import EmulatedDrives
 from drivers.cia402.power_state import PowerGoal, PowerState
 from sim_backends.devices.can.faults import BUS_FAULTS
 from sim_backends.devices.drive.faults import DRIVE_FAULTS

@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from config.emulation import EmulatedTool, EmulatedTracker
+from config.emulation.lab import EmulatedTool, EmulatedTracker
 from drivers.aurora.codec.commands import (
     MAX_COMMAND_BYTES,
     CommandReader,

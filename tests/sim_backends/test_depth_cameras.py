@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from config.emulation import SoftArmPlant, TendonArmPlant
+from config.emulation.plants import SoftArmPlant, TendonArmPlant
 from sim_backends.devices.body_surface import BodySurface, PlacedSurface
 from sim_backends.devices.depth_cameras import DepthCameras, DepthCameraSettings
 

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from config.emulation import EmulatedTracker
+from config.emulation.lab import EmulatedTracker
 from daemon.host.clock import MonotonicClock, run_in_real_time
 from drivers.pose import Pose
 from sim_backends.devices.aurora.device import EmulatedAurora

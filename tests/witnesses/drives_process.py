@@ -12,7 +12,7 @@ import json
 import sys
 from pathlib import Path
 
-from config.emulation import EmulatedDrives
+from config.emulation.lab import EmulatedDrives
 from daemon.host.clock import MonotonicClock, run_in_real_time
 from sim_backends.devices.can.bus import CanBus
 from sim_backends.devices.can.faults import BusFaults

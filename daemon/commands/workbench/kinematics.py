@@ -6,7 +6,7 @@ from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from config.emulation import ConcentricTubesPlant
+from config.emulation.plants import ConcentricTubesPlant
 from config.paths import named_model
 from daemon.commands.outcome.failures import CommandError, UsageError, as_failed
 from daemon.commands.outcome.result import Result

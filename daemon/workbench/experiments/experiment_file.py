@@ -8,11 +8,12 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from config.bodies import BodyName, body_figures
 from config.documents.problems import ConfigError, Problem, did_you_mean, did_you_mean_file
 from config.documents.schema_errors import schema_problems
 from config.documents.yaml_document import Location, YamlDocument, read_yaml
-from config.emulation import Emulation, Plant
+from config.emulation.bodies import BodyName, body_figures
+from config.emulation.lab import Emulation
+from config.emulation.plants import Plant
 from config.loader import RobotFile
 from config.paths import BUILTIN, is_file, named_model
 from config.robot import Robot

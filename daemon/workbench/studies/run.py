@@ -11,7 +11,7 @@ from typing import Final, Literal
 import msgspec
 
 from config.axis import AxisBase
-from config.emulation import ConcentricTubesPlant
+from config.emulation.plants import ConcentricTubesPlant
 from config.tasks.controllers import ControllerOptions, load_controller_options
 from config.tasks.experiment import Pretraining
 from config.tasks.study import Variant

@@ -7,10 +7,10 @@ from typing import Final
 
 import numpy as np
 
-from config.bodies import BodyName
 from config.documents.model import OptionsError
 from config.documents.problems import ConfigError, Problem, did_you_mean_file
 from config.documents.yaml_document import Location, YamlDocument
+from config.emulation.bodies import BodyName
 from config.paths import is_file
 from config.tasks.study import Study, StudyRow
 from config.tasks.study_matrix import MatrixLoad, MatrixPath, StudyMatrix

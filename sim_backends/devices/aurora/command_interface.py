@@ -3,7 +3,7 @@
 from enum import Enum, auto
 from typing import Protocol
 
-from config.emulation import EmulatedTracker
+from config.emulation.lab import EmulatedTracker
 from drivers.aurora.codec.commands import LineSettings
 from drivers.aurora.codec.tracking_data import TrackingData
 from sim_backends.devices.aurora.parameters import Parameters

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from config.emulation import EmulatedTracker
+from config.emulation.lab import EmulatedTracker
 from drivers.aurora.codec.commands import (
     MAX_COMMAND_BYTES,
     AuroraCommand,

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from config.emulation import EmulatedTool, EmulatedTracker
+from config.emulation.lab import EmulatedTool, EmulatedTracker
 from drivers.aurora.codec.status_bits import PortStatus
 from drivers.pose import PlainPose, Position, Quaternion, product, turned
 

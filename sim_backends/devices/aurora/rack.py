@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from config.emulation import EmulatedTool
+from config.emulation.lab import EmulatedTool
 from drivers.aurora.codec.status_bits import PortStatus
 from drivers.aurora.codec.tool_information import HandleList, PortHandle
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from config.emulation import EmulatedTool, EmulatedTracker
+from config.emulation.lab import EmulatedTool, EmulatedTracker
 from drivers.aurora.codec.status_bits import HandleState, PortStatus
 from drivers.aurora.codec.tracking_data import FRAME_MODULUS, ToolReading
 from drivers.pose import PlainPose, Pose, Vector

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from config.emulation import EmulatedDrives
+from config.emulation.lab import EmulatedDrives
 from drivers.canopen.codec.data_types import DataType
 from drivers.canopen.codec.emcy import HEARTBEAT_LOST
 from sim_backends.devices.can.bus import CanBus

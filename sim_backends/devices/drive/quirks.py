@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
 
-from config.emulation import Quirk
+from config.emulation.lab import Quirk
 from drivers.canopen.codec.abort_codes import AbortCode
 from drivers.canopen.codec.data_types import DataType
 from drivers.canopen.codec.pdo import TPDO_COMMUNICATION

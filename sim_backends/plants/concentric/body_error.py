@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from config.axis import AxisBase
-from config.emulation import ConcentricTubesPlant
+from config.emulation.plants import ConcentricTubesPlant
 from sim_backends.plants.concentric.concentric_tubes import variation
 from sim_backends.plants.concentric.relative import RelativeTubes
 from sim_backends.plants.concentric.statics_kernels import FloatArray

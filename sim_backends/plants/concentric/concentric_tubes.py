@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from config.emulation import ConcentricTubesPlant, Tube
+from config.emulation.plants import ConcentricTubesPlant, Tube
 from drivers.pose import Pose, product
 from sim_backends.plants.concentric.statics import (
     INTERVAL_MM,

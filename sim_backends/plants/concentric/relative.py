@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from config.axis import AxisBase
-from config.emulation import ConcentricTubesPlant
+from config.emulation.plants import ConcentricTubesPlant
 from sim_backends.plants.concentric.concentric_tubes import (
     TOWARDS_X_RAD,
     length_mm,

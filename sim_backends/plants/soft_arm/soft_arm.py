@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from config.emulation import SoftArmPlant
+from config.emulation.plants import SoftArmPlant
 from sim_backends.plants.plant import (
     GRAVITY_N_G,
     BodyState,

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from config.emulation import TendonArmPlant
+from config.emulation.plants import TendonArmPlant
 from sim_backends.plants.plant import (
     GRAVITY_N_G,
     BodyState,

@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from config.emulation import TendonArmPlant
+from config.emulation.plants import TendonArmPlant
 from sim_backends.plants.plant import FloatArray
 from sim_backends.plants.rod import Rod, Route, Section, helix
 from sim_backends.plants.rod_kernels import March

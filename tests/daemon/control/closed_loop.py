@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from config.control import PoseFilterSettings
-from config.emulation import SoftArmPlant
+from config.emulation.plants import SoftArmPlant
 from config.loader import load_robot
 from config.robot import Robot
 from config.tasks.controllers import load_controller_options

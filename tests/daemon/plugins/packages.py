@@ -9,7 +9,7 @@ OPTIONS = """
 from typing import Literal
 
 from config.documents.kinds import Kind, KindOptions
-from config.emulation import PlantOptions
+from config.emulation.plants import PlantOptions
 from config.tasks.trajectory import Periodic
 
 

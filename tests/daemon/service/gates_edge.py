@@ -19,7 +19,7 @@ import yaml
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from config.emulation import SoftArmPlant
+from config.emulation.plants import SoftArmPlant
 from config.loader import load_robot
 from config.robot import Robot
 from daemon.control.controller import Observation, Proposal

@@ -16,7 +16,8 @@ import yaml
 from numpy.typing import NDArray
 
 from config.control import RiskSettings
-from config.emulation import Emulation, TendonArmPlant
+from config.emulation.lab import Emulation
+from config.emulation.plants import TendonArmPlant
 from config.loader import load_robot
 from config.robot import Robot
 from daemon.loop.step_messages import SLIDING

@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from config.emulation import SoftArmPlant
+from config.emulation.plants import SoftArmPlant
 from config.loader import load_robot
 from config.robot import Robot
 from daemon.messages import Acquire, Arm, Event, Load, Refusal, Risk, Start

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from config.emulation import EmulatedTool, EmulatedTracker
+from config.emulation.lab import EmulatedTool, EmulatedTracker
 from config.tracker import ToolSelector, Tracker
 from drivers.aurora.codec.commands import encode_command
 from drivers.aurora.frame import TrackerFrame

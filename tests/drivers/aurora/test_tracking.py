@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from config.emulation import EmulatedTool
+from config.emulation.lab import EmulatedTool
 from config.tracker import ToolSelector
 from drivers.aurora.frame import TrackerFrame
 from sim_backends.virtual_time import run_in_virtual_time

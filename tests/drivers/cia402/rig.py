@@ -9,7 +9,7 @@ from pydantic import TypeAdapter
 
 from config.axis import Axis
 from config.bus import Bus
-from config.emulation import EmulatedDrives
+from config.emulation.lab import EmulatedDrives
 from config.paths import eds_path
 from daemon.host.periodic_timer import LoopTimer
 from drivers.axis_scale import count_limits

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from config.emulation import EmulatedDrives
+from config.emulation.lab import EmulatedDrives
 from drivers.axis_scale import count_limits
 from drivers.canopen.codec import cob_ids
 from drivers.canopen.codec.nmt import NmtState

@@ -8,7 +8,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from config.axis import Axis
-from config.emulation import EmulatedDrives, Quirk
+from config.emulation.lab import EmulatedDrives, Quirk
 from drivers.axis_scale import axis_scale, count_limits
 from drivers.cia402 import objects
 from safety.gate import Gate, Measured

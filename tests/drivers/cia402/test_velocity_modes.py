@@ -10,7 +10,7 @@ from struct import unpack
 import numpy as np
 import pytest
 
-from config.emulation import EmulatedDrives
+from config.emulation.lab import EmulatedDrives
 from drivers.axis_scale import axis_scale, count_limits
 from drivers.canopen.codec import cob_ids
 from drivers.cia402.power_state import PowerGoal, PowerState

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from config.emulation import EmulatedTool, EmulatedTracker
+from config.emulation.lab import EmulatedTool, EmulatedTracker
 from drivers.aurora.codec.commands import encode_command
 from drivers.aurora.codec.replies import Reply, TextReply
 from drivers.aurora.codec.reply_reader import ReplyReader

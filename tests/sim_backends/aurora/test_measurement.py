@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from config.emulation import EmulatedTool, EmulatedTracker
+from config.emulation.lab import EmulatedTool, EmulatedTracker
 from drivers.aurora.codec.status_bits import PortStatus
 from drivers.pose import PlainPose, Pose, conjugate, multiply, rotate
 from sim_backends.devices.aurora.measurement import (

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from config.emulation import EmulatedTracker
+from config.emulation.lab import EmulatedTracker
 from config.tracker import ToolSelector, Tracker
 from daemon.host.clock import MonotonicClock, run_in_real_time
 from drivers.aurora.codec.commands import encode_command

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from config.emulation import EmulatedDrives
+from config.emulation.lab import EmulatedDrives
 from sim_backends.devices.can.bus import CanBus
 from sim_backends.devices.drive.axis.axis import Axis
 from sim_backends.devices.drive.axis.mechanics import AxisMechanics

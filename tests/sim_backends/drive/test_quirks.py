@@ -4,7 +4,7 @@ from typing import get_args
 
 import pytest
 
-from config.emulation import Quirk
+from config.emulation.lab import Quirk
 from sim_backends.devices.drive.quirks import Quirks
 from tests.sim_backends.drive.rig import NODE, Rig
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from config.emulation import TendonArmPlant
+from config.emulation.plants import TendonArmPlant
 from sim_backends.plants.plant import BodyState, FloatArray, TipLoad
 from sim_backends.plants.tendon_arm.tendon_arm import TendonArm
 

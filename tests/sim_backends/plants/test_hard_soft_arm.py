@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from config.emulation import SoftArmPlant
+from config.emulation.plants import SoftArmPlant
 from sim_backends.plants.plant import FloatArray, TipLoad
 from sim_backends.plants.soft_arm.gas import ATMOSPHERE_MPA
 from sim_backends.plants.soft_arm.soft_arm import SoftArm

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from config.emulation import TendonArmPlant
+from config.emulation.plants import TendonArmPlant
 from drivers.pose import rotate
 from sim_backends.plants.plant import BodyState, FloatArray
 from sim_backends.plants.tendon_arm.tendon_arm import TendonArm

@@ -24,7 +24,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from config.emulation import Plant
+from config.emulation.plants import Plant
 from daemon.workbench.body_model.clouds.centreline_fit_kernels import likely, misses, placed, slopes
 from safety.risk.model.mixture import FloatArray
 from sim_backends.devices.body_surface import BodySurface

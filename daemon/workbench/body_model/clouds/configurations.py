@@ -12,7 +12,7 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from config.emulation import TendonArmPlant
+from config.emulation.plants import TendonArmPlant
 from config.robot import Robot
 from daemon.robot.axes import AxisRanges
 from sim_backends.lab.bodies import plant_of

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from config.emulation import SoftArmPlant
+from config.emulation.plants import SoftArmPlant
 from config.tasks.controllers import Broyden, TipFollowing
 from config.tasks.trajectory import Circle
 from daemon.control.lag import lag_kernels as kernels

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from config.emulation import SoftArmPlant
+from config.emulation.plants import SoftArmPlant
 from config.tasks.controllers import ForwardJacobian
 from config.tasks.exploration import DesignedExploration
 from config.tasks.trajectory import Circle

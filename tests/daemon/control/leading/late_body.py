@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from config.emulation import SoftArmPlant
+from config.emulation.plants import SoftArmPlant
 from config.tasks.controllers import ForwardJacobian
 from config.tasks.trajectory import Circle
 from daemon.control.controller import Observation, Phase

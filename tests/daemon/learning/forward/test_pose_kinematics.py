@@ -4,7 +4,7 @@ the path only."""
 import numpy as np
 import pytest
 
-from config.emulation import ConcentricTubesPlant
+from config.emulation.plants import ConcentricTubesPlant
 from config.loader import load_robot
 from daemon.control.task import angle_between
 from daemon.learning.forward.pose_kinematics import (

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from config.documents.problems import ConfigError
-from config.emulation import SoftArmPlant
+from config.emulation.plants import SoftArmPlant
 from daemon.workbench.experiments.experiment_file import ExperimentFile, load_experiment, on_body
 from daemon.workbench.studies.grid import _one_for_each_model
 from daemon.workbench.studies.run import plan

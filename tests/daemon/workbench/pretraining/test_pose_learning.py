@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from config.emulation import ConcentricTubesPlant
+from config.emulation.plants import ConcentricTubesPlant
 from config.loader import load_robot
 from daemon.array_files import ModelError, save_npz
 from daemon.commands.outcome.exit_codes import EXIT_CONFIGURATION, EXIT_FAILED, EXIT_USAGE

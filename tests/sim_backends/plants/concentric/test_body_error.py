@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from config.emulation import ConcentricTubesPlant
+from config.emulation.plants import ConcentricTubesPlant
 from config.loader import load_robot
 from sim_backends.plants.concentric.body_error import body_error, matched_variation
 from sim_backends.plants.concentric.concentric_tubes import ConcentricTubes, variation

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from config.emulation import ConcentricTubesPlant
+from config.emulation.plants import ConcentricTubesPlant
 from drivers.pose import conjugate, multiply, rotate
 from sim_backends.plants.concentric.concentric_tubes import ConcentricTubes, variation
 from sim_backends.plants.concentric.statics_kernels import FloatArray

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from config.emulation import ConcentricTubesPlant, Tube, TubeSection
+from config.emulation.plants import ConcentricTubesPlant, Tube, TubeSection
 from sim_backends.plants.concentric.statics import Setting, TubeEquilibrium, TubeStatics
 from sim_backends.plants.concentric.statics_kernels import FloatArray, TubeSet
 

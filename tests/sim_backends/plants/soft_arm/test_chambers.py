@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from config.emulation import SoftArmPlant
+from config.emulation.plants import SoftArmPlant
 from sim_backends.plants.plant import FloatArray, PlantError, TipLoad, variation
 from sim_backends.plants.rod_kernels import Settled, settle_chambers
 from sim_backends.plants.shooting import Solver

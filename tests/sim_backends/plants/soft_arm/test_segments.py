@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from config.emulation import SoftArmPlant
+from config.emulation.plants import SoftArmPlant
 from sim_backends.plants.plant import GRAVITY_N_G, BodyState, FloatArray, TipLoad, variation
 from sim_backends.plants.soft_arm.soft_arm import SoftArm
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from config.emulation import SoftArmPlant
+from config.emulation.plants import SoftArmPlant
 from drivers.pose import rotate
 from sim_backends.plants import rod_kernels
 from sim_backends.plants.plant import (
