@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--duration",
         type=float,
         metavar="S",
-        help=f"of designed motions (default: {_DESIGNED.duration_s:g})",
+        help=f"of designed motions (default: {_DESIGNED.lasts_s(6):g}, more with over six axes)",
     )
     parser.add_argument(
         "--waypoints",

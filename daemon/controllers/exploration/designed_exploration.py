@@ -91,6 +91,7 @@ class DesignedExplorationController(ExplorationController):
     def __init__(self, options: DesignedExploration, robot: Robot, seed: int) -> None:
         super().__init__(options, robot, seed)
         self._options = options
+        self._lasts_s = options.lasts_s(self._axes.count)
         self._middle = 0.5 * (self._axes.lowest + self._axes.highest)
         self._half = 0.5 * self._axes.travel
         self._information = GatheredInformation(self._axes.count)
@@ -100,14 +101,14 @@ class DesignedExplorationController(ExplorationController):
 
     @property
     def ready(self) -> bool:
-        return self._elapsed_s >= self._options.duration_s
+        return self._elapsed_s >= self._lasts_s
 
     @property
     def note(self) -> str:
         """What it is doing; empty when it is done."""
         if self.ready:
             return ""
-        return f"tries motions: {self._elapsed_s:.0f} of {self._options.duration_s:.0f} s"
+        return f"tries motions: {self._elapsed_s:.0f} of {self._lasts_s:.0f} s"
 
     def reset(self, observation: Observation) -> None:
         turns = bool((self._axes.period > 0.0).any())  # tubes may be drawn back first
@@ -151,7 +152,7 @@ class DesignedExplorationController(ExplorationController):
     def _candidates(self) -> Vector:
         """(n, m) places around that the axes may go to, within what is explored by now."""
         axes, options = self._axes, self._options
-        grown = min(self._elapsed_s / (_GROWN_AFTER * options.duration_s), 1.0)
+        grown = min(self._elapsed_s / (_GROWN_AFTER * self._lasts_s), 1.0)
         share = options.travel_share * (_BEGINS_WITH + (1.0 - _BEGINS_WITH) * grown)
         around = self._home + grown * (self._middle + self._strung_by - self._home)
         reach = self._half * share

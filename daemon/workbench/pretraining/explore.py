@@ -182,7 +182,7 @@ def _experiment(
 
 def _longest_s(robot: Robot, options: Exploring) -> float:
     if isinstance(options, DesignedExploration):
-        return _PAUSES_AT_MOST * options.duration_s
+        return _PAUSES_AT_MOST * options.lasts_s(len(robot.axes))
     axes = AxisRanges.of(robot)
     through_s = float(np.max(axes.travel / (options.speed_share * axes.max_velocity)))
     return _LINE_AT_MOST * through_s * options.waypoints

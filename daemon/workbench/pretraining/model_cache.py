@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from config.loader import RobotFile
+from config.robot import Robot
 from config.tasks.experiment import Pretraining
 from config.tasks.exploration import DesignedExploration, WaypointExploration
 from daemon.array_files import ModelError
@@ -56,7 +57,7 @@ def pretrained(
     if _usable(path, file):
         return path
     folder.mkdir(parents=True, exist_ok=True)
-    tell(f"exploring {file.robot.robot} in virtual time: {_amount(options)}")
+    tell(f"exploring {file.robot.robot} in virtual time: {_amount(options, file.robot)}")
     with tempfile.TemporaryDirectory(prefix="tentacled-") as run:
         dataset = explore(file, options, seed, Path(run), tell, progress=progress)
     tell(f"learning from {dataset.frames.duration_s:.0f} s of motion")
@@ -91,9 +92,9 @@ def _settings(how: Pretraining, seed: int) -> PretrainingSettings:
     )
 
 
-def _amount(options: Exploring) -> str:
+def _amount(options: Exploring, robot: Robot) -> str:
     if isinstance(options, DesignedExploration):
-        return f"{options.duration_s:.0f} s of motion"
+        return f"{options.lasts_s(len(robot.axes)):.0f} s of motion"
     return f"{options.waypoints} waypoints"
 
 

@@ -48,6 +48,7 @@ class ExplorationParts:
         """out: of the file that it shall make."""
         self.folder = out.with_name(f"{out.name}.parts")
         self._file = file
+        self._axes = len(file.robot.axes)
         self._options = options
         self._seed = seed
         self._tip_load_g = tip_load_g
@@ -77,7 +78,7 @@ class ExplorationParts:
         as far as the recordings tell."""
         if isinstance(self._options, DesignedExploration):
             moved_s = sum(part.frames.duration_s for part in self._parts())
-            return min(int(moved_s), int(self._options.duration_s))
+            return min(int(moved_s), int(self._options.lasts_s(self._axes)))
         lines = (len(np.unique(part.frames.line)) - _NOT_WHOLE for part in self._parts())
         return min(sum(max(count, 0) for count in lines), self._options.waypoints)
 
@@ -85,7 +86,7 @@ class ExplorationParts:
     def how_far(self) -> str:
         """In words."""
         if isinstance(self._options, DesignedExploration):
-            return f"{self.done} of {self._options.duration_s:.0f} s"
+            return f"{self.done} of {self._options.lasts_s(self._axes):.0f} s"
         return f"{self.done} of {self._options.waypoints} lines"
 
     def explore(self, tell: Tell, progress: Progress | None = None) -> None:
@@ -125,8 +126,9 @@ class ExplorationParts:
         """What is missing; None: nothing."""
         options, done = self._options, self.done
         if isinstance(options, DesignedExploration):
-            left_s = max(options.duration_s - done, _SHORTEST_S)
-            finished = done >= options.duration_s - 1.0
+            lasts_s = options.lasts_s(self._axes)
+            left_s = max(lasts_s - done, _SHORTEST_S)
+            finished = done >= lasts_s - 1.0
             return None if finished else options.model_copy(update={"duration_s": left_s})
         left = options.waypoints - done
         return None if left <= 0 else options.model_copy(update={"waypoints": left})

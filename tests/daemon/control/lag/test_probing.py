@@ -136,7 +136,7 @@ def test_a_prompt_body_and_a_long_lag_that_the_model_has_as_well_need_fewer_of_t
 def test_exploring_and_probing_take_less_than_twenty_seconds_on_the_body_that_was_explored() -> (
     None
 ):
-    explored_s = DesignedExploration(kind="designed_exploration").duration_s
+    explored_s = DesignedExploration(kind="designed_exploration").lasts_s(6)
     assert explored_s + max(PROMPT_S, ALIKE_S) < 20.0
 
 

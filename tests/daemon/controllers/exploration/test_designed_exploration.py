@@ -83,6 +83,15 @@ def test_a_workspace_is_explored_no_farther_than_a_quadratic_tells_where_a_suppl
     np.testing.assert_allclose(explored(None), expected)
 
 
+@pytest.mark.parametrize(("axes", "lasts_s"), [(3, 16.0), (6, 16.0), (7, 20.7), (10, 38.5)])
+def test_it_lasts_longer_the_more_axes_there_are_unless_it_is_told_how_long(
+    axes: int, lasts_s: float
+) -> None:
+    options = DesignedExploration(kind="designed_exploration")
+    assert options.lasts_s(axes) == pytest.approx(lasts_s, abs=0.1)
+    assert options.model_copy(update={"duration_s": 9.0}).lasts_s(axes) == 9.0
+
+
 def told(places: Vector) -> float:
     """Logarithm of the determinant of what motions tell of a quadratic's coefficients."""
     x = (places - 25.0) / 25.0
