@@ -1,5 +1,6 @@
 """One axis on the bus: what it last said, and what it is sent in each cycle."""
 
+from math import copysign
 from typing import Final, Protocol
 
 from config.axis import Axis
@@ -45,14 +46,20 @@ class Target(Protocol):
 
 
 class CyclicPosition:
-    """CSP: the point of the step that is due now."""
+    """CSP: the point of the step that is due now.
+
+    Where the step is taken away in mid-motion, the axis brakes as it would have after its end.
+    """
 
     def __init__(self, index: int) -> None:
         self._index = index
         self._held = 0
+        self._velocity = self._deceleration = 0.0
+        """Of the last step, when it was last followed; then of braking."""
+        self._sent_for_ns = 0
 
     def hold(self, position: int) -> None:
-        self._held = position
+        self._held, self._velocity = position, 0.0
 
     def output(
         self, t_ns: int, step: PermittedStep | None, position: int, statusword: int, share: float
@@ -61,7 +68,17 @@ class CyclicPosition:
         if step is not None:
             way = step.target(self._index, t_ns) - self._held
             self._held += way if share >= 1.0 else int(share * way)
+            self._velocity = step.velocity(self._index, t_ns)
+            self._deceleration = step.decelerations[self._index]
+        elif self._velocity:
+            self._brake(min((t_ns - self._sent_for_ns) * 1e-9, _LONGEST_S))
+        self._sent_for_ns = t_ns
         return 0, self._held
+
+    def _brake(self, cycle_s: float) -> None:
+        speed = max(0.0, abs(self._velocity) - self._deceleration * cycle_s)
+        self._velocity = copysign(speed, self._velocity)
+        self._held += int(self._velocity * cycle_s)
 
 
 class Velocity:
@@ -151,6 +168,7 @@ def target_of(mode: str, index: int, limits: CountLimits, unit_counts_s: float) 
 _FOLLOWS_WITHIN_NS: Final = 500_000_000
 """Drives hold a target back while their brake opens, and tell so; old ones tell nothing."""
 
+_CAN_BE_ENABLED: Final = (PowerState.OPERATION_ENABLED, PowerState.SWITCHED_ON)
 _DONE_WITHIN_NS: Final = 2_000_000_000
 """Judgement: four transitions with a frame each, and between them a brake that opens."""
 
@@ -259,6 +277,11 @@ class AxisChannel:
         """What changes nothing, with a velocity of 0."""
         controlword = controlword_to_stay(self.state)
         return None if controlword is None else RPDO_LAYOUT.pack(controlword, 0)
+
+    @property
+    def keeps_others_waiting(self) -> bool:
+        """Whether the axis is to be enabled, and cannot be yet."""
+        return self.goal is PowerGoal.ENABLED and self.state not in _CAN_BE_ENABLED
 
     @property
     def referenced(self) -> bool:

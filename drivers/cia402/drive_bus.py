@@ -34,7 +34,6 @@ _LIVES_END_WITHIN_S: Final = 1.0  # an SDO request gives up after three times 0.
 _WATCH_EVERY_NS: Final = 10_000_000  # a tenth of 0.1 s, the shortest time-out that is watched
 _LATE: Final = 1.5  # periods since the last cycle
 _LAST_FRAMES_S: Final = 0.01  # until what was sent has left the interface's queue
-_WAITS_FOR_OTHERS: Final = (PowerState.OPERATION_ENABLED, PowerState.SWITCHED_ON)
 _BITS: Final = tuple(worst_case_bits(length) for length in range(9))
 
 
@@ -109,7 +108,10 @@ class DriveBus:
         self._period_ns = round(bus.cycle_period_s * 1e9)
         self._ticked_ns = 0
         self._catches_up = False
-        """A cycle came late: targets are further away than axes go in one."""
+        """A cycle came late, or a step was taken away: targets are further away than axes go in
+        one."""
+        self._goes_on_s = bus.cycle_period_s
+        """For how long axes have gone on since the last cycle, which is a period at the most."""
         self._targets_for_ns = 0
         self._is_slow = sends_steps_at_once(bus)
         self._sends_steps_at_once = self._is_slow and all(
@@ -132,7 +134,10 @@ class DriveBus:
         link = self._link
         if link is None:
             return
-        self._catches_up |= t_ns - self._ticked_ns > _LATE * self._period_ns
+        since_ns = t_ns - self._ticked_ns
+        self._catches_up |= since_ns > _LATE * self._period_ns
+        # A late cycle is followed by one in time: sooner than a period.
+        self._goes_on_s = min(since_ns, self._period_ns) * 1e-9
         self._ticked_ns = t_ns
         self._next_sync_ns = t_ns + self._period_ns
         # Drives take what they are sent now with the next SYNC, which it is meant for where a step
@@ -347,9 +352,10 @@ class DriveBus:
     def _share(self, step: PermittedStep | None) -> float:
         """Of the ways to their targets, what all axes go, on their line: none faster than it may,
         whatever time was lost."""
-        at_ns, cycle_s, share = self._targets_for_ns, self.bus.cycle_period_s, 1.0
-        if step is not None:
-            share = min([one.share_in_a_cycle(at_ns, step, cycle_s) for one in self.channels])
+        if step is None:
+            return 1.0
+        at_ns, goes_on_s = self._targets_for_ns, self._goes_on_s
+        share = min([one.share_in_a_cycle(at_ns, step, goes_on_s) for one in self.channels])
         self._catches_up = share < 1.0
         return share
 
@@ -388,11 +394,10 @@ class DriveBus:
     def _current_step(self) -> PermittedStep | None:
         """The step, unless an axis has stopped following: none may move on without the others."""
         alone = False
-        for channel in self.channels:
-            if not channel.following:
-                self._step = None
-                if channel.goal is PowerGoal.ENABLED and channel.state not in _WAITS_FOR_OTHERS:
-                    alone = True
+        if not self.following:
+            self._catches_up |= self._step is not None
+            self._step = None
+            alone = any(channel.keeps_others_waiting for channel in self.channels)
         if alone is not self._alone:
             self._alone = alone
             for channel in self.channels:

@@ -498,6 +498,56 @@ def test_after_a_late_cycle_axes_catch_up_together_and_no_faster_than_they_may()
     on_a_rig(test)
 
 
+def test_the_cycle_after_a_late_one_comes_sooner_and_leads_no_further_than_its_time() -> None:
+    async def test(rig: Rig) -> None:
+        await rig.enabled()
+        rig.master.write(rig.step(1000, 0.1))
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, VirtualTimeLoop)
+        loop.jump(0.06)  # the process stands still
+        told = [channel.target_counts or 0 for channel in rig.master.channels]
+        fastest = count_limits(rig.axes[0]).max_velocity
+        for period_s in (0.01, 0.001, 0.004, 0.0, 0.01):
+            before = told
+            loop.jump(period_s)
+            rig.master.tick(rig.clock.now_ns())
+            told = [channel.target_counts or 0 for channel in rig.master.channels]
+            assert np.subtract(told, before).max() <= fastest * period_s + 1
+
+    on_a_rig(test)
+
+
+def test_where_one_axis_stops_following_the_others_brake_as_at_the_end_of_a_step() -> None:
+    async def test(rig: Rig) -> None:
+        await rig.enabled()
+        slower = [replace(count_limits(axis), max_acceleration=200_000) for axis in rig.axes]
+        start = rig.positions()
+        step = permit(
+            from_counts=start,
+            to_counts=[position + 1000 for position in start],
+            measured_counts=start,
+            velocities_before=[10_000.0] * 2,
+            begins_ns=rig.clock.now_ns(),
+            duration_ns=100_000_000,
+            limits=[replace(one, max_lag=10**9) for one in slower],
+        )
+        assert isinstance(step, PermittedStep), step
+        rig.master.write(step)
+        await asyncio.sleep(0.05)
+        stops, goes_on = rig.master.channels
+        told = [goes_on.target_counts or 0]
+        stops.set_goal(None, rig.clock.now_ns())
+        loop = asyncio.get_running_loop()
+        assert isinstance(loop, VirtualTimeLoop)
+        for _ in range(6):
+            loop.jump(0.01)
+            rig.master.tick(rig.clock.now_ns())
+            told.append(goes_on.target_counts or 0)
+        assert np.diff(told).tolist() == [80, 60, 40, 20, 0, 0]
+
+    on_a_rig(test)
+
+
 def test_a_drive_that_says_nothing_sensible_is_not_known_to_be_off() -> None:
     async def test(rig: Rig) -> None:
         await rig.operational()
