@@ -81,6 +81,9 @@ class DriveBus:
         self.traffic = Traffic()
         self.conditions = Conditions(on_change)
         self.channels = [AxisChannel(axis, index) for index, axis in axes]
+        self.enabled_together: Sequence[AxisChannel] = self.channels
+        """None of ours is enabled before all of these can be. Of all buses, where there are more.
+        """
         self._foreign_frames = ForeignFrames(
             name,
             bus.master_node,
@@ -397,7 +400,7 @@ class DriveBus:
         if not self.following:
             self._catches_up |= self._step is not None
             self._step = None
-            alone = any(channel.keeps_others_waiting for channel in self.channels)
+            alone = any(channel.keeps_others_waiting for channel in self.enabled_together)
         if alone is not self._alone:
             self._alone = alone
             for channel in self.channels:

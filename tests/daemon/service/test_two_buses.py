@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from daemon.messages import Stop
+from daemon.messages import Acquire, Arm, Stop
 from daemon.recording.format.channels import RAW_CAN, read_can_payload
 from daemon.recording.run_folder import RUN_FILE
 from daemon.recording.run_reader import RunReader
@@ -105,5 +105,17 @@ def test_a_step_goes_to_both_buses_where_the_process_stands_still_between_them()
             assert min(now, then) <= channel.target_counts <= max(now, then), channel.axis.name
         now_ns = rig.service.clock.now_ns()
         assert rig.service.loop.target_counts(now_ns) == steps[0].targets(now_ns)
+
+    on_a_rig(scene, path=TWO_BUSES)
+
+
+def test_no_axis_is_enabled_while_one_on_the_other_bus_cannot_be() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.do(Acquire)
+        rig.lab.inject("drive.can1/1.stuck_statusword=60s")
+        arming = asyncio.create_task(rig.refused(Arm))
+        while not arming.done():
+            assert not any(channel.following for channel in rig.service.loop.channels)
+            await asyncio.sleep(0.005)
 
     on_a_rig(scene, path=TWO_BUSES)
