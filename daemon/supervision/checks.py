@@ -307,6 +307,12 @@ class Checks:
         """The operator has asked for a hold."""
         self._momentary(Cause.OPERATOR_HOLD, t_ns, subject="operator")
 
+    def lease_held(self, t_ns: int) -> None:
+        """Somebody has the lease, from now on."""
+        for cause in (Cause.LEASE_LOST, Cause.LEASE_ABANDONED):
+            self._set(cause, False, t_ns, "operator")
+        self._react(t_ns)
+
     def internal_error(self, t_ns: int, detail: str) -> None:
         """Something that cannot happen has happened."""
         self._momentary(Cause.INTERNAL_ERROR, t_ns, detail)

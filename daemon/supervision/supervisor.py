@@ -6,7 +6,7 @@ from config.control import Supervision
 from daemon.supervision.checks import Checks
 from daemon.supervision.power import Power, PowerPhase
 from drivers.cia402.drive_bus import DriveBus
-from safety.causes import Cause, Severity
+from safety.causes import Cause, ClearRule, Severity
 from safety.consequences import Consequences, with_leads
 from safety.failsafe import ActiveReason, Failsafe
 from safety.states import OperatingState, Request, next_state, refusal
@@ -58,6 +58,15 @@ class Supervisor:
     def blocking(self) -> tuple[ActiveReason, ...]:
         """What stands in the way of arming, and what it follows from."""
         return with_leads(self._reasons, Severity.NOT_READY)
+
+    @property
+    def still_holds(self) -> bool:
+        """Whether something holds the robot that `resume` does not take away."""
+        return any(
+            reason.severity >= Severity.HOLD
+            and not (reason.latched and reason.cause.clears is ClearRule.BY_RESUME)
+            for reason in self._reasons
+        )
 
     @property
     def severity(self) -> Severity:

@@ -226,6 +226,7 @@ class Operator:
             raise CommandRefusedError(
                 "lease_taken", f"{holder} has the lease; it ends when not renewed"
             )
+        service.supervisor.checks.lease_held(now_ns)  # whatever is asked for next finds it so
         return self._answer(command, token=token, expires_in_s=service.lease.expires_in_s(now_ns))
 
     async def _release(self, user: str, command: Release) -> Answer:

@@ -92,4 +92,6 @@ def _why_not(name: str, supervisor: Supervisor, prepared: Prepared) -> tuple[str
         return "nothing is loaded", "Load a trajectory first"
     if name == "resume" and not prepared.resumable:
         return "nothing was held", "Load and start"
+    if request is Request.RESUME and supervisor.still_holds:
+        return "what stopped the motion still holds", supervisor.reasons[0].cause.remedy
     return "", ""

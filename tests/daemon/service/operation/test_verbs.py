@@ -74,3 +74,28 @@ def test_what_stands_in_the_way_is_told_with_its_remedy() -> None:
         assert told.helps == blocking[0].cause.remedy
 
     on_a_rig(scene)
+
+
+def test_resume_is_told_possible_only_once_what_stopped_the_motion_is_over() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.running(SMALL_CIRCLE, MODEL)
+        rig.lab.inject("tracker.missing=1s")
+        await rig.until_state(OperatingState.HOLD)
+        await rig.do(Hold)
+        assert said(rig)["resume"].why_not == "what stopped the motion still holds"
+        await compare(rig, Resume)
+        await rig.until(lambda: said(rig)["resume"].possible)
+        await rig.do(Resume)
+
+    on_a_rig(scene)
+
+
+def test_whoever_takes_a_lost_lease_again_may_resume_at_once() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.running(SMALL_CIRCLE, MODEL)
+        rig.renewing, rig.token = False, ""
+        await rig.until_state(OperatingState.HOLD)
+        await rig.do(Acquire)
+        await rig.do(Resume)
+
+    on_a_rig(scene)
