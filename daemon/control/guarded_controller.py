@@ -81,14 +81,15 @@ class InAThread:
     def ask(self, what: str, work: Callable[[], T], within_s: float | None) -> T:
         """As `Answers` says."""
         if self._late is not None and not self._late.done.is_set():
-            raise ControllerError(f"{self._name} is still busy: {self._late.what}")
+            raise ControllerError(f"{self._name} is still busy: {self._busy_with(self._late)}")
         self._late = None
         job = _Job(what, work)
         self._work.put(job)
         if not job.done.wait(within_s):
             self._late = job
+            within_ms, busy_with = 1e3 * (within_s or 0.0), self._busy_with(job)
             raise ControllerError(
-                f"{self._name} gave no answer within {1e3 * (within_s or 0.0):g} ms: {what}"
+                f"{self._name} gave no answer within {within_ms:g} ms: {busy_with}"
             )
         if job.error is not None:
             raise job.error
@@ -100,6 +101,11 @@ class InAThread:
         if all(job is None or job.done.is_set() for job in (self._late, self._begun)):
             self._begun = _Job(what, work)
             self._work.put(self._begun)
+
+    def _busy_with(self, job: "_Job") -> str:
+        """What it does while a question waits, which may be what it was to do before."""
+        begun = self._begun
+        return job.what if begun is None or begun.done.is_set() else begun.what
 
     def _serve(self) -> None:
         while True:

@@ -11,6 +11,7 @@ from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 from typing import Any, Final, Protocol, TypeVar
 
+from config.documents.kinds import described
 from config.documents.model import OptionsError
 from config.paths import is_shipped_model
 from config.robot import Robot
@@ -79,6 +80,8 @@ async def in_a_thread(work: Callable[[], T], within_s: float = _READ_WITHIN_S) -
             outcome = future.set_result, work()
         except Exception as error:
             outcome = future.set_exception, error
+        except BaseException as error:  # a package that means to end the process ends its own load
+            outcome = future.set_exception, RuntimeError(described(error))
         if not loop.is_closed():
             loop.call_soon_threadsafe(settle, *outcome)
 

@@ -165,3 +165,14 @@ def test_what_is_loaded_is_held_against_whether_its_controller_points() -> None:
     for kind in ("pid_constant_curvature", "constant_curvature"):
         assert run_in_real_time(test(kind)).position_only == kind
     assert run_in_real_time(test("broyden")).position_only == ""
+
+
+def test_a_load_that_means_to_end_the_process_is_answered_with_what_it_did() -> None:
+    def leave() -> None:
+        raise SystemExit(3)
+
+    async def test() -> None:
+        with pytest.raises(RuntimeError, match="SystemExit: 3"):
+            await in_a_thread(leave)
+
+    run_in_real_time(test())
