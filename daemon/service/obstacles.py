@@ -13,6 +13,12 @@ MOST_BALLS: Final = 16
 """Of one user: each costs the control step time while it is near."""
 _STEPS_S: Final = 0.1
 """Four frames of 25 ms: a step is begun, goes on until the next one, and frames may be late."""
+_NOT_NEWER: Final = (
+    "it is not newer than what came before: another program may send in this user's name"
+)
+_QUIET_NS: Final = 1_000_000_000
+_MOST_REASONS: Final = 8
+"""Told of one user, until nothing of what they send was refused for a second."""
 
 Changed = Callable[[Swept, int | None], None]
 """Hears where balls may be from now on, and until when that is believed (monotonic clock, ns).
@@ -92,7 +98,7 @@ class MovingObstacles:
         there = self._streams.get(user)
         # Who begins anew counts from the beginning.
         if there and t_ns <= there.until_ns and message.sequence <= there.sequence:
-            return f"it is not newer than number {there.sequence}"
+            return _NOT_NEWER
         if len(message.balls) > MOST_BALLS:
             return f"{len(message.balls)} balls are more than {MOST_BALLS}"
         if not 0.0 < message.valid_for_s <= _LONGEST_VALIDITY_S:
@@ -101,6 +107,26 @@ class MovingObstacles:
             return "age_s must be 0 or more, and less than valid_for_s"
         faults = (_ball(one).fault() for one in message.balls)
         return next((f"a ball: {fault}" for fault in faults if fault), "")
+
+
+class Refusals:
+    """Why messages of users are dropped, each reason once until all is well for a while: streams
+    are many messages a second."""
+
+    def __init__(self) -> None:
+        self._told: dict[str, set[str]] = {}
+        self._last_ns: dict[str, int] = {}
+
+    def is_news(self, user: str, why: str, t_ns: int) -> bool:
+        """Whether that a message of `user` is dropped is to be told."""
+        told = self._told.setdefault(user, set())
+        if t_ns - self._last_ns.get(user, t_ns) > _QUIET_NS:
+            told.clear()
+        self._last_ns[user] = t_ns
+        if why in told or len(told) >= _MOST_REASONS:
+            return False
+        told.add(why)
+        return True
 
 
 def _ball(one: MovingObstacle) -> MovingBall:

@@ -31,7 +31,7 @@ from daemon.service.dependencies import Dependencies
 from daemon.service.following import Following
 from daemon.service.lease import Lease
 from daemon.service.monitors import Monitors
-from daemon.service.obstacles import MovingObstacles, horizon_s
+from daemon.service.obstacles import MovingObstacles, Refusals, horizon_s
 from daemon.service.telemetry.body_teller import BodyTeller
 from daemon.service.telemetry.events import EventHistory
 from daemon.service.telemetry.status import StatusReport
@@ -95,7 +95,7 @@ class RobotService:
         )
         self.following = Following(self.loop, AxisRanges.of(robot), robot.workspace)
         self.obstacles = MovingObstacles(horizon_s(robot.axes), self._obstacles_changed)
-        self._obstacles_refused: dict[str, str] = {}
+        self._obstacles_refused = Refusals()
         self.report = StatusReport(
             robot,
             self.hardware.tracker,
@@ -202,9 +202,8 @@ class RobotService:
             why = self.obstacles.take(user, message, now_ns)
         else:
             why = _NOBODY_COUNTS
-        if why and self._obstacles_refused.get(user) != why:
+        if why and self._obstacles_refused.is_news(user, why, now_ns):
             self.events.tell("note", "obstacles_refused", why, subject=user)
-        self._obstacles_refused[user] = why
         if not why and isinstance(message, Obstacles):
             taken = ObstaclesTaken(
                 t_ns=now_ns,

@@ -99,7 +99,7 @@ def test_the_first_of_several_streams_that_stops_is_told_and_all_count() -> None
 @pytest.mark.parametrize(
     ("message", "told"),
     [
-        (stream(3, ball()), "not newer than number 3"),
+        (stream(3, ball()), "not newer than what came before"),
         (stream(4, *[ball()] * (MOST_BALLS + 1)), "more than 16"),
         (stream(4, ball(), valid_for_s=0.0), "valid_for_s"),
         (stream(4, ball(), valid_for_s=1.1), "valid_for_s"),
@@ -264,6 +264,26 @@ def test_why_obstacles_are_dropped_is_told_once(file: RobotFile) -> None:
     ]
     assert [event.subject for event in told] == ["local", "local"]
     assert "finite" in told[0].text and "msgpack" in told[1].text
+
+
+def test_two_programs_of_one_user_do_not_fill_the_events(file: RobotFile) -> None:
+    async def scene(rig: Rig) -> None:
+        for number in range(100):
+            rig.operator.obstacles("local", stream(1000 + number))
+            rig.operator.obstacles("local", stream(1000 + number, ball()))
+            rig.operator.obstacles("local", stream(number, ball()))
+            await asyncio.sleep(0.01)
+        await asyncio.sleep(1.5)
+        rig.operator.obstacles("local", stream(2000, ball(), valid_for_s=0.9))
+        rig.operator.obstacles("local", stream(1, ball()))
+
+    told = [
+        message
+        for message in play(scene, file).told
+        if isinstance(message, Event) and message.name == "obstacles_refused"
+    ]
+    assert len(told) == 2, "once, and once again after a while without"
+    assert "another program" in told[0].text
 
 
 def test_a_robot_without_a_model_says_that_nothing_counts_with_them() -> None:
