@@ -12,6 +12,14 @@ from daemon.remote.reason_groups import detail_of
 Json = Mapping[str, Any]
 
 _FEW_EVENTS: Final = 2
+_TROUBLE: Final = {
+    "crc_errors": "CRC errors",
+    "strays": "replies to nothing",
+    "timeouts": "replies missing",
+    "reconnects": "reconnections",
+    "resets": "resets",
+}
+"""Counters of the tracker's line that stay at 0 where it is sound, and how they are called."""
 """So many are shown where there is little room."""
 
 
@@ -56,6 +64,8 @@ def _headline(state: Json, size: Size) -> list[Text]:
         told.append(f"newest {tracker['age_s'] * 1e3:.0f} ms old")
     if tracker["firmware"]:
         told.append(f"firmware {tracker['firmware']}, {tracker['control_unit']}")
+    counted = [(tracker["counters"][name], words) for name, words in _TROUBLE.items()]
+    told += [f"{count} {words}" for count, words in counted if count]
     return [first, *paragraph(size, (", ".join(told), DIM))]
 
 

@@ -264,6 +264,7 @@ def test_a_healthy_robot_is_probed_on_one_page(robot: Path) -> None:
     lines = printed(view(told, events[-6:], SMALL))
     text = joined(lines)
     assert "tracker tracking" in lines[0]
+    assert lines[1].rstrip().endswith(told["tracker"]["control_unit"]), "and nothing else"
     for axis in told["axes"]:
         row = next(line for line in lines if line.startswith(f"{axis['name']} "))
         for part in (axis["node"], axis["drive_state"], f"{axis['position']:.3f} {axis['unit']}"):
@@ -295,6 +296,13 @@ def test_what_is_wrong_is_probed_with_its_remedies_on_one_page(robot: Path) -> N
     for axis in told["axes"]:
         assert axis["name"] in text
     assert "100 Hz" in text
+
+
+def test_a_disturbed_line_to_the_tracker_shows_in_its_counts() -> None:
+    told, _ = probed(SOFT_ARM, "tracker.bad_crc=3", "tracker.no_reply=2")
+    text = joined(printed(view(told, [], SMALL)))
+    assert "3 CRC errors" in text
+    assert f"{told['tracker']['counters']['timeouts']} replies missing" in text
 
 
 def test_a_bus_that_is_gone_makes_one_condition_of_many_drives() -> None:
