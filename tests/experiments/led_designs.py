@@ -24,6 +24,8 @@ _BENDING_N_MM2, _AXIAL_N, _MASS_G = 8.0e3, 130.0, 41.7
 """Of the shipped arm."""
 _RISES: Final = 0.19
 """Of its length, the shipped arm with all axes in the middle of their travel."""
+_LONGEST_MM: Final = 210.0
+"""With its axes half out the tip of a longer arm may leave the tracker's volume."""
 _LARGEST_MM: Final = 28.0
 """To either side, of the paths that are scaled."""
 _OF_LENGTH: Final = 0.17
@@ -38,15 +40,17 @@ _CONTROLLERS: Final[tuple[dict[str, Any], ...]] = (
 def robot_of(random: np.random.Generator) -> dict[str, Any]:
     """A robot file's content: the shipped arm's, of another design."""
     uniform = random.uniform
+    lengths_mm = uniform(40.0, 110.0, int(random.integers(1, 4)))
+    lengths_mm *= min(1.0, _LONGEST_MM / lengths_mm.sum())
+    length_mm = float(lengths_mm.sum())
     segments: list[dict[str, Any]] = [
         {
-            "length_mm": float(uniform(40.0, 110.0)),
+            "length_mm": one_mm,
             "chambers": int(random.choice([3, 4])),
             "rotation_rad": float(uniform(0.0, 2.0)),
         }
-        for _ in range(int(random.integers(1, 4)))
+        for one_mm in lengths_mm.tolist()
     ]
-    length_mm = sum(one["length_mm"] for one in segments)
     stiffer = float(np.exp(uniform(np.log(0.65), np.log(3.0))))
     robot: dict[str, Any] = yaml.safe_load((SHIPPED_ROBOTS / "soft_arm.yaml").read_text())
     speed_mm_s = float(np.exp(uniform(*np.log([5.0, 20.0]))))

@@ -258,5 +258,5 @@ def test_a_run_is_never_written_over(exported: Path, capsys: pytest.CaptureFixtu
 
 def test_what_is_no_run_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out.mcap"
-    assert main(["export", str(tmp_path / "nothing"), "--foxglove", str(out)]) == 65
+    assert main(["export", str(tmp_path / "nothing"), "--foxglove", str(out)]) == 66
     assert "no such file" in capsys.readouterr().err and not list(tmp_path.iterdir())
