@@ -42,7 +42,10 @@ _UNKNOWN_BODY = SamplingSettings(lag_s=0.1)
 In them axes turn round all the time: of a body that is 0.3 s late, taken for prompt, they tell a
 Jacobian a third as large as its own, and turned."""
 _SAMPLES_PER_AXIS = 3
-"""So many must babbling give before a Jacobian is fitted."""
+"""So many must babbling give before a Jacobian is fitted ..."""
+_WORTH_GOING_ON = 1.0 / 3.0
+"""... and where it gave this share of them it goes on: a stiff body's tip goes less far, but one
+that is held does not move."""
 _WAITING_AT_MOST = 3
 _SEEN_AGAIN_AT_ONCE = 4
 """Frames of the first motions, of a body that is later than expected: all within a few seconds."""
@@ -78,6 +81,8 @@ class LearningController(ABC):
         self._seed = seed
         self._babbling = self._new_babbling()
         self._babbled: list[MotionSample] = []
+        self._babbled_before = 0
+        """Samples that there were when it was gone on with."""
         self._first_motions = self._new_first_motions()
         self._model: PretrainedModel | None = None
         self._take_for_late(_UNKNOWN_BODY)
@@ -398,13 +403,20 @@ class LearningController(ABC):
         self._follower.leading.lag.take_for(lag_s, dead_share)
 
     def _end_babbling(self) -> None:
-        """Fit a Jacobian to what was seen. Raises ControllerError where it was too little."""
+        """Fit a Jacobian to what was seen, or go on where it was nearly enough.
+
+        Raises ControllerError where it was too little.
+        """
         if self._points and not self._pointing.known:
             self._pointing.begin()
         if self._jacobian.known:
             return
-        babbled = self._babbled
-        if len(babbled) < _SAMPLES_PER_AXIS * len(self._range):
+        babbled, needed = self._babbled, _SAMPLES_PER_AXIS * len(self._range)
+        if len(babbled) < needed:
+            before, self._babbled_before = self._babbled_before, len(babbled)
+            if len(babbled) - before >= _WORTH_GOING_ON * needed:
+                self._babble_anew()
+                return
             raise ControllerError(
                 f"the first motions gave {len(babbled)} samples: see what holds the tip, or let "
                 f"them be longer or wider (babbling)"
