@@ -8,6 +8,7 @@ from pathlib import Path
 from config.documents.problems import ConfigError, Problem
 from config.loader import RobotFile, load_robot
 from daemon.robot.shipped_files import add_list_option, file_argument
+from daemon.robot.tracker_noise import untold_noise
 from drivers.can.budget import BusBudget, bus_budget
 from drivers.cia402.pdo_plan import bus_traffic
 
@@ -49,6 +50,8 @@ def check_robot(path: Path) -> CheckedRobot:
             warned.append(file.problem(where, f"the bus will be busy: {budget}"))
     if refused:
         raise ConfigError(refused)
+    if noise := untold_noise(file.robot):
+        warned.append(file.problem(("pose_filter", "position_noise_mm"), noise))
     return CheckedRobot(file, budgets, warned)
 
 
