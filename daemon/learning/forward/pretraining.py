@@ -188,8 +188,10 @@ def pretrain(
     test = _kept_back(motions.line, settings)
     if len(motions) - test.sum() < _SAMPLES_AT_LEAST:
         raise PretrainingError(
-            f"{len(motions) - int(test.sum())} motions are too few to learn from: explore for "
-            f"longer, or take a smaller threshold than {sampling.tip_mm:g} mm"
+            f"{len(motions) - int(test.sum())} motions are too few to learn from: take "
+            f"shorter ones than {sampling.tip_mm:g} mm (`pretrain --sample`, or in an experiment "
+            f"`pretraining: {{sample_tip_mm: {0.5 * sampling.tip_mm:g}}}`), or explore for longer "
+            f"(`explore --duration`, or in an experiment `pretraining: {{waypoints: 80}}`)"
         )
     learnt = motions.of_rows(~test)
     if len(learnt) < _FEW_MOTIONS:

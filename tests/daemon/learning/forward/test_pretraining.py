@@ -146,9 +146,12 @@ def test_local_controllers_get_the_fields_of_the_model() -> None:
 
 
 def test_too_few_motions_are_no_data() -> None:
-    far_apart = PretrainingSettings(sampling=SamplingSettings(tip_mm=80.0, travel_share=0.9))
-    with pytest.raises(PretrainingError, match="too few"):
+    sampling = SamplingSettings(tip_mm=80.0, travel_share=0.9)
+    far_apart = PretrainingSettings(sampling=sampling, test_share=0.0)
+    with pytest.raises(PretrainingError, match="too few") as raised:
         pretrain(arm_dataset(8), far_apart)
+    for remedy in ("--sample", "sample_tip_mm: 40", "--duration", "waypoints: 80"):
+        assert remedy in str(raised.value)
     with pytest.raises(PretrainingError, match="3 lines are too few"):
         pretrain(arm_dataset(3), PretrainingSettings())
 
