@@ -313,6 +313,9 @@ class RobotService:
             self.holds += worst.cause is not Cause.OPERATOR_HOLD
         if after in (OperatingState.FAULT, OperatingState.ESTOP):
             self.dependencies.recorder.urgent()
+        goes_on = after in (OperatingState.ARMED, OperatingState.RUNNING)
+        if goes_on and worst is not None and worst.over:
+            worst = None  # what was over before did not bring it here
         self.events.state(before, after, worst)
         self.publish(self.status())
 
