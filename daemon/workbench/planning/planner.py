@@ -27,6 +27,8 @@ _FROM_ANYWHERE: Final = 24
 """Beginnings from which a goal is looked for."""
 _WAYS_TO_BE_THERE: Final = 6
 """Postures in which the tip may be at a goal, at most."""
+_DENSER: Final = 4
+"""So many times the places are looked at before it is said that there is no way."""
 _SEARCHED_RISK: Final = 0.5
 """Of the most that a path may have: a place or a way of it with more is not gone."""
 PREFERENCES_MM: Final = (0.0, 30.0, 100.0, 300.0, 1000.0)
@@ -46,17 +48,20 @@ class Planner:
         one = self.settings
         self.risks = PathRisks(body, one.samples, one.seed + 1)
         self._refinement = Refinement(body, self.risks, one.waypoints, one.iterations, one.seed)
-        self._roadmap: Roadmap | None = None
+        self._roadmaps: dict[int, Roadmap] = {}
 
     @property
     def roadmap(self) -> Roadmap:
         """Made when it is first asked for."""
-        if self._roadmap is None:
+        return self._roadmap_of(self.settings.places)
+
+    def _roadmap_of(self, places: int) -> Roadmap:
+        if places not in self._roadmaps:
             one = self.settings
-            self._roadmap = make_roadmap(
-                self.body, one.places, one.neighbours, one.seed, self._progress
+            self._roadmaps[places] = make_roadmap(
+                self.body, places, one.neighbours, one.seed, self._progress
             )
-        return self._roadmap
+        return self._roadmaps[places]
 
     def plan(self, start: FloatArray, goals: Sequence[TipGoal]) -> Plan | Blocked:
         """From (m,) axes by way of all goals, in their order, to the last of them."""
@@ -195,13 +200,18 @@ class Planner:
             best = min(standings, key=lambda one: one.risk)
             seen = best if best.worst is not None else body.standing(ends[0])
             return blocked.goal_touches(body, goal.place_mm, seen)
-        count = len(roadmap.places)
-        all_places = np.array([start, *ends])
-        joined = roadmap.joined_with(all_places, [stand(start, 1.0), *standings])
-        numbers = [count + 1 + number for number, one in enumerate(good) if one]
-        found = joined.path(count, numbers, preference, _from(start, body, judge, means_free))
-        if found is not None:
-            return found.places
+        more, standings = np.array([start, *ends]), [stand(start, 1.0), *standings]
+        judge = _from(start, body, judge, means_free)
+        for denser in (False, True):
+            if denser:
+                roadmap = self._roadmap_of(_DENSER * self.settings.places)
+                roadmap = roadmap if means_free is None else means_free.of(roadmap)
+            count = len(roadmap.places)
+            joined = roadmap.joined_with(more, standings)
+            numbers = [count + 1 + number for number, one in enumerate(good) if one]
+            found = joined.path(count, numbers, preference, judge)
+            if found is not None:
+                return found.places
         return self._why_no_way(joined, count, numbers)
 
     def _ends(

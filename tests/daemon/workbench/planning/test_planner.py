@@ -43,6 +43,15 @@ def test_a_path_goes_round_what_the_shortest_one_runs_into() -> None:
     assert all(planner.body.allowed(u) for u in plan.u[1:])
 
 
+def test_where_few_places_lead_nowhere_more_of_them_are_looked_at() -> None:
+    """Twelve places of the arm's do not lead there in one piece, and what it knows does."""
+    few = Planner(planner_beside_a_ball().body, replace(SMALL, places=12, iterations=1))
+    start = posture_at(few, bent_to(-60.0, -60.0))
+    found = few.plan(start, [TipGoal(reachable(few, 70.0, 40.0))])
+    assert isinstance(found, Plan), found.text
+    assert found.risk.upper_limit <= SMALL.most_risk
+
+
 def planner_nominal(planner: Planner, start: FloatArray, goal: TipGoal):  # type: ignore[no-untyped-def]
     nominal = planner.nominal(start, [goal])
     assert not isinstance(nominal, Blocked)
