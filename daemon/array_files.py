@@ -117,7 +117,11 @@ def stripped(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> Arrays:
     }
 
 
-# Whether something learnt belongs to a robot: its name, its axes and how far they go.
+# Whether something learnt belongs to a robot: its name, its axes, how far they go, what they push.
+
+PISTONS: Final = "piston_area_mm2"
+"""The same travel pushes more gas with a wider bore, and the body goes elsewhere. Files that do not
+say it are of a time when nobody did."""
 
 
 def whose(robot: Robot) -> dict[str, Any]:
@@ -126,13 +130,24 @@ def whose(robot: Robot) -> dict[str, Any]:
         "robot": robot.robot,
         "axes": [axis.name for axis in robot.axes],
         "travel": [list(axis.travel) for axis in robot.axes],
+        **_pistons(robot),
     }
+
+
+def _pistons(robot: Robot) -> dict[str, Any]:
+    areas_mm2 = [axis.piston_area_mm2 for axis in robot.axes]
+    return {PISTONS: areas_mm2} if any(areas_mm2) else {}
 
 
 def misfit_of(about: Mapping[str, Any], robot: Robot) -> str:
     """What of `whose` is another robot's, in words; empty: nothing."""
-    for name, expected in whose(robot).items():
-        found = about.get(name)
-        if found != expected:
-            return f"its {name} is {found!r}, not {expected!r}"
+    return misfit(about, whose(robot))
+
+
+def misfit(about: Mapping[str, Any], expected: Mapping[str, Any]) -> str:
+    """What of all that is expected is something else, in words; empty: nothing."""
+    for name, one in expected.items():
+        found = about.get(name, one if name == PISTONS else None)
+        if found != one:
+            return f"its {name} is {found!r}, not {one!r}"
     return ""

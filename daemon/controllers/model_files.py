@@ -13,6 +13,7 @@ from daemon.array_files import (
     ArrayFile,
     Arrays,
     ModelError,
+    misfit,
     misfit_of,
     prefixed,
     read_as,
@@ -53,10 +54,8 @@ def load_model(
     """
     with read_as(path, "a model of this kind"):
         file = ArrayFile.load(path)
-    for key, expected in metadata.items():
-        actual = file.about.get(key)
-        if actual != expected:
-            raise ModelError(f"{path} does not fit: its {key} is {actual!r}, not {expected!r}")
+    if other := misfit(file.about, metadata):
+        raise ModelError(f"{path} does not fit: {other}")
     shapes = {**shapes, **{name: optional[name] for name in optional.keys() & file.arrays.keys()}}
     with read_as(path, "a model of this kind"):
         arrays = {name: np.asarray(file.arrays[name], dtype=np.float64) for name in shapes}
@@ -114,9 +113,8 @@ def load_learnt(path: Path, controller: str, robot: Robot) -> LearntFile:
         if metadata["kind"] != KIND:
             raise ValueError(f"its kind is {metadata['kind']!r}")
         model = None if metadata.get("model") is None else _model(metadata["model"], arrays)
-    misfit = misfit_of(metadata, robot)
-    if misfit:
-        raise ModelError(f"{path} does not fit this robot: {misfit}")
+    if wrong := misfit_of(metadata, robot):
+        raise ModelError(f"{path} does not fit this robot: {wrong}")
     other = metadata.get("controller")
     if other != controller:
         raise ModelError(f"{path} does not fit: its controller is {other!r}, not {controller!r}")

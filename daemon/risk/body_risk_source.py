@@ -328,19 +328,8 @@ def read_risk_files(
     except RiskModelError as error:
         text = f"{error}. Train it anew with `tentacled mdn train`"
         raise RiskFilesError(text, "model") from None
-    axes = len(file.robot.axes)
-    if read.robot != file.robot.robot or read.model.inputs != axes:
-        raise RiskFilesError(
-            f"{model_path} is of the robot {read.robot!r} with {read.model.inputs} axes, and this "
-            f"is {file.robot.robot!r} with {axes}: name its own model under risk",
-            "model",
-        )
-    names = [axis.name for axis in file.robot.axes]
-    if (learnt := read.about.get("axes", names)) != names:
-        raise RiskFilesError(
-            f"{model_path} was made with the axes {learnt}, and this robot has {names}: put them "
-            "in that order, or train a model of these"
-        )
+    if misfit := read.misfit(file.robot):
+        raise RiskFilesError(f"{model_path} {misfit}", "model")
     made_with_g = float(read.about.get("tip_load_g", 0.0))
     for load_g in (settings.tip_load_g,) if tip_loads_g is None else tip_loads_g:
         if abs(load_g - made_with_g) > _SAME_LOAD_G:

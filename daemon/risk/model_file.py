@@ -15,7 +15,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from daemon.array_files import ArrayFile, in_a_line, load_npz
+from config.robot import Robot
+from daemon.array_files import PISTONS, ArrayFile, in_a_line, load_npz, whose
 from daemon.files import MOST_MODEL_BYTES, read_regular
 from safety.risk.model.mixture import FloatArray
 from safety.risk.model.risk_model import RiskModel, RiskModelError, risk_model
@@ -44,6 +45,28 @@ class ModelFile:
     def robot(self) -> str:
         """Which robot it is of."""
         return str(self.about["robot"])
+
+    def misfit(self, robot: Robot) -> str:
+        """Why it is not of this robot, as "FILE ..." goes on, with what helps; empty: it is."""
+        axes = [axis.name for axis in robot.axes]
+        if self.robot != robot.robot or self.model.inputs != len(axes):
+            return (
+                f"is of the robot {self.robot!r} with {self.model.inputs} axes, and this is "
+                f"{robot.robot!r} with {len(axes)}: name its own model under risk"
+            )
+        if (learnt := self.about.get("axes", axes)) != axes:
+            return (
+                f"was made with the axes {learnt}, and this robot has {axes}: put them in that "
+                "order, or train a model of these"
+            )
+        pistons = whose(robot).get(PISTONS)
+        if (learnt := self.about.get(PISTONS, pistons)) != pistons:
+            return (
+                f"was made with pistons of {_areas(learnt)} mm², and bore_mm makes this robot's "
+                f"{_areas(pistons)}: the same travel bends it otherwise. Correct bore_mm, or train "
+                "a model with these"
+            )
+        return ""
 
     def learnt_at(self, u: FloatArray) -> NDArray[np.bool_]:
         """(n,) which of (n, m) configurations it was trained at, those that told when to stop too.
@@ -104,6 +127,17 @@ def _check(about: object) -> None:
     load_g = about.get("tip_load_g", 0.0)
     if not isinstance(load_g, int | float) or not abs(load_g) < _HEAVIEST_G:
         raise RiskModelError(f"{_ABOUT}: tip_load_g must be a number of grams")
+    pistons = about.get(PISTONS, [])
+    if not isinstance(pistons, list) or not all(
+        isinstance(one, int | float | None) for one in pistons
+    ):
+        raise RiskModelError(f"{_ABOUT}: {PISTONS} must be a list of areas")
     digests = about.get(_DIGESTS, [])
     if not isinstance(digests, list) or not all(isinstance(one, str) for one in digests):
         raise RiskModelError(f"{_ABOUT}: {_DIGESTS} must be a list of words")
+
+
+def _areas(areas_mm2: Sequence[float | None] | None) -> str:
+    """In words, each that there is once."""
+    each = dict.fromkeys(f"{one:.4g}" if one else "no" for one in areas_mm2 or (None,))
+    return ", ".join(each)

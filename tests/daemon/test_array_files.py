@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from config.loader import load_robot
+from config.robot import Robot
 from daemon.array_files import ArrayFile, ModelError, misfit_of, read_as, whose
 from daemon.controllers.model_files import (
     LearntFile,
@@ -112,8 +113,27 @@ def test_whose_it_is_are_name_axes_and_travel() -> None:
     assert misfit_of({}, ROBOT) == f"its robot is None, not '{ROBOT.robot}'"
 
 
+def with_bore(bore_mm: float) -> Robot:
+    axes = [axis.model_copy(update={"bore_mm": bore_mm}) for axis in ROBOT.axes]
+    return ROBOT.model_copy(update={"axes": axes})
+
+
+def test_what_was_learnt_with_other_pistons_is_another_body_s(tmp_path: Path) -> None:
+    """As far as the same travel goes, they push more gas. Older files do not say with which."""
+    path, wider = tmp_path / "broyden.npz", with_bore(30.0)
+    save_model(path, WHOSE, {"jacobian": np.zeros((3, 6))})
+    load_model(path, WHOSE, SHAPES)
+    with pytest.raises(ModelError, match="its piston_area_mm2 is"):
+        load_model(path, model_metadata("broyden", wider), SHAPES)
+    assert misfit_of(whose(ROBOT), wider).startswith("its piston_area_mm2 is")
+    older = {name: one for name, one in whose(ROBOT).items() if name != "piston_area_mm2"}
+    assert misfit_of(older, ROBOT) == ""
+
+
 def test_shipped_models_say_whose_they_are() -> None:
     for file in SHIPPED_ROBOTS.glob("*_arm.yaml"):
         path = SHIPPED_ROBOTS.parent / "models" / f"{file.stem}.npz"
         about = ArrayFile.load(path, None, "about").about
-        assert misfit_of(about, load_robot(file).robot) == ""
+        robot = load_robot(file).robot
+        assert misfit_of(about, robot) == ""
+        assert whose(robot).keys() <= about.keys()

@@ -108,6 +108,16 @@ def of_axes_in_another_order(folder: Path) -> None:
     write_model(folder / "arm.npz", arrays(), {**ABOUT, "axes": axes})
 
 
+def with_wider_pistons(folder: Path) -> None:
+    """Of the soft arm, whose file says that its own have a bore of 25 mm."""
+    soft = yaml.safe_load(ROBOT.with_name("soft_arm.yaml").read_text())
+    surface = {"mesh": "block.stl", "grid_mm": 2.0}
+    soft["risk"] = {"model": "builtin:soft_arm.npz", "surface": surface}
+    for axis in soft["axes"]:
+        axis["bore_mm"] = 20.0
+    (folder / "robot.yaml").write_text(yaml.safe_dump(soft))
+
+
 def with_a_load(folder: Path) -> None:
     write_model(folder / "arm.npz", arrays(), {**ABOUT, "tip_load_g": 14.2})
 
@@ -138,6 +148,7 @@ def too_thick(folder: Path) -> None:
         (damaged, "arm.npz"),
         (of_another_robot, "is of the robot 'another_arm'"),
         (of_axes_in_another_order, "was made with the axes"),
+        (with_wider_pistons, "with pistons of 490.9 mm², and bore_mm makes .* 314.2: the same"),
         (with_a_load, "was made with 14.2 g at the tip, and not with 0 g"),
         (open_mesh, "block.stl"),
         (round_the_base, "base at .* has no room .* there is no port: declare one"),
