@@ -114,7 +114,9 @@ def _one_for_each_model(runs: Iterable[Run]) -> list[Run]:
             if known is not None:
                 body = (experiment.robot, str(known), -1)
             how = experiment.pretraining.model_dump_json(exclude={"plant", "seed"})
-            of = (body, how, run.seed if seed is None else seed)
+            # Who is asked for the risk of the path is asked while the body is explored, too.
+            asked = experiment.risk and run.file.robot.risk.model is not None
+            of = (body, how, run.seed if seed is None else seed, asked)
             models.setdefault(of, run)
     return list(models.values())
 

@@ -106,6 +106,20 @@ def test_the_model_that_tells_whether_paths_can_be_followed_is_made_before_the_r
     assert made == [True]
 
 
+@pytest.mark.parametrize(("robot", "models"), [("tendon_arm", 2), ("soft_arm", 1)])
+def test_who_is_asked_for_the_risk_has_a_model_of_its_own_where_there_is_one_of_the_body(
+    tmp_path: Path, robot: str, models: int
+) -> None:
+    """The tendon arm is explored otherwise among its obstacles; the soft arm's file has none."""
+    both = "{experiment: calm.yaml, label: one}, {experiment: loaded.yaml, label: other}"
+    text = STUDY.replace("{experiment: calm.yaml, label: no load}", both)
+    path = write_study(tmp_path, text.replace("constant_curvature", "forward_jacobian"))
+    for name, asked in (("calm", "true"), ("loaded", "false")):
+        text = (tmp_path / f"{name}.yaml").read_text().replace("soft_arm", robot)
+        (tmp_path / f"{name}.yaml").write_text(f"{text}risk: {asked}\npretraining: {{}}\n")
+    assert len(_one_for_each_model(plan(load_study(path), 1, 0))) == models
+
+
 def test_shares_put_together_are_the_same_runs_and_tables(
     done: tuple[Path, Path, Heard], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
