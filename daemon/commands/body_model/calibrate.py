@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     for name, default, purpose in (
         ("configurations", 250, "of the body"),
-        ("rollouts", 200, "of each: come to from so many others"),
+        ("rollouts", 200, "of each: come to from so many others, so fewer than the configurations"),
         ("obstacles", 4, "put near the body at each configuration, one after the other"),
         ("samples", 1000, "shapes that contact_risk tries"),
         ("seed", 1, "of all of it"),
@@ -60,7 +60,6 @@ def run(arguments: argparse.Namespace) -> Result:
     )
     from daemon.workbench.body_model.evaluation.rollouts import roll_out
     from safety.risk.model.risk_model import RiskModelError
-    from sim_backends.plants.shooting import warm_up
 
     try:
         file = read_model(arguments.model)
@@ -68,7 +67,6 @@ def run(arguments: argparse.Namespace) -> Result:
             raise RiskModelError(f"{arguments.model} does not fit this robot: {misfit}")
         arguments.out.mkdir(parents=True, exist_ok=True)
         with telling_progress() as bar, worker_processes(arguments.processes) as workers:
-            warm_up()  # here, once, and not in each process
             rollouts = roll_out(
                 checked.file.robot,
                 arguments.configurations,

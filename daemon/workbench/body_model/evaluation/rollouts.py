@@ -57,8 +57,10 @@ def roll_out(
         raise CollectionError("there is no 'emulation' in this robot file")
     if not 1 <= starts < configurations:
         raise CollectionError(
-            f"{configurations} configurations are too few to come to each from {starts} others"
+            f"{configurations} configurations are too few to come to each from {starts} others: take "
+            "more of them, or fewer rollouts (at least one)"
         )
+    warm_up()  # here, once, and not in each process
     other = seed + _OTHER_SEQUENCE
     parameters = first_possible(robot, configurations, other, workers, progress)
     u = Candidates(robot, other).actuation(parameters)
