@@ -57,8 +57,8 @@ def roll_out(
         raise CollectionError("there is no 'emulation' in this robot file")
     if not 1 <= starts < configurations:
         raise CollectionError(
-            f"{configurations} configurations are too few to come to each from {starts} others: take "
-            "more of them, or fewer rollouts (at least one)"
+            f"{configurations} configurations are too few to come to each from {starts} others: "
+            "take more of them, or fewer rollouts (at least one)"
         )
     warm_up()  # here, once, and not in each process
     other = seed + _OTHER_SEQUENCE
