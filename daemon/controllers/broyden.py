@@ -35,6 +35,8 @@ from drivers.pose import Vector
 # a little, the swing lowers the tip too, and one by one they tell the lift badly.
 
 
+_OUT_ENOUGH = 0.5
+"""Of an excursion, where no more of it is let through."""
 _ARRIVED = 0.1
 """Share of the amplitude that an axis may be away from where it was to go."""
 _PATIENCE_S = 5.0
@@ -148,7 +150,9 @@ class Exploration:
         if (away <= _ARRIVED * self._amplitude).all():
             self._begin_rest()
         elif self._elapsed_s > float((self._amplitude / self._speed).max()) + _PATIENCE_S:
-            raise self._stuck(int(np.argmax(away / self._amplitude)), observation, goal)
+            if not self._out_enough(observation, goal):
+                raise self._stuck(int(np.argmax(away / self._amplitude)), observation, goal)
+            self._begin_rest()
         most = self._speed * dt_s
         return np.asarray(np.clip(goal - observation.targets, -most, most))
 
@@ -206,6 +210,14 @@ class Exploration:
         moved_mm = places[-third:].mean(axis=0) - places[:third].mean(axis=0)
         still = float(moved_mm @ moved_mm) < _STILL_MM**2
         return still or self._elapsed_s > _WAITS_AT_MOST * settle_s
+
+    def _out_enough(self, observation: Observation, goal: Vector) -> bool:
+        """Whether the axes are where they were let go, and that is most of the way out: beside an
+        obstacle they are turned aside, and effects are of what they have made in truth."""
+        home, u, targets = goal - self._out, observation.u, observation.targets
+        follow = (np.abs(u - targets) <= _ARRIVED * self._amplitude).all()
+        made = float((u - home) @ self._out / (self._out @ self._out))
+        return bool(follow) and len(self._rests) not in (0, _RESTS - 1) and made >= _OUT_ENOUGH
 
     def _stuck(self, axis: int, observation: Observation, goal: Vector) -> ControllerError:
         return ControllerError(

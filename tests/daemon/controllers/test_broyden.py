@@ -145,6 +145,16 @@ def test_an_axis_that_does_not_move_is_named() -> None:
         loop.explore()
 
 
+def test_most_of_an_excursion_tells_enough_where_no_more_of_it_is_let_through() -> None:
+    """As beside an obstacle: each axis was to go from 10 to 13 mm, and goes to 12."""
+    loop = LinearRobot()
+    loop.controller.reset(loop.seen())
+    while not loop.controller.ready:
+        loop.step()
+        loop.targets = np.minimum(loop.targets, 12.0)
+    assert loop.error < 0.03
+
+
 def test_an_interruption_repeats_only_the_excursion_it_broke() -> None:
     loop = LinearRobot()
     loop.controller.reset(loop.seen())
