@@ -3,6 +3,8 @@
 import pytest
 
 from config.documents.kinds import GROUPS, entries
+from daemon.remote.access import OPERATOR, User, access_control
+from daemon.remote.keys import ANY_ROBOT_ALIVE, Keys
 from safety.causes import Cause
 from tests.docs.reference import COMMAND, FOLDER, PAGES, page
 from tests.docs.reference.markdown import Schema, kind_of_value, schema_table, table
@@ -24,6 +26,14 @@ def test_nothing_is_left_out() -> None:
     assert "## tentacled mdn\n" in page("commands")
     assert "### tentacled mdn collect\n" in page("commands")
     assert "| `--despite-contact` |" in page("commands")
+
+
+def test_every_key_that_a_user_may_use_is_in_the_table() -> None:
+    rules = access_control(Keys("robot"), [User("user", OPERATOR)])["rules"]
+    keys = {key.removesuffix("/*") for rule in rules for key in rule["key_exprs"]}
+    told = page("messages").lower()
+    assert "tentacled/robot/obstacles/user" in keys
+    assert [key for key in keys - {ANY_ROBOT_ALIVE} if f"| `{key}" not in told] == []
 
 
 def test_a_table_stands_whatever_is_in_its_cells() -> None:

@@ -37,6 +37,7 @@ def messages_page() -> str:
     ]
     more = [
         (f"`{keys}/setpoint/USER`", "put", _link(messages.Setpoint)),
+        (f"`{keys}/obstacles/USER`", "put", _link(messages.Obstacles)),
         (f"`{keys}/whoami/USER`", "query", _link(messages.WhoAmI)),
         (f"`{keys}/events`", "query", _link(messages.Events)),
         (f"`{keys}/surroundings`", "query", _link(messages.Surroundings)),
