@@ -19,6 +19,7 @@ from daemon.commands.terminal.event_log import add_log_argument, style_of
 from daemon.commands.terminal.progress_line import ProgressLine
 from daemon.commands.terminal.work_sharing import add_scheduler_argument, share
 from daemon.host.logs import Log, logging_to_stderr
+from daemon.workbench.experiments.construction import check_happenings
 from daemon.workbench.studies.error_tables import aims_text, trouble_text
 from daemon.workbench.studies.findings import Findings, findings
 from daemon.workbench.studies.grid import Grid
@@ -111,7 +112,7 @@ def carry_out_study(
 def _plans(
     file: StudyFile, arguments: argparse.Namespace, only: list[str]
 ) -> tuple[list[Run], list[Run]]:
-    """All runs, and those that are wanted now. Raises PlanError."""
+    """All runs, and those that are wanted now. Raises ConfigError, PlanError."""
     known = [*file.experiments, *(variant.variant for variant in file.study.variants)]
     unknown = [name for name in only if name not in known]
     if unknown:
@@ -122,7 +123,10 @@ def _plans(
     plants = file.study.plants if arguments.plants is None else arguments.plants
     if arguments.jobs < 1 or seeds < 1 or plants < 0:
         raise PlanError("--seeds and --jobs are 1 or more, and --plants 0 or more")
-    return plan(file, seeds, plants), plan(file, seeds, plants, only)
+    wanted = plan(file, seeds, plants, only)
+    for experiment in {run.experiment for run in wanted}:
+        check_happenings(file.experiments[experiment])
+    return plan(file, seeds, plants), wanted
 
 
 def carry_out_runs(runs: list[Run], arguments: argparse.Namespace) -> int:

@@ -120,6 +120,20 @@ def test_who_is_asked_for_the_risk_has_a_model_of_its_own_where_there_is_one_of_
     assert len(_one_for_each_model(plan(load_study(path), 1, 0))) == models
 
 
+def test_a_fault_that_no_device_has_is_told_before_any_run_begins(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_study(tmp_path)
+    with (tmp_path / "loaded.yaml").open("a") as file:
+        file.write("happenings: [{at_s: 1, inject: tracker.mising=1s}]\n")
+    words = ["compare", "--study", str(path), "--out", str(tmp_path / "out")]
+    assert main(words) == EXIT_CONFIGURATION
+    err = capsys.readouterr().err
+    assert "loaded.yaml:8:32: happenings[0].inject: " in err
+    assert "tracker has no fault 'mising'" in err
+    assert not (tmp_path / "out").exists()
+
+
 def test_shares_put_together_are_the_same_runs_and_tables(
     done: tuple[Path, Path, Heard], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
