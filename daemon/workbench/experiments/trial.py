@@ -30,6 +30,8 @@ _MOST_IN_A_ROW: Final = 50
 """So often may it be held at once when it was resumed."""
 _LONGEST_HELD_S: Final = 180.0
 """What goes by itself is over by then, the risk of the last minute too."""
+_LONGEST_UNREADY_S: Final = 300.0
+"""So long may a controller not be ready and its note stay the same: no shipped one comes near."""
 
 
 class TrialError(RuntimeError):
@@ -69,6 +71,8 @@ class Trial:
         )
         self._last_ns: int | None = None
         self._cycle = -1
+        self._unready_s, self._unready_note = 0.0, ""
+        """How long the controller has not been ready, and told the same of what it does."""
         self._service.dependencies.subscribers.add_for(Tip, self._step)
 
     async def run(self) -> None:
@@ -130,6 +134,7 @@ class Trial:
             await asyncio.sleep(_LOOK_EVERY_S)
             if supervisor.running:
                 self._tell_how_far()
+                self._end_if_never_ready()
                 looks_running += 1
                 held_s = 0.0
                 in_a_row = 0 if looks_running > _LOOKS_UNTIL_IT_RUNS else in_a_row
@@ -147,6 +152,20 @@ class Trial:
                 raise TrialError(f"the motion is held and cannot go on, {where}: {self._why()}")
             self._operator.try_to_resume()
             in_a_row += supervisor.running
+
+    def _end_if_never_ready(self) -> None:
+        """With a controller that is not ready, but not without end: nothing else would end it."""
+        loaded, note = self._service.following.loaded, self._service.loop.note
+        if loaded is None or loaded.controller.ready or note != self._unready_note:
+            self._unready_s, self._unready_note = 0.0, note
+        self._unready_s += _LOOK_EVERY_S
+        if self._unready_s > _LONGEST_UNREADY_S:
+            kind = self._experiment.controller.kind
+            does = f"says '{note}'" if note else "has no note of what it does"
+            raise TrialError(
+                f"the controller {kind} has not been ready for {_LONGEST_UNREADY_S:g} s "
+                f"and {does}: nothing is followed before its `ready` is true"
+            )
 
     def _tell_how_far(self) -> None:
         """Of what the controller does first, where it counts that; then of the trajectory."""

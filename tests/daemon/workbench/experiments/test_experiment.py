@@ -12,6 +12,8 @@ import pytest
 from config.documents.problems import ConfigError
 from daemon.commands.outcome.exit_codes import EXIT_CONFIGURATION
 from daemon.commands.terminal.command_line import main
+from daemon.control.controller import Proposal
+from daemon.controllers.constant_curvature import ConstantCurvatureController
 from daemon.messages import TELEMETRY
 from daemon.recording.format.channels import TIP_POSE, TOPICS
 from daemon.recording.result import Result
@@ -187,6 +189,18 @@ def test_who_is_held_by_what_does_not_go_gives_up_and_says_why(
     missing = [{"at_s": 0.5, "inject": "tracker.missing=2.5s"}]
     run = lab.run(file, happenings=missing, may_end_early=True)
     assert re.search(r"held and cannot go on, .*tool_missing", run.problem)
+
+
+def test_who_waits_for_a_controller_that_is_never_ready_gives_up_and_says_why(
+    lab: TestLab, file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(trial, "_LONGEST_UNREADY_S", 1.0)
+    monkeypatch.setattr(ConstantCurvatureController, "ready", property(lambda _: False))
+    monkeypatch.setattr(
+        ConstantCurvatureController, "propose", lambda _, seen: Proposal(0.0 * seen.targets)
+    )
+    run = lab.run(file, may_end_early=True)
+    assert "the controller constant_curvature has not been ready for 1 s" in run.problem
 
 
 def test_a_fault_that_no_device_has_is_told_before_anything_begins(
