@@ -48,8 +48,27 @@ def read_regular(path: Path, most_bytes: int) -> bytes:
     return content
 
 
+class CannotMakeError(OSError):
+    """A file or folder cannot be made where it is to be."""
+
+
+@contextmanager
+def _making() -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise CannotMakeError(error.errno, error.strerror, error.filename) from None
+
+
+@_making()
+def make_folder(path: Path) -> None:
+    """The folder `path` with those above it, where it is not there yet. Raises CannotMakeError."""
+    path.mkdir(parents=True, exist_ok=True)
+
+
+@_making()
 def check_can_be_made(path: Path) -> None:
-    """Before long work whose result shall be the file `path`. Raises OSError."""
+    """Before long work whose result shall be the file `path`. Raises CannotMakeError."""
     try:
         if stat.S_ISDIR(path.stat().st_mode):
             raise IsADirectoryError(EISDIR, os.strerror(EISDIR), str(path))
@@ -62,8 +81,10 @@ def check_can_be_made(path: Path) -> None:
         raise PermissionError(EACCES, os.strerror(EACCES), str(folder))
 
 
+@_making()
 def check_folder_can_be_made(path: Path) -> None:
-    """That files can be made in the folder `path`, which need not be there yet. Raises OSError."""
+    """That files can be made in the folder `path`, which need not be there yet. Raises
+    CannotMakeError."""
     place = path.absolute()
     while not os.path.lexists(place) and place.parent != place:
         place = place.parent

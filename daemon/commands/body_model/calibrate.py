@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> Result:
     # Matplotlib and the plant's compiled code are slow to come: `--help` does without.
     from daemon.array_files import misfit_of
     from daemon.commands.terminal.compiled import telling_progress
-    from daemon.files import write_whole
+    from daemon.files import make_folder, write_whole
     from daemon.host.processes import worker_processes
     from daemon.risk.model_file import read_model
     from daemon.workbench.body_model.evaluation.contact_calibration import (
@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace) -> Result:
         file = read_model(arguments.model)
         if misfit := misfit_of(file.about, checked.file.robot):
             raise RiskModelError(f"{arguments.model} does not fit this robot: {misfit}")
-        arguments.out.mkdir(parents=True, exist_ok=True)
+        make_folder(arguments.out)
         with telling_progress() as bar, worker_processes(arguments.processes) as workers:
             rollouts = roll_out(
                 checked.file.robot,

@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> Result:
     # Torch and matplotlib take seconds to come: `--help` does without.
     from daemon.array_files import misfit_of
     from daemon.commands.terminal.compiled import telling_progress
-    from daemon.files import write_whole
+    from daemon.files import make_folder, write_whole
     from daemon.risk.model_file import read_model
     from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset
     from daemon.workbench.body_model.evaluation.evaluation import evaluate
@@ -61,7 +61,7 @@ def run(arguments: argparse.Namespace) -> Result:
 
     try:
         dataset = CloudDataset.load(arguments.data, checked.file.robot)
-        arguments.out.mkdir(parents=True, exist_ok=True)
+        make_folder(arguments.out)
         file = read_model(arguments.model)
         if misfit := misfit_of(file.about, checked.file.robot):
             raise RiskModelError(f"{arguments.model} does not fit this robot: {misfit}")

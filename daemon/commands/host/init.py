@@ -16,6 +16,7 @@ from typing import Final
 from config.documents.kinds import CONTROLLERS, entries
 from daemon.commands.outcome.failures import UsageError
 from daemon.commands.outcome.result import Result
+from daemon.files import make_folder
 
 _NAME: Final = re.compile(r"[a-z][a-z0-9_]{0,62}")
 _EXPERIMENTS: Final = {
@@ -49,7 +50,8 @@ def run(arguments: argparse.Namespace) -> Result:
         raise UsageError(f"there is a controller {name} already: take another name")
     if arguments.what == "controller" and (iskeyword(name) or find_spec(name) is not None):
         raise UsageError(f"Python has a word or a module {name} already: take another name")
-    folder.mkdir(parents=True)
+    make_folder(folder.parent)
+    folder.mkdir()
     made = _controller(name) if arguments.what == "controller" else _robot(name, arguments.like)
     for path, text in made.items():
         (folder / path).parent.mkdir(parents=True, exist_ok=True)

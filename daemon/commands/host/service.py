@@ -15,6 +15,7 @@ from typing import Final
 from config.loader import load_robot
 from config.robot import Robot
 from daemon.commands.outcome.result import Result
+from daemon.files import make_folder
 from daemon.robot.shipped_files import file_argument
 
 _BITRATE: Final = 1_000_000
@@ -42,7 +43,7 @@ def run(arguments: argparse.Namespace) -> Result:
     shown = [f"# {name}\n{text}" for name, text in files.items()] if arguments.print else []
     folder = Path("DIR") if arguments.print else arguments.write
     if not arguments.print:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         for name, text in files.items():
             (folder / name).write_text(text, encoding="utf-8")
     commands = _commands(folder, files, "NAME" if robot is None else robot.robot)

@@ -74,7 +74,8 @@ KINDS: Final = (
     )),
     Kind("internal", exit_codes.EXIT_INTERNAL, "report it, with the traceback on stderr"),
     Kind("cannot_create", exit_codes.EXIT_CANNOT_CREATE, "name a new file or folder", (
-        "builtins.FileExistsError", "daemon.remote.certificates.CertificateError",
+        "builtins.FileExistsError", "daemon.files.CannotMakeError",
+        "daemon.remote.certificates.CertificateError",
     )),
     Kind("input_output", exit_codes.EXIT_IO, _FILES, ("builtins.OSError",)),
     Kind("no_answer", exit_codes.EXIT_NO_ANSWER, "try again", (

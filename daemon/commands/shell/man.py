@@ -6,6 +6,7 @@ from pathlib import Path
 from daemon.commands.outcome.failures import UsageError
 from daemon.commands.outcome.result import Result
 from daemon.commands.shell.roff import manual_pages
+from daemon.files import make_folder
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,7 +30,7 @@ def run(arguments: argparse.Namespace) -> Result:
             raise UsageError(f"there is no page {name}: there are {', '.join(sorted(pages))}")
         return Result({"page": name, "roff": pages[f"{name}.1"]}, pages[f"{name}.1"].rstrip())
     folder = arguments.write / "man1"
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     for name, text in pages.items():
         (folder / name).write_text(text, encoding="utf-8")
     written = [folder / name for name in pages]

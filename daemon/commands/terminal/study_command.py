@@ -18,6 +18,7 @@ from daemon.commands.terminal.compiled import compile_all, telling_progress
 from daemon.commands.terminal.event_log import add_log_argument, style_of
 from daemon.commands.terminal.progress_line import ProgressLine
 from daemon.commands.terminal.work_sharing import add_scheduler_argument, share
+from daemon.files import make_folder
 from daemon.host.logs import Log, logging_to_stderr
 from daemon.workbench.experiments.construction import check_happenings
 from daemon.workbench.studies.error_tables import aims_text, trouble_text
@@ -131,7 +132,7 @@ def _plans(
 
 def carry_out_runs(runs: list[Run], arguments: argparse.Namespace) -> int:
     """Returns how many runs and models could not be done. Raises OSError."""
-    arguments.out.mkdir(parents=True, exist_ok=True)
+    make_folder(arguments.out)
     with (
         telling_progress() as progress,
         logging_to_stderr("study", style=style_of(arguments)) as log,

@@ -2,17 +2,20 @@
 
 import argparse
 import json
+import math
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
-from daemon.commands.outcome.failures import CommandError, about
+from daemon.commands.outcome.failures import CommandError, UsageError, about
 from daemon.commands.outcome.result import Result
-from daemon.commands.terminal.number_arguments import seed_number
+from daemon.commands.terminal.number_arguments import seed_number, whole_number
 
 if TYPE_CHECKING:
     from safety.risk.surroundings.environment import InsertionPort, Mesh
 
+_MOST_TRIANGLES: Final = 300_000
+"""As many as a daemon reads."""
 _KINDS = {
     "chest": "a cavity like that of a chest; the arm comes in at the origin, along z",
     "room": "the inside of a box",
@@ -29,8 +32,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", type=Path, required=True, metavar="MESH.stl", help="or .obj, .ply; in mm"
     )
     parser.add_argument(
-        "--triangles", type=int, default=5000, metavar="N", help="about so many (default: 5000)"
-    )
+        "--triangles", type=whole_number(12, _MOST_TRIANGLES), default=5000, metavar="N",
+        help="about so many (default: 5000)",
+    )  # fmt: skip
     parser.add_argument(
         "--seed", type=seed_number, default=0, metavar="S", help="of what is uneven"
     )
@@ -42,15 +46,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--centre-mm", type=float, nargs=3, default=(0.0, 0.0, 120.0), metavar=("X", "Y", "Z"),
         help="of box and room (default: 0 0 120)",
     )  # fmt: skip
-    parser.add_argument("--balls", type=int, default=6, metavar="N", help="how many (default: 6)")
+    parser.add_argument(
+        "--balls", type=whole_number(1, 12), default=6, metavar="N", help="how many (default: 6)"
+    )
     parser.add_argument("--gap-mm", type=float, default=30.0, metavar="MM", help="of the slot")
 
 
 def run(arguments: argparse.Namespace) -> Result:
     # Compiled code and mesh files are slow to come: `--help` does without.
+    from daemon.files import check_can_be_made
     from daemon.risk.mesh_file import write_mesh
     from safety.risk.surroundings.environment import EnvironmentFaultError, environment
 
+    check_can_be_made(arguments.out)
     try:
         mesh, port = _made(arguments)
         checked = environment(*mesh)
@@ -69,16 +77,16 @@ def run(arguments: argparse.Namespace) -> Result:
 
 
 def _made(arguments: argparse.Namespace) -> "tuple[Mesh, InsertionPort | None]":
-    """Mesh and insertion port. Raises ValueError where the wishes cannot be met."""
+    """Mesh and insertion port. Raises UsageError, ValueError where the wishes cannot be met."""
     from daemon.workbench.body_model.evaluation import shapes
 
     count = arguments.triangles
-    if count < 12:
-        raise ValueError("nothing is made of fewer than 12 triangles")
     cuts = max(1, round((count / 12) ** 0.5))
     size, centre = arguments.size_mm, arguments.centre_mm
-    if not min(size) > 0.0 or not arguments.gap_mm > 0.0:
-        raise ValueError("sizes and gaps must be positive")
+    if not all(0.0 < length_mm < math.inf for length_mm in (*size, arguments.gap_mm)):
+        raise UsageError("sizes and gaps must be positive")
+    if not all(map(math.isfinite, centre)):
+        raise UsageError("--centre-mm takes three numbers")
     match arguments.kind:
         case "chest":
             return shapes.chest(count + count % 2, arguments.seed), shapes.CHEST_PORT
@@ -87,8 +95,6 @@ def _made(arguments: argparse.Namespace) -> "tuple[Mesh, InsertionPort | None]":
         case "box":
             return shapes.box(size, centre, cuts), None
         case "balls":
-            if not 1 <= arguments.balls <= 12:
-                raise ValueError("there is room for 1 to 12 balls")
             return shapes.balls(arguments.balls, count, arguments.seed), None
         case _:
             cuts = max(1, round((count / 24) ** 0.5))

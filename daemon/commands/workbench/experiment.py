@@ -8,6 +8,7 @@ from daemon.commands.outcome.result import Result
 from daemon.commands.terminal.compiled import compile_all, telling_progress
 from daemon.commands.terminal.number_arguments import seed_number
 from daemon.commands.terminal.progress_line import Aside, ProgressLine
+from daemon.files import make_folder
 from daemon.host.logs import logging_to_stderr
 from daemon.host.real_time import imported_for_good
 from daemon.host.stop_signals import all_like_ctrl_c
@@ -44,7 +45,8 @@ def run(arguments: argparse.Namespace) -> Result:
     check_happenings(file)
     seed = file.experiment.seed if arguments.seed is None else arguments.seed
     try:
-        arguments.out.mkdir(parents=True)
+        make_folder(arguments.out.parent)
+        arguments.out.mkdir()
         with (
             all_like_ctrl_c(),
             logging_to_stderr("experiment"),

@@ -130,10 +130,10 @@ def _options(arguments: argparse.Namespace) -> "Exploring":
 
 
 def _seen(file: RobotFile, options: "Exploring", arguments: argparse.Namespace) -> "Dataset":
-    from daemon.files import check_can_be_made
+    from daemon.files import check_can_be_made, make_folder
     from daemon.workbench.pretraining.explore import dataset_of_run
 
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(arguments.out.parent)
     check_can_be_made(arguments.out)
     if arguments.recorded is not None:
         dataset = dataset_of_run(arguments.recorded, file, {"run": str(arguments.recorded)})

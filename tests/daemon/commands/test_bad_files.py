@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from daemon.commands.outcome.exit_codes import (
+    EXIT_CANNOT_CREATE,
     EXIT_INTERNAL,
     EXIT_INTERRUPTED,
     EXIT_NO_INPUT,
@@ -192,6 +193,7 @@ def test_programs_are_told_the_same_as_one_object(
     assert (told["schema"], told["exit_code"]) == ("tentacled.error/1", code)
     error = told["error"]
     assert error["exit_code"] == code in FAILURES
+    assert (code == EXIT_CANNOT_CREATE) is (words in WRITTEN)
     assert str(path if words in READ + FOLDERS else place / "empty") in error["message"]
     assert words.startswith(error["command"])
     assert error["remedy"]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daemon.commands.outcome.exit_codes import EXIT_DATA, EXIT_FAILED, EXIT_OK
+from daemon.commands.outcome.exit_codes import EXIT_DATA, EXIT_FAILED, EXIT_OK, EXIT_USAGE
 from daemon.commands.terminal.command_line import main
 from daemon.risk.mesh_file import read_environment
 from safety.risk.body_point import BodyPointRisk
@@ -58,10 +58,8 @@ def test_a_seed_is_a_mesh(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["chest", "--triangles", "4"], "fewer than 12 triangles"),
-        (["balls", "--balls", "40"], "1 to 12 balls"),
-        (["slot", "--gap-mm", "-1"], "must be positive"),
         (["box", "--size-mm", "1", "1", "1"], "1 mm large"),
+        (["box", "--size-mm", "1e9", "1e9", "1e9"], "1e+09 mm large"),
     ],
 )
 def test_requests_that_cannot_be_met_leave_no_file(
@@ -71,6 +69,28 @@ def test_requests_that_cannot_be_met_leave_no_file(
     assert main(["environment", *words, "--out", str(path)]) == EXIT_FAILED
     assert told in capsys.readouterr().err
     assert not path.exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["chest", "--triangles", "4"], "'4' is no whole number from 12 to 300000"),
+        (["chest", "--triangles", "99999999"], "no whole number from 12 to 300000"),
+        (["balls", "--balls", "40"], "'40' is no whole number from 1 to 12"),
+        (["slot", "--gap-mm", "-1"], "must be positive"),
+        (["box", "--size-mm", "nan", "1", "1"], "must be positive"),
+        (["room", "--centre-mm", "inf", "0", "0"], "--centre-mm takes three numbers"),
+    ],
+)
+def test_numbers_that_no_surroundings_have_are_wrong_usage(
+    words: list[str], told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    try:
+        code: object = main(["environment", *words, "--out", str(tmp_path / "mesh.stl")])
+    except SystemExit as left:  # argparse's own way
+        code = left.code
+    assert code == EXIT_USAGE
+    assert told in capsys.readouterr().err
 
 
 @pytest.fixture
