@@ -24,7 +24,7 @@ from sim_backends.devices.device import DeviceClock, Pump
 from sim_backends.devices.drive.axis.axis import Axis as DriveAxis
 from sim_backends.devices.drive.axis.mechanics import AxisMechanics
 from sim_backends.devices.drive.drive import EmulatedDrive
-from sim_backends.faults import FaultyDevice, inject
+from sim_backends.faults import FaultyDevice, understand
 from sim_backends.lab.bodies import LabError, plant_of
 from sim_backends.lab.body import Body
 from sim_backends.lab.play import PLAYS
@@ -106,10 +106,12 @@ class Lab:
         for pump in self.pumps.values():
             pump.stop()
 
-    def inject(self, order: str) -> None:
-        """Carry out a fault order now. Raises FaultError."""
-        inject(self.devices, order, self._clock.now_ns())
-        self.diary.note(order)
+    def inject(self, *orders: str) -> None:
+        """Carry out fault orders now, and none where one is not understood. Raises FaultError."""
+        injections = [understand(self.devices, order) for order in orders]
+        for order, injection in zip(orders, injections, strict=True):
+            injection.carry_out(self._clock.now_ns())
+            self.diary.note(order)
         self._touch()
 
     def set_tip_load(self, mass_g: float) -> None:

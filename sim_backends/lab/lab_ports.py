@@ -228,7 +228,10 @@ class LabPorts:
         return {"faults": self._fault_list()}
 
     def _inject(self, request: Request) -> Mapping[str, Any]:
-        self._lab.inject(str(request.get("fault", "")))
+        faults = request.get("faults")
+        if not isinstance(faults, list):
+            raise ValueError("faults is a list of words")
+        self._lab.inject(*map(str, faults))
         return {}
 
     def _load(self, request: Request) -> Mapping[str, Any]:

@@ -326,7 +326,7 @@ class Rig:
 
     def inject(self, fault: str) -> None:
         """At the lab itself, so that the daemon knows nothing of it."""
-        ask(self.folder, {"do": "inject", "fault": fault})
+        ask(self.folder, {"do": "inject", "faults": [fault]})
         lasts = re.search(r"=([0-9.]+)s", fault)
         end_s = time.monotonic() + (float(lasts[1]) if lasts else 0.0)
         self._faults_end_s = max(self._faults_end_s, end_s)

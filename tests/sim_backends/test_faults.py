@@ -1,11 +1,17 @@
 """The grammar of faults, and the answers to what does not fit it."""
 
 from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
 
 import pytest
 
+from config.loader import load_robot
+from daemon.host.clock import MonotonicClock
 from sim_backends.faults import FOREVER_S, FaultError, FaultKind, Parameter, Value, understand
+from sim_backends.lab.lab import Lab
 
+SOFT_ARM = Path(str(files("config"))) / "robots" / "soft_arm.yaml"
 KINDS = (
     FaultKind("missing", "no pose", (Parameter("for_s", "duration_s", 1.0),)),
     FaultKind("bad_crc", "wrong CRC", (Parameter("replies", "count"),)),
@@ -74,3 +80,12 @@ def test_what_does_not_fit_is_answered_with_what_would(order: str, says: str) ->
         understand({"tracker": device}, order)
     assert says in str(error.value)
     assert device.told == []
+
+
+def test_of_several_orders_none_is_carried_out_where_one_is_not_understood() -> None:
+    lab = Lab(load_robot(SOFT_ARM).robot, SOFT_ARM, MonotonicClock())
+    with pytest.raises(FaultError, match="no fault 'mising'"):
+        lab.inject("tracker.missing=1s", "tracker.mising=1s")
+    assert not lab.diary.after(0)
+    lab.inject("tracker.missing=1s", "bus.can0.off")
+    assert [text for _, text in lab.diary.after(0)] == ["tracker.missing=1s", "bus.can0.off"]

@@ -241,7 +241,7 @@ def _folder_maker(
 def _injector(directory: Path) -> Callable[[str], Awaitable[None]]:
     async def inject(fault: str) -> None:
         try:
-            await asyncio.to_thread(ask, directory, {"do": "inject", "fault": fault})
+            await asyncio.to_thread(ask, directory, {"do": "inject", "faults": [fault]})
         except (LabRefusedError, LabUnreachableError) as error:
             raise ValueError(str(error)) from None
 

@@ -60,7 +60,7 @@ class _RunningLab:
         self._ask({"do": "load", "tip_load_g": mass_g})
 
     def inject(self, fault: str) -> None:
-        self._ask({"do": "inject", "fault": fault})
+        self._ask({"do": "inject", "faults": [fault]})
 
     def _ask(self, request: dict[str, object]) -> None:
         task = asyncio.get_running_loop().create_task(self._request(request))

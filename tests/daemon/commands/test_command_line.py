@@ -8,7 +8,12 @@ from typing import NoReturn
 
 import pytest
 
-from daemon.commands.outcome.exit_codes import EXIT_CONFIGURATION, EXIT_INTERRUPTED, EXIT_USAGE
+from daemon.commands.outcome.exit_codes import (
+    EXIT_CONFIGURATION,
+    EXIT_INTERRUPTED,
+    EXIT_UNAVAILABLE,
+    EXIT_USAGE,
+)
 from daemon.commands.terminal import command_line
 from daemon.commands.terminal.command_line import main
 
@@ -213,3 +218,14 @@ def test_who_interrupts_a_command_as_it_is_imported_sees_no_traceback(
         assert json.loads(told.out)["error"]["command"] == "run"
     else:
         assert told.err.strip() == "interrupted"
+
+
+def test_all_faults_are_listed_without_a_lab(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    assert main(["inject", "--list"]) == 0
+    listed = capsys.readouterr().out
+    assert {"tracker", "drive.BUS/NODE", "bus.BUS"} < set(listed.splitlines())
+    assert ".power_cycle" in listed
+    assert main(["inject", "tracker.missing", "--list"]) == EXIT_UNAVAILABLE
