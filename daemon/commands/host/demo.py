@@ -17,6 +17,7 @@ from config.loader import load_robot
 from daemon.commands.outcome.failures import CommandError
 from daemon.commands.outcome.result import Result
 from daemon.commands.terminal.compiled import compile_all, telling_progress
+from daemon.commands.terminal.number_arguments import cycle_seconds
 from daemon.commands.terminal.tour import Tour, TourError
 from daemon.files import check_folder_can_be_made
 from daemon.host.clock import run_in_real_time
@@ -35,7 +36,11 @@ _PAGE_ENDS_WITHIN_S: Final = 5.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--cycle", type=float, default=60.0, metavar="S", help="time for once round the rectangle"
+        "--cycle",
+        type=cycle_seconds,
+        default=60.0,
+        metavar="S",
+        help="time for once round the rectangle",
     )
     parser.add_argument(
         "--runs", type=Path, default=Path("runs"), metavar="DIR", help="where the recording goes"

@@ -58,6 +58,11 @@ def run(arguments: argparse.Namespace) -> Result:
         (folder / path).write_text(text, encoding="utf-8")
     paths = [folder / path for path in made]
     lines = [*map(str, paths), _NEXT[arguments.what].format(folder=folder)]
+    if arguments.what == "robot" and f"robot: {name}\n" not in made["robot.yaml"]:
+        lines.append(
+            f"it is still called {arguments.like}, as the models that are shipped for it are of "
+            f"that name: `robot: {name}` in robot.yaml renames it, and goes with models of its own"
+        )
     return Result({"made": paths}, "\n".join(lines))
 
 

@@ -40,10 +40,20 @@ def seed_number(text: str) -> int:
 
 def seconds(text: str) -> float:
     """A time to wait, as it is written. Raises ArgumentTypeError."""
+    return _time(text, 0.0)
+
+
+def cycle_seconds(text: str) -> float:
+    """How long once round a path takes. Raises ArgumentTypeError."""
+    return _time(text, 1.0)
+
+
+def _time(text: str, least_s: float) -> float:
     try:
         value = float(text)
     except ValueError:
         value = math.nan
-    if not 0.0 <= value <= _LONGEST_S:
-        raise argparse.ArgumentTypeError(f"{text!r} is no time from 0 to {_LONGEST_S:.0f} s")
+    if not least_s <= value <= _LONGEST_S:
+        span = f"from {least_s:g} to {_LONGEST_S:.0f} s"
+        raise argparse.ArgumentTypeError(f"{text!r} is no time {span}")
     return value

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from importlib.resources import files
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 from matplotlib.figure import Figure
 from rich.console import Console
@@ -75,6 +75,10 @@ Tables = Callable[[StudyFile, Findings], list[Table]]
 Figures = Callable[[StudyFile, Findings, Path], Iterator[tuple[str, Figure]]]
 
 
+Only = Mapping[Literal["experiments", "controllers", "experiments and controllers"], list[str]]
+"""Names of what alone shall run; none: all."""
+
+
 class WriteUp(NamedTuple):
     """How a study is written up."""
 
@@ -87,7 +91,7 @@ class WriteUp(NamedTuple):
 def carry_out_study(
     path: Path,
     arguments: argparse.Namespace,
-    only: list[str],
+    only: Only,
     written_as: Callable[[StudyFile], WriteUp],
 ) -> Result:
     """Do what is left of a study, and write it up. Raises ConfigError, PlanError, OSError."""
@@ -111,23 +115,34 @@ def carry_out_study(
 
 
 def _plans(
-    file: StudyFile, arguments: argparse.Namespace, only: list[str]
+    file: StudyFile, arguments: argparse.Namespace, only: Only
 ) -> tuple[list[Run], list[Run]]:
     """All runs, and those that are wanted now. Raises ConfigError, PlanError."""
-    known = [*file.experiments, *(variant.variant for variant in file.study.variants)]
-    unknown = [name for name in only if name not in known]
-    if unknown:
-        raise PlanError(
-            f"there is no {', '.join(unknown)} in this study: there are {', '.join(known)}"
-        )
+    for what, names in only.items():
+        known = _names(file, what)
+        unknown = [name for name in names if name not in known]
+        if unknown:
+            raise PlanError(
+                f"there is no {', '.join(unknown)} among the study's {what}: "
+                f"there are {', '.join(known)}"
+            )
     seeds = file.study.seeds if arguments.seeds is None else arguments.seeds
     plants = file.study.plants if arguments.plants is None else arguments.plants
     if arguments.jobs < 1 or seeds < 1 or plants < 0:
         raise PlanError("--seeds and --jobs are 1 or more, and --plants 0 or more")
-    wanted = plan(file, seeds, plants, only)
+    wanted = plan(file, seeds, plants, [name for names in only.values() for name in names])
     for experiment in {run.experiment for run in wanted}:
         check_happenings(file.experiments[experiment])
     return plan(file, seeds, plants), wanted
+
+
+def _names(file: StudyFile, what: str) -> list[str]:
+    """Of a study's experiments, its controllers, or both."""
+    controllers = [variant.variant for variant in file.study.variants]
+    return [
+        *(file.experiments if what != "controllers" else ()),
+        *(controllers if what != "experiments" else ()),
+    ]
 
 
 def carry_out_runs(runs: list[Run], arguments: argparse.Namespace) -> int:

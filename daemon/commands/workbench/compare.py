@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> Result:
     # matplotlib is slow to come: `--help` does without.
-    from daemon.commands.terminal.study_command import WriteUp, carry_out_study
+    from daemon.commands.terminal.study_command import Only, WriteUp, carry_out_study
     from daemon.workbench.bench.figure import bench_figures
     from daemon.workbench.bench.tables import bench_files, bench_tables
     from daemon.workbench.studies.write_up import comparison_figures, comparison_tables
@@ -29,5 +29,5 @@ def run(arguments: argparse.Namespace) -> Result:
     bench = WriteUp(bench_tables, bench_figures, bench_files)
     comparison = WriteUp(comparison_tables, comparison_figures)
     path = shipped_study(arguments.study)
-    only = [*arguments.experiments, *arguments.controllers]
+    only: Only = {"experiments": arguments.experiments, "controllers": arguments.controllers}
     return carry_out_study(path, arguments, only, lambda file: bench if file.cells else comparison)

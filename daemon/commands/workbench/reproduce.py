@@ -20,9 +20,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> Result:
     # matplotlib is slow to come: `--help` does without.
-    from daemon.commands.terminal.study_command import WriteUp, carry_out_study
+    from daemon.commands.terminal.study_command import Only, WriteUp, carry_out_study
     from daemon.workbench.studies.write_up import reproduction_figures, reproduction_tables
 
     path = shipped_study(arguments.study)
     how = WriteUp(reproduction_tables, reproduction_figures)
-    return carry_out_study(path, arguments, arguments.only, lambda _: how)
+    only: Only = {"experiments and controllers": arguments.only}
+    return carry_out_study(path, arguments, only, lambda _: how)

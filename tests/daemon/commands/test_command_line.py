@@ -229,3 +229,27 @@ def test_all_faults_are_listed_without_a_lab(
     assert {"tracker", "drive.BUS/NODE", "bus.BUS"} < set(listed.splitlines())
     assert ".power_cycle" in listed
     assert main(["inject", "tracker.missing", "--list"]) == EXIT_UNAVAILABLE
+
+
+def test_a_folder_is_not_checked_as_if_it_were_a_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["check", str(tmp_path)]) == EXIT_USAGE
+    assert f"{tmp_path}: is a folder: name a file in it" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("cycle", ["0", "-1", "nan", "inf", "soon"])
+def test_a_tour_goes_round_in_a_time_that_there_is(
+    cycle: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert f"'{cycle}' is no time from 1 to" in refused(f"demo --cycle={cycle}", capsys)
+
+
+def test_experiments_and_controllers_that_a_study_does_not_have_are_told_apart(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for word, other in (("experiments", "broyden"), ("controllers", "ho2018_table1_online")):
+        assert main(["compare", "--out", str(tmp_path / "out"), f"--{word}", "nope"]) == USAGE
+        said = capsys.readouterr().err
+        assert f"there is no nope among the study's {word}: there are " in said
+        assert other not in said

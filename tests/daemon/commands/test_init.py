@@ -69,12 +69,14 @@ def test_the_made_robot_and_its_experiment_are_sound(
 ) -> None:
     folder = tmp_path / "my-arm"
     assert main(["init", "robot", str(folder), "--like", like]) == 0
+    made = capsys.readouterr().out
     assert main(["check", str(folder / "robot.yaml")]) == 0
     assert main(["check", str(folder / "experiment.yaml")]) == 0
     assert "sound" in capsys.readouterr().out
     robot = load_robot(folder / "robot.yaml").robot
     assert {axis.drive.eds for axis in robot.axes} == {"stepper.eds"}
     assert robot.robot == ("my_arm" if like == "soft_arm" else like)
+    assert (f"it is still called {like}" in made) is (robot.robot == like)
 
 
 @pytest.mark.parametrize(
