@@ -7,12 +7,13 @@ import secrets
 import socket
 import ssl
 import sys
+from collections.abc import Sequence
 from errno import EADDRINUSE
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 from urllib.parse import quote
 
-from config.documents.problems import in_words
+from config.documents.problems import did_you_mean, in_words
 from daemon.commands.outcome.failures import CommandError, UsageError
 from daemon.commands.outcome.result import Result, tell
 from daemon.commands.terminal.event_log import add_log_argument, event_line, style_of
@@ -117,6 +118,8 @@ async def _serve(arguments: argparse.Namespace, log: Log | None = None) -> None:
     try:
         await web.SockSite(runner, listening, ssl_context=context).start()
         _tell(arguments, port, tokens)
+        for text in absent(arguments.robots, _folders(arguments)):
+            print(text, file=sys.stderr)
         await StopSignals().wait(None)
     finally:
         finding.cancel()
@@ -141,6 +144,22 @@ def _tell(arguments: argparse.Namespace, port: int, tokens: dict[str, str]) -> N
         pages = {"anybody": f"{address}{replay and '?'}{replay}"}
         text = f"{pages['anybody']}  (whoever reaches it commands)"
     tell("dashboard", {"port": port, "pages": pages, "state": "ready"}, text)
+
+
+def _folders(arguments: argparse.Namespace) -> list[Path]:
+    own = [] if arguments.runtime_dir is None else [arguments.runtime_dir]
+    return [*running_daemons(runtime_root()), *own]
+
+
+def absent(robots: Sequence[str], folders: Sequence[Path]) -> list[str]:
+    """A line about each of `robots` that no daemon in `folders` has."""
+    daemons = [daemon for folder in folders if (daemon := read_daemon(folder)) is not None]
+    there = {daemon.robot for daemon in daemons}
+    return [
+        f"no daemon runs {name} here{did_you_mean(name, there)}: the page shows it when one does"
+        for name in robots
+        if name not in there
+    ]
 
 
 def _token() -> str:
@@ -183,10 +202,7 @@ async def _find(
     links: list[asyncio.Task[None]] = []
     try:
         while True:
-            folders = running_daemons(runtime_root())
-            if arguments.runtime_dir is not None:
-                folders.append(arguments.runtime_dir)
-            for folder in folders:
+            for folder in _folders(arguments):
                 found = read_daemon(folder)
                 wanted = found is not None and (
                     not arguments.robots or found.robot in arguments.robots

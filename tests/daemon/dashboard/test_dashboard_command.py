@@ -1,6 +1,7 @@
 """`tentacled dashboard`: to whom it is open by default, and what it says where that are more."""
 
 import asyncio
+import json
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +14,7 @@ from daemon.commands.terminal.command_line import parsed
 from daemon.dashboard.recorded_runs import RecordedRuns
 from daemon.dashboard.robot_link import RobotLink
 from daemon.host.clock import run_in_real_time
+from daemon.remote.discovery import DAEMON_FILE
 from tests.daemon.remote.conftest import tmp_path as tmp_path
 from tests.daemon.remote.rig import ROBOT, serving, until
 from tests.hil.processes import Process, command
@@ -97,3 +99,12 @@ def test_a_daemon_that_comes_back_in_another_folder_is_found(
         await asyncio.gather(finding, return_exceptions=True)
 
     run_in_real_time(test())
+
+
+def test_a_robot_that_is_named_and_does_not_run_is_told(tmp_path: Path) -> None:
+    about = {"robot": "soft_arm", "pid": 1, "version": "0", "simulated": True}
+    about |= {"unix_socket": "zenoh.sock", "tls": None, "stop_socket": "stop.sock"}
+    (tmp_path / DAEMON_FILE).write_text(json.dumps(about))
+    said = dashboard.absent(["soft_arm", "soft_am"], [tmp_path])
+    hint = "(did you mean 'soft_arm'?)"
+    assert said == [f"no daemon runs soft_am here {hint}: the page shows it when one does"]

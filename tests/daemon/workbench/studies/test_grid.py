@@ -241,7 +241,8 @@ def test_a_name_that_is_not_in_the_study_is_refused(
 ) -> None:
     path, out, _ = done
     assert main(["reproduce", str(path), "--out", str(out), "--only", "wild"]) == EXIT_USAGE
-    assert "there is no wild in this study: there are calm, arcs" in capsys.readouterr().err
+    told = "no wild among the study's experiments and controllers: there are calm, arcs"
+    assert told in capsys.readouterr().err
 
 
 def test_a_study_that_is_not_there_is_explained(
