@@ -33,7 +33,7 @@ _OF_LENGTH: Final = 0.17
 _CONTROLLERS: Final[tuple[dict[str, Any], ...]] = (
     {"controller": {"kind": "reward_weighted", "lead": True}, "pretraining": {}},
     {"controller": {"kind": "reward_weighted", "lead": True}, "pretraining": None},
-    {"controller": {"kind": "broyden"}, "pretraining": None},
+    {"controller": {"kind": "broyden", "lead": True}, "pretraining": None},
 )
 
 

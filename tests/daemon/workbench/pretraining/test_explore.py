@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,10 +24,12 @@ from daemon.commands.outcome.exit_codes import (
 )
 from daemon.commands.terminal.command_line import main
 from daemon.files import models_directory
+from daemon.learning.forward.forward_fit import ForwardFit
 from daemon.learning.forward.pretrained_model import PretrainedModel
 from daemon.learning.samples.dataset import Dataset, DatasetError
 from daemon.learning.samples.motion_samples import SamplingSettings
 from daemon.workbench.experiments.experiment_file import other_plant
+from daemon.workbench.pretraining import model_cache
 from daemon.workbench.pretraining.explore import (
     config_sha256,
     dataset_of_run,
@@ -195,12 +198,26 @@ def test_a_model_is_made_once_and_found_again(tmp_path: Path) -> None:
     assert remade.metadata == model.metadata
 
 
+NO_DOUBT = SimpleNamespace(fit=None)
+
+
+@pytest.mark.parametrize(("r2", "told"), [(-0.2, 1), (0.03, 1), (0.33, 0), (0.9, 0)])
+def test_who_is_to_go_by_a_model_that_explains_nothing_is_told(
+    r2: float, told: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Found or made: samples as poor as the paper's are meant, where they are asked for."""
+    fit = ForwardFit(motions=100, kept_back=False, rmse_mm=1.0, spread_mm=1.0, r2=r2, field_r2=None)
+    monkeypatch.setattr(model_cache, "_usable", lambda path, file: SimpleNamespace(fit=fit))
+    lines: list[str] = []
+    pretrained(FILE, FEW, seed=3, tell=lines.append, directory=tmp_path)
+    assert len(lines) == told
+    assert all("leave `pretraining` out" in line for line in lines)
+
+
 def test_another_robot_body_or_setting_has_another_model(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from daemon.workbench.pretraining import model_cache
-
-    monkeypatch.setattr(model_cache, "_usable", lambda path, file: True)
+    monkeypatch.setattr(model_cache, "_usable", lambda path, file: NO_DOUBT)
     emulation = FILE.robot.emulation
     assert emulation is not None
     stiff = emulation.plant.model_copy(update={"bending_stiffness_n_mm2": 9e3})
