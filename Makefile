@@ -91,6 +91,7 @@ experiments: $(DEVELOPMENT)
 	@$(BIN)/python -m tests.experiments.led_bodies
 	@$(BIN)/python -m tests.experiments.led_paths
 	@$(BIN)/python -m tests.experiments.led_tendons
+	@$(BIN)/python -m tests.experiments.led_designs
 	@$(BIN)/python -m tests.experiments.led_tubes
 	@$(BIN)/python -m tests.experiments.from_nothing
 	@$(BIN)/python -m tests.experiments.load_steps

@@ -31,7 +31,10 @@ _LARGEST_MM: Final = 28.0
 _OF_LENGTH: Final = 0.17
 """To either side, the paths of an arm as stiff as the shipped one: 26 mm of that."""
 _CONTROLLERS: Final[tuple[dict[str, Any], ...]] = (
-    {"controller": {"kind": "reward_weighted", "lead": True}, "pretraining": {}},
+    {
+        "controller": {"kind": "reward_weighted", "lead": True},
+        "pretraining": {"waypoints": None},  # but seconds of designed motions
+    },
     {"controller": {"kind": "reward_weighted", "lead": True}, "pretraining": None},
     {"controller": {"kind": "broyden", "lead": True}, "pretraining": None},
 )

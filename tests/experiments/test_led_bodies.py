@@ -1,4 +1,4 @@
-"""What `led_bodies`, `led_paths`, `led_tendons` and `led_tubes` ask, and how they judge it."""
+"""What the experiments that lead random bodies ask, and how they judge it."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from daemon.workbench.experiments.experiment_file import load_experiment
-from tests.experiments import led_paths, led_tendons, led_tubes
+from tests.experiments import led_designs, led_paths, led_tendons, led_tubes
 from tests.experiments.led_bodies import (
     CIRCLE,
     LASTS_S,
@@ -92,3 +93,17 @@ def test_paths_are_sound_experiments_of_every_kind_that_repeat_themselves(
     kinds = {load_experiment(experiment, case).experiment.trajectory.kind for case in cases}
     assert kinds == {"circle", "rectangle", "star", "lissajous", "helix", "random_smooth"}
     assert all(case["trajectory"]["cycles"] >= 2 for case in cases)
+
+
+def test_designs_are_sound_robots_with_a_drive_for_every_chamber(tmp_path: Path) -> None:
+    counts = set()
+    for number in range(12):
+        robot, case = led_designs.case_of(number)
+        assert (robot, case) == led_designs.case_of(number)
+        path = tmp_path / f"{number}.yaml"
+        path.write_text(yaml.safe_dump(robot, sort_keys=False))
+        file = load_experiment(led_designs.SOFT_ARM, {"robot": str(path), **case})
+        segments = robot["emulation"]["plant"]["segments"]
+        assert len(file.robot.axes) == sum(one["chambers"] for one in segments)
+        counts.add(len(segments))
+    assert counts == {1, 2, 3}
