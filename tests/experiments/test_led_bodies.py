@@ -102,7 +102,7 @@ def test_designs_are_sound_robots_with_a_drive_for_every_chamber(tmp_path: Path)
         assert (robot, case) == led_designs.case_of(number)
         path = tmp_path / f"{number}.yaml"
         path.write_text(yaml.safe_dump(robot, sort_keys=False))
-        file = load_experiment(led_designs.SOFT_ARM, {"robot": str(path), **case})
+        file = load_experiment(led_paths.SOFT_ARM, {"robot": str(path)} | case)
         segments = robot["emulation"]["plant"]["segments"]
         assert len(file.robot.axes) == sum(one["chambers"] for one in segments)
         counts.add(len(segments))
