@@ -110,3 +110,11 @@ def is_file(path: Path) -> bool:
         return path.is_file()
     except (OSError, ValueError):
         return False
+
+
+def is_folder(path: Path) -> bool:
+    """Whether there is such a folder. A name that is too long for one is none."""
+    try:
+        return path.is_dir()
+    except (OSError, ValueError):
+        return False

@@ -43,9 +43,9 @@ In them axes turn round all the time: of a body that is 0.3 s late, taken for pr
 Jacobian a third as large as its own, and turned."""
 _SAMPLES_PER_AXIS = 3
 """So many must babbling give before a Jacobian is fitted ..."""
-_WORTH_GOING_ON = 1.0 / 3.0
-"""... and where it gave this share of them it goes on: a stiff body's tip goes less far, but one
-that is held does not move."""
+_WORTH_GOING_ON = 0.8
+"""... and where it gave this share of them it goes on: a stiff body's tip goes less far. What comes
+of noise alone, in motions of a hundredth of a millimetre, is a third of them in 5 s."""
 _WAITING_AT_MOST = 3
 _SEEN_AGAIN_AT_ONCE = 4
 """Frames of the first motions, of a body that is later than expected: all within a few seconds."""

@@ -226,8 +226,7 @@ class Checks:
         settings, watched = self._settings, self.watched
         lost = energised and not watched.lease_held
         abandoned = lost and watched.lease_missing_s > settings.lease_disarm_after_s
-        self._set(Cause.LEASE_LOST, lost, t_ns, "operator")
-        self._set(Cause.LEASE_ABANDONED, abandoned, t_ns, "operator")
+        self._set_lease(lost, abandoned, t_ns)
         age_s = watched.setpoint_age_s
         late = moving and age_s is not None and not age_s <= settings.setpoint_hold_after_s
         self._set(Cause.SETPOINT_LATE, late, t_ns, "operator")
@@ -309,9 +308,12 @@ class Checks:
 
     def lease_held(self, t_ns: int) -> None:
         """Somebody has the lease, from now on."""
-        for cause in (Cause.LEASE_LOST, Cause.LEASE_ABANDONED):
-            self._set(cause, False, t_ns, "operator")
+        self._set_lease(False, False, t_ns)
         self._react(t_ns)
+
+    def _set_lease(self, lost: bool, abandoned: bool, t_ns: int) -> None:
+        self._set(Cause.LEASE_LOST, lost, t_ns, "operator")
+        self._set(Cause.LEASE_ABANDONED, abandoned, t_ns, "operator")
 
     def internal_error(self, t_ns: int, detail: str) -> None:
         """Something that cannot happen has happened."""

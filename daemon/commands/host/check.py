@@ -11,6 +11,7 @@ from typing import Final
 
 from config.documents.problems import ConfigError, Problem, did_you_mean
 from config.documents.yaml_document import read_yaml
+from config.paths import is_folder
 from daemon.commands.outcome.failures import UsageError
 from daemon.commands.outcome.result import Result
 from daemon.robot.checked_robot import CheckedRobot, check_robot
@@ -38,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Result:
-    if arguments.file.is_dir():
+    if is_folder(arguments.file):
         text = "is a folder: name a file in it, such as robot.yaml"
         raise UsageError(f"{arguments.file}: {text}", place=str(arguments.file))
     lines = check(arguments.file, arguments.robot)

@@ -328,7 +328,7 @@ def test_what_is_no_recording_is_refused_with_a_reason(
 def test_a_missing_run_and_an_unwritable_place_are_refused_with_a_reason(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["report", str(tmp_path / "nothing")]) == EXIT_DATA
+    assert main(["report", str(tmp_path / "nothing")]) == EXIT_NO_INPUT
     assert "there is no such file or folder" in capsys.readouterr().err
     asyncio.run(direct_run(tmp_path, list(messages(1, 1.0))[-3:]))
     out = tmp_path / "no" / "report.html"
