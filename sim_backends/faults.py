@@ -89,11 +89,6 @@ class Injection:
         self.device.inject(self.fault, self.arguments, t_ns)
 
 
-def inject(devices: Mapping[str, FaultyDevice], order: str, t_ns: int) -> None:
-    """Carry out one order now, at host time `t_ns`. Raises FaultError."""
-    understand(devices, order).carry_out(t_ns)
-
-
 def understand(devices: Mapping[str, FaultyDevice], order: str) -> Injection:
     """What an order asks of which device. Raises FaultError."""
     head, _, tail = order.strip().partition("=")

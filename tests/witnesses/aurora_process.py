@@ -17,7 +17,7 @@ from daemon.host.clock import MonotonicClock, run_in_real_time
 from drivers.pose import Pose
 from sim_backends.devices.aurora.device import EmulatedAurora
 from sim_backends.devices.aurora.wires import PtyAurora
-from sim_backends.faults import inject
+from sim_backends.faults import understand
 
 
 def body_poses(t_ns: int) -> Mapping[str, Pose]:
@@ -42,7 +42,7 @@ async def main(settings: str) -> None:
     def read() -> None:
         line = sys.stdin.readline()
         if line:
-            inject({"tracker": device}, f"tracker.{line.strip()}", clock.now_ns())
+            understand({"tracker": device}, f"tracker.{line.strip()}").carry_out(clock.now_ns())
             print("done", flush=True)
         elif not ended.done():
             ended.set_result(None)

@@ -17,7 +17,7 @@ from drivers.conditions import ConditionChange
 from drivers.pose import Pose
 from sim_backends.devices.aurora.device import EmulatedAurora
 from sim_backends.devices.aurora.wires import aurora_stream_opener
-from sim_backends.faults import inject
+from sim_backends.faults import understand
 from sim_backends.virtual_time import virtual_clock
 
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
@@ -83,7 +83,7 @@ class Rig:
 
     def inject(self, order: str) -> None:
         """Carry out a fault: `bad_crc=3`."""
-        inject({"tracker": self.device}, f"tracker.{order}", self.clock.now_ns())
+        understand({"tracker": self.device}, f"tracker.{order}").carry_out(self.clock.now_ns())
 
     def raised(self) -> set[str]:
         """Names of all conditions that were ever raised."""

@@ -28,7 +28,7 @@ from sim_backends.devices.can.port import Port
 from sim_backends.devices.can.slcan_adapter import SlcanAdapter
 from sim_backends.devices.can.socket_server import SocketServer
 from sim_backends.devices.device import Pump
-from sim_backends.faults import inject
+from sim_backends.faults import understand
 from tests.drivers.can.test_fd_link import Receiver
 
 pytestmark = [pytest.mark.hil, pytest.mark.xdist_group("links")]
@@ -56,7 +56,7 @@ class Bench:
         self.link: CanLink | None = None
 
     def inject(self, order: str) -> None:
-        inject({"bus": self.faults}, order, self.clock.now_ns())
+        understand({"bus": self.faults}, order).carry_out(self.clock.now_ns())
         self.pump.touch()
 
     def say(self, can_id: int, data: bytes) -> None:

@@ -24,7 +24,7 @@ from sim_backends.devices.can.faults import BusFaults
 from sim_backends.devices.can.in_process import InProcessLink
 from sim_backends.devices.device import Pump
 from sim_backends.devices.drive.drive import EmulatedDrive
-from sim_backends.faults import inject
+from sim_backends.faults import understand
 from sim_backends.virtual_time import run_in_virtual_time, virtual_clock
 from tests import SHIPPED_ROBOTS
 
@@ -175,7 +175,7 @@ class Rig:
         await self.until(lambda: all(channel.following for channel in self.master.channels))
 
     def inject(self, order: str) -> None:
-        inject(self.devices, order, self.clock.now_ns())
+        understand(self.devices, order).carry_out(self.clock.now_ns())
         self.pump.touch()
 
     def positions(self) -> list[int]:

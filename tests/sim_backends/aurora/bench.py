@@ -11,7 +11,7 @@ from drivers.aurora.codec.replies import Reply, TextReply
 from drivers.aurora.codec.reply_reader import ReplyReader
 from drivers.pose import Pose
 from sim_backends.devices.aurora.device import EmulatedAurora
-from sim_backends.faults import inject
+from sim_backends.faults import understand
 
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 TIP = EmulatedTool(attached_to="tip", port=1, serial="3C112801")
@@ -89,4 +89,4 @@ class Bench:
 
     def inject(self, order: str) -> None:
         """Carry out a fault: `bad_crc=3`."""
-        inject({"tracker": self.device}, f"tracker.{order}", self.t_ns)
+        understand({"tracker": self.device}, f"tracker.{order}").carry_out(self.t_ns)

@@ -19,7 +19,7 @@ from drivers.byte_stream import ByteStream
 from drivers.serial_port import serial_port_opener
 from sim_backends.devices.aurora.device import EmulatedAurora
 from sim_backends.devices.aurora.wires import PtyAurora
-from sim_backends.faults import inject
+from sim_backends.faults import understand
 from tests.sim_backends.aurora.bench import BASE, EXACT, TIP, still
 
 pytestmark = [pytest.mark.hil, pytest.mark.xdist_group("aurora_pty")]
@@ -37,7 +37,7 @@ class Site:
         self.shell = PtyAurora(self.device, CLOCK, self.link)
 
     def inject(self, order: str) -> None:
-        inject({"tracker": self.device}, f"tracker.{order}", CLOCK.now_ns())
+        understand({"tracker": self.device}, f"tracker.{order}").carry_out(CLOCK.now_ns())
 
 
 def run(main: Coroutine[Any, Any, None]) -> None:
