@@ -121,7 +121,7 @@ def stripped(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> Arrays:
 
 PISTONS: Final = "piston_area_mm2"
 """The same travel pushes more gas with a wider bore, and the body goes elsewhere. Files that do not
-say it are of a time when nobody did."""
+say it are taken as they are."""
 
 
 def whose(robot: Robot) -> dict[str, Any]:

@@ -148,7 +148,7 @@ class Gate:
             return self._brake(start, step, limited, answer)
         kept, turns = _share_of(targets, changes, start.motions)
         scale = 0.0 if turns else kept
-        return _decision(step, scale, limited, answer, "")._replace(kept=kept)
+        return _decision(step, scale, limited, answer, "", kept)
 
     def hold(self, measured: Measured, begins_ns: int, duration_ns: int) -> Decision:
         """Come to rest as fast as the limits allow, or stay there."""
@@ -394,10 +394,11 @@ def _decision(
     limited: Sequence[str],
     answer: RiskAnswer | None,
     refused: str,
+    kept: float = 0.0,
 ) -> Decision:
     limits = tuple(limited)
     if answer is None:
         return Decision(step, scale, limits, None, None, "", refused, None)
     risk, beside, detail = answer.risk, answer.body_point_risk, answer.detail
     told = answer.nearest, answer.answers
-    return Decision(step, scale, limits, risk, beside, detail, refused, *told)
+    return Decision(step, scale, limits, risk, beside, detail, refused, *told, kept)

@@ -12,6 +12,7 @@ from daemon.remote.reason_groups import detail_of
 Json = Mapping[str, Any]
 
 _FEW_EVENTS: Final = 2
+"""So many are shown where there is little room."""
 _TROUBLE: Final = {
     "crc_errors": "CRC errors",
     "strays": "replies to nothing",
@@ -20,7 +21,6 @@ _TROUBLE: Final = {
     "resets": "resets",
 }
 """Counters of the tracker's line that stay at 0 where it is sound, and how they are called."""
-"""So many are shown where there is little room."""
 
 
 def view(state: Json, events: Sequence[Json], size: Size | None = None) -> RenderableType:
