@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from daemon.commands.outcome.failures import UsageError
 from daemon.commands.outcome.result import Result
-from daemon.commands.terminal.number_arguments import seed_number
+from daemon.commands.terminal.argument_types import seed_number
 from daemon.commands.terminal.work_sharing import add_scheduler_argument, share, workers_of
 from daemon.robot.checked_robot import add_robot_argument, robot_with_warnings_told
 

@@ -9,7 +9,7 @@ from config.paths import named_model
 from daemon.commands.body_model.train import add_data_arguments, prepare_torch
 from daemon.commands.outcome.failures import as_failed
 from daemon.commands.outcome.result import Result
-from daemon.commands.terminal.number_arguments import seed_number
+from daemon.commands.terminal.argument_types import seed_number
 from daemon.robot.checked_robot import add_robot_argument, robot_with_warnings_told
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from daemon.commands.outcome.failures import CommandError, UsageError, as_failed
 from daemon.commands.outcome.result import Result
-from daemon.commands.terminal.number_arguments import seed_number
+from daemon.commands.terminal.argument_types import seed_number
 from daemon.robot.checked_robot import add_robot_argument, robot_with_warnings_told
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import Final
 
 from daemon.bridges.robot_feed import Listener, RobotFeed
 from daemon.commands.outcome.failures import CommandError, UsageError
-from daemon.commands.terminal.number_arguments import port_number
+from daemon.commands.terminal.argument_types import port_number
 from daemon.commands.terminal.remote_arguments import address
 from daemon.host.stop_signals import StopSignals
 from daemon.messages import Message, Surroundings, WhoAmI

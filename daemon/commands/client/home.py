@@ -6,7 +6,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from daemon.commands.outcome.result import Result
-from daemon.commands.terminal.number_arguments import seconds
+from daemon.commands.terminal.argument_types import seconds
 from daemon.commands.terminal.remote_arguments import (
     add_target_arguments,
     answer_result,

@@ -9,7 +9,7 @@ from config.documents.problems import ConfigError
 from config.documents.yaml_document import read_yaml
 from daemon.commands.outcome.failures import CommandError
 from daemon.commands.outcome.result import Result
-from daemon.commands.terminal.number_arguments import whole_number
+from daemon.commands.terminal.argument_types import whole_number
 from daemon.commands.terminal.remote_arguments import (
     add_target_arguments,
     add_timeout_argument,

@@ -7,8 +7,11 @@ from typing import TYPE_CHECKING
 
 from daemon.commands.outcome.failures import CommandError
 from daemon.commands.outcome.result import Result
-from daemon.commands.terminal.number_arguments import seconds
-from daemon.commands.terminal.place_arguments import add_goal_arguments, take_negative_numbers
+from daemon.commands.terminal.argument_types import (
+    add_goal_arguments,
+    seconds,
+    take_negative_numbers,
+)
 from daemon.commands.terminal.remote_arguments import (
     add_target_arguments,
     answer_result,

@@ -5,7 +5,7 @@ import asyncio
 from typing import Final
 
 from daemon.commands.outcome.result import Result, tell
-from daemon.commands.terminal.number_arguments import seconds
+from daemon.commands.terminal.argument_types import seconds
 from daemon.commands.terminal.remote_arguments import (
     add_target_arguments,
     as_json,

@@ -9,8 +9,7 @@ from config.documents.yaml_document import read_yaml
 from config.paths import BUILTIN
 from daemon.commands.outcome.failures import CommandError, UsageError
 from daemon.commands.outcome.result import Result
-from daemon.commands.terminal.number_arguments import seconds
-from daemon.commands.terminal.place_arguments import so_many, take_negative_numbers
+from daemon.commands.terminal.argument_types import seconds, so_many, take_negative_numbers
 from daemon.commands.terminal.remote_arguments import (
     add_target_arguments,
     answer_result,

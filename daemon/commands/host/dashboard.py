@@ -16,8 +16,8 @@ from urllib.parse import quote
 from config.documents.problems import did_you_mean, in_words
 from daemon.commands.outcome.failures import CommandError, UsageError
 from daemon.commands.outcome.result import Result, tell
+from daemon.commands.terminal.argument_types import port_number
 from daemon.commands.terminal.event_log import add_log_argument, event_line, style_of
-from daemon.commands.terminal.number_arguments import port_number
 from daemon.host.logs import Log, logging_to_stderr
 from daemon.host.stop_signals import StopSignals
 from daemon.remote.access import OPERATOR

@@ -16,8 +16,8 @@ from config.documents.problems import in_words
 from config.loader import load_robot
 from daemon.commands.outcome.failures import CommandError
 from daemon.commands.outcome.result import Result
+from daemon.commands.terminal.argument_types import cycle_seconds
 from daemon.commands.terminal.compiled import compile_all, telling_progress
-from daemon.commands.terminal.number_arguments import cycle_seconds
 from daemon.commands.terminal.tour import Tour, TourError
 from daemon.files import check_folder_can_be_made
 from daemon.host.clock import run_in_real_time

@@ -7,8 +7,8 @@ from typing import Final
 
 from config.patience import patient
 from daemon.commands.outcome.result import Result, tell
+from daemon.commands.terminal.argument_types import seconds, seed_number
 from daemon.commands.terminal.compiled import telling_progress
-from daemon.commands.terminal.number_arguments import seconds, seed_number
 from daemon.host.clock import MonotonicClock, run_in_real_time
 from daemon.host.logs import logging_to_stderr
 from daemon.host.resident_memory import give_back_compiler

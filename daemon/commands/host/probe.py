@@ -16,7 +16,7 @@ from rich.live import Live
 
 from daemon.commands.outcome.exit_codes import EXIT_FAILED, EXIT_OK
 from daemon.commands.outcome.result import Result, tell
-from daemon.commands.terminal.number_arguments import seconds
+from daemon.commands.terminal.argument_types import seconds
 from daemon.commands.views.page import Size
 from daemon.commands.views.probe_beside_daemon import folder_of_master, show_what_it_says
 from daemon.commands.views.probe_snapshot import Json, ProbeSession

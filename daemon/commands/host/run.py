@@ -10,9 +10,9 @@ from typing import Final
 
 from config.robot import Robot
 from daemon.commands.outcome.result import Result, tell
+from daemon.commands.terminal.argument_types import seed_number
 from daemon.commands.terminal.compiled import telling_progress
 from daemon.commands.terminal.event_log import add_log_argument, event_line, style_of
-from daemon.commands.terminal.number_arguments import seed_number
 from daemon.controllers.make_controller import warm_up
 from daemon.files import check_folder_can_be_made, models_directory
 from daemon.host.clock import MonotonicClock, run_in_real_time

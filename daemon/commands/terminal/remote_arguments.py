@@ -13,7 +13,7 @@ from config.documents.problems import did_you_mean
 from daemon.commands.outcome.exit_codes import EXIT_FAILED, EXIT_OK
 from daemon.commands.outcome.failures import UsageError
 from daemon.commands.outcome.result import Result
-from daemon.commands.terminal.number_arguments import seconds
+from daemon.commands.terminal.argument_types import seconds
 from daemon.messages import Answer, Command, Message
 from daemon.remote.client.address import Address, LocalAddress, TlsAddress
 from daemon.remote.client.client_errors import ARMS_WITHIN_S, DaemonNotRunningError

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from daemon.commands.outcome.failures import CommandError, UsageError, about
 from daemon.commands.outcome.result import Result
-from daemon.commands.terminal.number_arguments import seed_number, whole_number
+from daemon.commands.terminal.argument_types import seed_number, whole_number
 
 if TYPE_CHECKING:
     from safety.risk.surroundings.environment import InsertionPort, Mesh

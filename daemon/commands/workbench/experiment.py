@@ -5,8 +5,8 @@ from pathlib import Path
 
 from daemon.commands.outcome.failures import CommandError
 from daemon.commands.outcome.result import Result
+from daemon.commands.terminal.argument_types import seed_number
 from daemon.commands.terminal.compiled import compile_all, telling_progress
-from daemon.commands.terminal.number_arguments import seed_number
 from daemon.commands.terminal.progress_line import Aside, ProgressLine
 from daemon.files import make_folder
 from daemon.host.logs import logging_to_stderr

@@ -20,7 +20,7 @@ from config.loader import RobotFile
 from config.tasks.exploration import DesignedExploration, WaypointExploration
 from daemon.commands.outcome.failures import UsageError, about
 from daemon.commands.outcome.result import Result
-from daemon.commands.terminal.number_arguments import seed_number
+from daemon.commands.terminal.argument_types import seed_number
 from daemon.host.stop_signals import all_like_ctrl_c
 from daemon.robot.checked_robot import add_robot_argument, robot_with_warnings_told
 

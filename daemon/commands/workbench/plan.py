@@ -10,7 +10,7 @@ from config.paths import named_model
 from daemon.commands.outcome.exit_codes import EXIT_FAILED
 from daemon.commands.outcome.failures import UsageError
 from daemon.commands.outcome.result import Result
-from daemon.commands.terminal.place_arguments import (
+from daemon.commands.terminal.argument_types import (
     add_goal_arguments,
     numbers,
     take_negative_numbers,

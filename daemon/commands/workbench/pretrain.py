@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from daemon.commands.outcome.failures import UsageError
 from daemon.commands.outcome.result import Result
-from daemon.commands.terminal.number_arguments import seed_number
+from daemon.commands.terminal.argument_types import seed_number
 from daemon.robot.checked_robot import add_robot_argument, robot_with_warnings_told
 
 if TYPE_CHECKING:

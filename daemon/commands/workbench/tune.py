@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 from daemon.commands.outcome.exit_codes import EXIT_FAILED, EXIT_OK
 from daemon.commands.outcome.result import Result
+from daemon.commands.terminal.argument_types import seed_number
 from daemon.commands.terminal.event_log import add_log_argument
-from daemon.commands.terminal.number_arguments import seed_number
 from daemon.commands.terminal.study_command import shipped_study
 from daemon.commands.terminal.work_sharing import add_scheduler_argument
 
