@@ -3,6 +3,7 @@
 import os
 from importlib.resources import files
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -12,6 +13,8 @@ from daemon.learning.forward.pretraining import PretrainingError
 from daemon.workbench.experiments.experiment_file import load_experiment
 from daemon.workbench.experiments.trial import TrialError
 from daemon.workbench.pretraining import model_cache
+
+SOFT_ARM = Path(str(files("config") / "robots" / "soft_arm.yaml"))
 
 EXPERIMENT = """
 experiment: learner
@@ -35,6 +38,11 @@ class Made:
     ) -> Path:
         self.asked.append((file, how, seed))
         return Path("made.npz")
+
+
+def kept_with(monkeypatch: pytest.MonkeyPatch, fit: object) -> None:
+    """Every model that is asked for was made before, and explains what it was judged by so far."""
+    monkeypatch.setattr(model_cache, "_usable", lambda path, file: SimpleNamespace(fit=fit))
 
 
 @pytest.fixture
@@ -76,7 +84,7 @@ def test_what_is_in_the_files_that_a_robot_names_makes_it_another_model(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """The gate asks for the risk while the body is explored: by the body's model, in the mesh."""
-    monkeypatch.setattr(model_cache, "_usable", lambda path, file: True)
+    kept_with(monkeypatch, fit=None)
     shipped = Path(str(files("config") / "robots" / "tendon_arm.yaml")).read_text()
     robot = tmp_path / "robot.yaml"
     robot.write_text(shipped.replace("builtin:tendon_arm.npz", "body.npz"))
@@ -87,6 +95,16 @@ def test_what_is_in_the_files_that_a_robot_names_makes_it_another_model(
     body.write_bytes(b"as it was learnt again")
     os.utime(body, ns=(0, 0))
     assert model_cache.pretrained(load_robot(robot)) != first
+
+
+@pytest.mark.parametrize(("r2", "told"), [(0.03, ["the model explains 3%"]), (0.9, [])])
+def test_a_model_that_says_nothing_of_the_body_is_told_each_time_it_is_used(
+    monkeypatch: pytest.MonkeyPatch, r2: float, told: list[str]
+) -> None:
+    kept_with(monkeypatch, fit=SimpleNamespace(r2=r2))
+    heard: list[str] = []
+    model_cache.pretrained(load_robot(SOFT_ARM), tell=heard.append)
+    assert [line[: len("the model explains 3%")] for line in heard] == told
 
 
 def test_a_seed_of_its_own_makes_one_model_for_all_seeds(made: Made, tmp_path: Path) -> None:
