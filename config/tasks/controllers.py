@@ -247,7 +247,7 @@ class FromMotions(KindOptions):
     """What one coordinate of the tip's motion in a sample is uncertain by."""
 
     babbling: MotorBabbling = MotorBabbling()
-    """The first motions where there is no model."""
+    """The first motions where there is no model, or one of another body."""
 
 
 class LearningFollower(TipFollowing, FromMotions):

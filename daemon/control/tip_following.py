@@ -18,7 +18,7 @@ from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.control.jacobian_kernels import in_rows
 from daemon.control.lag import body_lag
 from daemon.control.lag.hysteresis import Hysteresis
-from daemon.control.lag.probing import Probing
+from daemon.control.lag.probing import ProbedMotion, Probing
 from daemon.control.leading import Leading
 from daemon.control.redundancy import (
     Redundancy,
@@ -77,6 +77,7 @@ class TipFollower:
         self._leads = options.leads
         self._further_per_s = self._drawn_further_per_s()
         self._probing = Probing() if self._leads and options.probe else None
+        self._probed = ProbedMotion()
         probes = self._probing is not None
         slow_above_mm = options.slow_above_mm
         self.leading = Leading(options.gain_per_s, options.by_cycles, probes, slow_above_mm)
@@ -116,6 +117,7 @@ class TipFollower:
             self._hysteresis.break_off()
         if self._probing is not None:
             self._probing.begin()
+            self._probed = ProbedMotion()
         if self._options.posture == "start":
             self._posture = np.clip(observation.targets, self.axes.lowest, self.axes.highest)
 
@@ -135,6 +137,12 @@ class TipFollower:
         """Whether it is known how late the body is, or nobody asks."""
         return self._probing is None or self._probing.done
 
+    @property
+    def contradicted(self) -> bool:
+        """Whether small motions went elsewhere than the Jacobian had told them to."""
+        lag = self.leading.lag
+        return self._probed.contradicts(lag.lag_s, lag.dead_share)
+
     def probe(self, jacobian: Matrix, observation: Observation) -> Proposal:
         """The next step of the small motions that show how late the body is.
 
@@ -147,6 +155,8 @@ class TipFollower:
         moved_mm = self._moved_mm(observation)
         if moved_mm is not None:
             probing.made(moved_mm)
+            t_s, tip_mm = observation.t_ns * 1e-9, observation.tip_mm
+            self._probed.see(t_s, moved_mm, tip_mm, observation.believed)
             self.leading.see_probe(observation, step_time(observation), moved_mm)
             if self._hysteresis is not None and observation.believed:
                 t_s = observation.t_ns * 1e-9

@@ -56,6 +56,7 @@ then takes twice as long to be made up for."""
 _WITHOUT_MODEL = 0.5
 """So much shorter are samples where nothing but they tells how the Jacobian changes on the way: on
 the soft arm's figure of eight and rectangle, with and without a load, errors are a third less."""
+_OF_ANOTHER_BODY = "the model is of another body: "
 _FIT_RIDGE = 1e-3
 _SHORTEST_LED_S = 0.2
 """Of a sample where the lag is found on the way, to some hundredths of a second: at 40 mm/s one of
@@ -72,21 +73,12 @@ class LearningController(ABC):
         """Raises ControllerError for a model that cannot be loaded."""
         self._options = options
         self._robot = robot
-        self._follower = TipFollower(options, robot)
-        self._range = self._follower.axes.scale
-        self._jacobian = self._new_jacobian()
-        self._pointing = PointingJacobian(options, self._range)
+        self._seed = seed
         self._points = False
         """Whether the reference has ever said where to point: a hand does so when it likes."""
-        self._seed = seed
-        self._babbling = self._new_babbling()
-        self._babbled: list[MotionSample] = []
-        self._babbled_before = 0
-        """Samples that there were when it was gone on with."""
-        self._first_motions = self._new_first_motions()
-        self._model: PretrainedModel | None = None
-        self._take_for_late(_UNKNOWN_BODY)
-        self._waiting: deque[MotionSample] = deque()
+        self._of_another_body = False
+        """Whether the body was seen to be another one than the model's, which is left out since."""
+        self._know_nothing(TipFollower(options, robot))
         self._unseen: Observation | None = None
         """The last one, of which nothing is learnt yet."""
         self._asked = True
@@ -98,6 +90,21 @@ class LearningController(ABC):
             self._load_first(named_model(options.model))
         elif not options.learning:
             raise ControllerError(f"{self.name} has no model and shall not learn one: give `model`")
+
+    def _know_nothing(self, follower: TipFollower) -> None:
+        """Of a body that is led by it."""
+        self._follower = follower
+        self._range = follower.axes.scale
+        self._jacobian = self._new_jacobian()
+        self._pointing = PointingJacobian(self._options, self._range)
+        self._babbling = self._new_babbling()
+        self._babbled: list[MotionSample] = []
+        self._babbled_before = 0
+        """Samples that there were when it was gone on with."""
+        self._first_motions: FirstMotions | None = self._new_first_motions()
+        self._model: PretrainedModel | None = None
+        self._take_for_late(_UNKNOWN_BODY)
+        self._waiting: deque[MotionSample] = deque()
 
     @property
     def ready(self) -> bool:
@@ -240,14 +247,18 @@ class LearningController(ABC):
             return self._follow(observation)
         if self._learnt:
             jacobian = self._jacobian.at(observation.tip_mm, observation.u)
-            return self._follower.probe(jacobian, observation)
+            proposal = self._follower.probe(jacobian, observation)
+            if self._follower.probed and self._leaves_model_out:
+                self._leave_model_out(observation)
+            return proposal
         if self._looks_back:
             note = "works out how late the body follows"
             return Proposal(np.zeros(len(self._range)), note, 0)
         if self._babbling.done:
             self._end_babbling()
             return Proposal(np.zeros(len(self._range)))
-        return Proposal(self._babbling.propose(observation), self._babbling.note, 0)
+        why = _OF_ANOTHER_BODY if self._of_another_body else ""
+        return Proposal(self._babbling.propose(observation), why + self._babbling.note, 0)
 
     def learn(self) -> None:
         """One sample, or a little of what else can wait: counted, whatever a clock would say."""
@@ -322,6 +333,22 @@ class LearningController(ABC):
         """The follower has another one."""
 
     # Parts of the above.
+
+    @property
+    def _leaves_model_out(self) -> bool:
+        """Whether it is of no use here, and can be done without."""
+        learns = self._model is not None and self._options.learning
+        return learns and self._follower.contradicted
+
+    def _leave_model_out(self, observation: Observation) -> None:
+        """The small motions went elsewhere than it says: first motions tell how this body answers.
+        Axes on each other's wires, or an exploration that told nothing: who goes by such a model
+        leads the tip away, and what he learns on the way never makes up for it."""
+        follower = TipFollower(self._options, self._robot)
+        follower.set_posture(self._follower.posture)
+        self._of_another_body = True
+        self._know_nothing(follower)
+        self.reset(observation)
 
     def _new_babbling(self) -> Babbling:
         return Babbling(self._options.babbling, self._follower.axes, self._seed)

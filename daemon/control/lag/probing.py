@@ -10,12 +10,15 @@ Nothing is fed back. In the end the axes go back to where they were, and the tip
 The first direction tells what the others are needed for. A short lag has to be known better than
 one direction alone tells it, which is 0.02 s off: of a prompt body one more is gone, twice as fast.
 None is where a long lag is as the model has it, which was learnt on such a body.
+
+What comes of them tells as well whether the Jacobian by which they were made is this body's at all.
 """
 
 from typing import Final
 
 import numpy as np
 
+from daemon.control.lag.lagged_axes import LaggedAxes
 from drivers.pose import Vector
 
 AMPLITUDE_MM: Final = 5.0
@@ -42,6 +45,24 @@ ALIKE_S: Final = _ONE_S + _REST_S
 _ALIKE: Final = 0.15
 """Share of a long lag by which that of the model may differ: of the same body, empty or loaded, it
 is 1 to 12 % off."""
+_SPAN_S: Final = 0.4
+"""Of the motions in which what was told is held against what came."""
+_USUAL_STEP_S: Final = 0.025
+"""Between spans of which each counts as one."""
+_RIGHT_MM2: Final = 20.0
+"""As much motion, in each direction, as is taken for seen to come as told: 0.3 mm of noise in a
+span, sixteen of which overlap."""
+_ASIDE: Final = 0.75
+"""Cosine of the angle by which what comes in a direction may be aside of what was told ..."""
+_LITTLE: Final = 0.6
+"""... and share of it that comes along it: below both the Jacobian is of another body. Where models
+are of other bodies than these late ones, with loads, hysteresis and play, 0.8 and more come where
+it is as far aside, and none is aside where as little comes. An arm that is turned by sixty degrees
+makes 0.3 at a cosine of 0.5. Where an exploration told nothing of the body nothing comes along what
+was told, or it goes backwards."""
+_CAME: Final = 0.2
+"""Of a motion that is told, that comes at least where it says anything: a tip that is held fast, or
+a play that keeps all of it, says nothing of the Jacobian."""
 
 
 class Probing:
@@ -102,6 +123,48 @@ class Probing:
         missing = place_mm(self._elapsed_s) - self._made_mm
         self._elapsed_s += self._pace * dt_s
         return np.asarray(min(_APPROACH_PER_S * dt_s, 1.0) * missing)
+
+
+class ProbedMotion:
+    """What was told in small motions, as a Jacobian has it, and what came of it."""
+
+    def __init__(self) -> None:
+        self._told_mm = np.zeros(3)
+        self._seen: list[tuple[float, Vector, Vector]] = []
+        """Times, (3,) all that was told by then, and (3,) where the tip was."""
+
+    def see(self, t_s: float, moved_mm: Vector, tip_mm: Vector, believed: bool) -> None:
+        """(3,) was told since the last step, and the tip is at (3,), if that is believed."""
+        self._told_mm = self._told_mm + moved_mm
+        if believed:
+            self._seen.append((t_s, self._told_mm, tip_mm))
+
+    def contradicts(self, lag_s: float, dead_share: float) -> bool:
+        """Whether the tip went, in some direction, and elsewhere than it was told to.
+
+        lag_s, dead_share: how late the body is. Looked at are the principal directions of what was
+        told. What came of them is found by least squares, with a prior that it is what was told.
+        """
+        if not self._seen:
+            return False
+        told, came = self._spans(lag_s, dead_share)
+        along_mm2, directions = np.linalg.eigh(told.T @ told)
+        answers = (came.T @ told + _RIGHT_MM2 * np.eye(3)) @ directions / (along_mm2 + _RIGHT_MM2)
+        sizes = np.linalg.norm(answers, axis=0)
+        along = (answers * directions).sum(axis=0)
+        aside = (along < _ASIDE * sizes) & (along < _LITTLE)
+        return bool((aside & (sizes > _CAME)).any())
+
+    def _spans(self, lag_s: float, dead_share: float) -> tuple[Vector, Vector]:
+        """(n, 3) mm each of what was told and had arrived, and of what came."""
+        shows = LaggedAxes(np.ones(3))
+        times = np.array([t_s for t_s, _, _ in self._seen])
+        arrived = np.array([shows.after(t, told, lag_s, dead_share) for t, told, _ in self._seen])
+        tips = np.array([tip_mm for _, _, tip_mm in self._seen])
+        before = np.searchsorted(times, times - _SPAN_S, side="right") - 1
+        whole = before >= 0
+        counts = np.sqrt(np.diff(times, prepend=times[:1])[whole, None] / _USUAL_STEP_S)
+        return counts * (arrived - arrived[before])[whole], counts * (tips - tips[before])[whole]
 
 
 def place_mm(elapsed_s: float) -> Vector:

@@ -2,23 +2,34 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from config.emulation.plants import SoftArmPlant
 from config.tasks.controllers import ForwardJacobian
 from config.tasks.exploration import DesignedExploration
 from config.tasks.trajectory import Circle
+from daemon.control.lag.lagged_axes import LaggedAxes
 from daemon.control.lag.probing import (
     ALIKE_S,
     AMPLITUDE_MM,
     PROBING_S,
     PROMPT_S,
+    ProbedMotion,
     Probing,
     place_mm,
 )
 from daemon.controllers.forward_jacobian import ForwardJacobianController
+from drivers.pose import Vector
 from sim_backends.plants.soft_arm.soft_arm import SoftArm
 from tests.daemon.control import closed_loop
-from tests.daemon.control.closed_loop import DT_S, PISTON_MM2, ROBOT, ClosedLoop, pretrained
+from tests.daemon.control.closed_loop import (
+    DT_S,
+    PISTON_MM2,
+    ROBOT,
+    ClosedLoop,
+    made_learner,
+    pretrained,
+)
 
 AXES_AND_TRACKER_S = 0.05
 """Targets arrive a frame later, and the filter follows a jerk as much later."""
@@ -165,3 +176,92 @@ def test_every_direction_is_gone_out_and_back_and_the_end_is_at_rest_where_it_be
     np.testing.assert_array_equal(places.max(axis=0), 3 * [AMPLITUDE_MM])
     np.testing.assert_array_equal(places.min(axis=0), 3 * [-AMPLITUDE_MM])
     assert not places[-40:].any()
+
+
+# What the motions tell of the Jacobian that they were made by.
+
+
+def probed(
+    answers: Vector, lag_s: float = 0.13, dead_share: float = 0.3, noise_mm: float = 0.3
+) -> ProbedMotion:
+    """Probing in all three directions of a body whose tip goes by (3, 3) what it is told."""
+    probed, shows, random = ProbedMotion(), LaggedAxes(np.ones(3)), np.random.default_rng(1)
+    told = np.zeros(3)
+    for t_s in np.arange(0.0, PROBING_S, DT_S):
+        moved = place_mm(float(t_s)) - told
+        told = told + moved
+        tip_mm = answers @ shows.after(float(t_s), told, lag_s, dead_share)
+        probed.see(float(t_s), moved, tip_mm + noise_mm * random.normal(size=3), True)
+    return probed
+
+
+def turned(angle_rad: float) -> Vector:
+    """(3, 3) about z."""
+    return np.asarray(Rotation.from_rotvec([0.0, 0.0, angle_rad]).as_matrix())
+
+
+@pytest.mark.parametrize(
+    "answers",
+    [
+        np.eye(3),
+        0.4 * np.eye(3),
+        np.diag([2.2, 2.0, 1.2]),
+        np.diag([1.0, 1.0, 0.1]),
+        np.zeros((3, 3)),
+        0.8 * turned(0.6),
+    ],
+    ids=["right", "held back", "softer", "hardly upwards", "held fast", "turned a little"],
+)
+def test_a_body_that_answers_more_or_less_or_a_little_aside_is_the_models(answers: Vector) -> None:
+    assert not probed(answers).contradicts(0.13, 0.3)
+
+
+@pytest.mark.parametrize(
+    "answers",
+    [0.7 * turned(0.8), turned(1.6), turned(np.pi), np.diag([1.0, 1.0, -0.8])],
+    ids=["turned", "crosswise", "the other way", "downwards for upwards"],
+)
+@pytest.mark.parametrize("lag_s", [0.13, 0.8])
+def test_a_body_that_goes_elsewhere_is_another_one(answers: Vector, lag_s: float) -> None:
+    assert probed(answers, lag_s).contradicts(lag_s, 0.3)
+
+
+def test_where_the_tip_was_not_seen_nothing_is_told_of_the_body() -> None:
+    unseen = ProbedMotion()
+    unseen.see(0.0, np.ones(3), np.zeros(3), False)
+    assert not unseen.contradicts(0.13, 0.3)
+
+
+@pytest.mark.parametrize("kind", ["forward_jacobian", "reward_weighted"])
+def test_the_model_of_another_body_is_left_out_and_this_one_learnt_from_first_motions(
+    kind: str, model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The arm was mounted a quarter turn round: by its model the tip would go crosswise."""
+    segments = [
+        {"length_mm": 77.5, "rotation_rad": 1.571},
+        {"length_mm": 77.5, "rotation_rad": 2.618},
+    ]
+    arm(monkeypatch, segments=segments)
+    learner = made_learner(kind, model=model)
+    loop = ClosedLoop(learner)
+    loop.start()
+    told = set()
+    while not learner.ready:
+        loop.step(loop.tip_mm, np.zeros(3))
+        told.add(loop.proposal.note.rsplit(":", 1)[0])
+    assert "the model is of another body: tries small motions" in told
+    assert learner.foresight is None
+    loop.lead(np.array([15.0, 0.0, 185.0]))
+    circle = Circle(kind="circle", center_mm=(0.0, 0.0, 185.0), radius_mm=15.0, cycle_s=9.4)
+    assert loop.follow(circle).mean_mm < 0.8
+
+
+def test_who_shall_not_learn_goes_by_the_model_that_there_is(
+    model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arm(monkeypatch, segments=[{"length_mm": 77.5, "rotation_rad": 1.571}] * 2)
+    learner = made_learner("forward_jacobian", model=model, learning=False)
+    loop = ClosedLoop(learner)
+    loop.start()
+    loop.explore()
+    assert learner.foresight is not None
