@@ -22,8 +22,7 @@ from daemon.control.lag.body_lag import known_lag
 from daemon.control.lag.lagged_axes import LaggedAxes
 from daemon.control.task import POSITION, points
 from daemon.control.tip_following import TipFollower
-from daemon.controllers.exploration.first_motions import FirstMotions
-from daemon.controllers.exploration.motor_babbling import Babbling
+from daemon.controllers.exploration.first_learning import FirstLearning
 from daemon.controllers.learning_samples import LearningSamples, sampling_with
 from daemon.controllers.learnt_jacobian import (
     LearntJacobian,
@@ -41,14 +40,7 @@ _UNKNOWN_BODY = SamplingSettings(lag_s=0.1)
 """So late first motions are taken to come until they tell otherwise, unless options say how late.
 In them axes turn round all the time: of a body that is 0.3 s late, taken for prompt, they tell a
 Jacobian a third as large as its own, and turned."""
-_SAMPLES_PER_AXIS = 3
-"""So many must babbling give before a Jacobian is fitted ..."""
-_WORTH_GOING_ON = 0.8
-"""... and where it gave this share of them it goes on: a stiff body's tip goes less far. What comes
-of noise alone, in motions of a hundredth of a millimetre, is a third of them in 5 s."""
 _WAITING_AT_MOST = 3
-_SEEN_AGAIN_AT_ONCE = 4
-"""Frames of the first motions, of a body that is later than expected: all within a few seconds."""
 _LATE = 0.5
 """From where so much of a lag is led by prediction, what a load makes of the body is told by the
 jump alone. Motions that are learnt from at once tell it too late: the first of a slow body's loads
@@ -57,7 +49,6 @@ _WITHOUT_MODEL = 0.5
 """So much shorter are samples where nothing but they tells how the Jacobian changes on the way: on
 the soft arm's figure of eight and rectangle, with and without a load, errors are a third less."""
 _OF_ANOTHER_BODY = "the model is of another body: "
-_FIT_RIDGE = 1e-3
 _SHORTEST_LED_S = 0.2
 """Of a sample where the lag is found on the way, to some hundredths of a second: at 40 mm/s one of
 2 mm would tell more of those than of the axes, and cycles of 0.3 mm would now and then be 10 mm."""
@@ -97,11 +88,7 @@ class LearningController(ABC):
         self._range = follower.axes.scale
         self._jacobian = self._new_jacobian()
         self._pointing = PointingJacobian(self._options, self._range)
-        self._babbling = self._new_babbling()
-        self._babbled: list[MotionSample] = []
-        self._babbled_before = 0
-        """Samples that there were when it was gone on with."""
-        self._first_motions: FirstMotions | None = self._new_first_motions()
+        self._first = FirstLearning(self._options, follower.axes, self._seed, _UNKNOWN_BODY.lag_s)
         self._model: PretrainedModel | None = None
         self._take_for_late(_UNKNOWN_BODY)
         self._waiting: deque[MotionSample] = deque()
@@ -140,12 +127,8 @@ class LearningController(ABC):
         self._samples.break_off()
         self._axes.break_off()
         self._pointing.break_off()
-        if self._first_motions is not None:
-            self._first_motions.break_off()
         self._points = self._points or self._shall_point(observation)
-        if self._babbling.done and not (self._learnt or self._looks_back):
-            self._babble_anew()
-        self._babbling.reset()
+        self._first.begin(enough=self._learnt)
         before = self._follower.posture
         self._follower.reset(observation)
         if not np.array_equal(self._follower.posture, before):
@@ -158,11 +141,11 @@ class LearningController(ABC):
         self._work_off()
         if not (self.ready or self._points) and self._shall_point(observation):
             self._points = True
-            self._babble_anew()  # of which all tells what turns the tip
+            self._first.go_on()  # of which all tells what turns the tip
             self.reset(observation)
         asked, self._asked = self._asked, False
         learns = self._options.learning and self._follower.probed
-        if learns if self._learnt else asked and not self._looks_back:
+        if learns if self._learnt else asked and not self._first.looks_back:
             self._unseen = observation
 
     def _work_off(self) -> bool:
@@ -171,37 +154,26 @@ class LearningController(ABC):
         self._follower.work_off()
         if observation is not None:
             self._take_in(observation)
-        elif self._looks_back:
+        elif self._first.looks_back:
             self._look_back()
         else:
             return False
         return True
 
-    @property
-    def _looks_back(self) -> bool:
-        """Whether the first motions are over, and still to tell how late the body is."""
-        first = self._first_motions
-        return first is not None and self._babbling.done and not first.told
-
     def _look_back(self) -> None:
         """What of that is done at once: first motions of a body that is not as late as they were
         taken to be are learnt from anew."""
-        first = self._first_motions
-        assert first is not None
+        first = self._first
         if not first.asked:
             if first.ask():
-                self._babbled = []
                 self._samples = self._sampler(replace(_UNKNOWN_BODY, lag_s=0.0))
                 self._pointing = PointingJacobian(self._options, self._range)
             return
-        for _ in range(_SEEN_AGAIN_AT_ONCE):
-            observation = first.next_again()
+        for observation in first.again():
             if observation is None:
                 self._samples.break_off()
             else:
                 self._see_first(observation)
-            if first.told:
-                return
 
     def _see_first(self, observation: Observation) -> None:
         """One of the first motions again, `u` as the tip shows it."""
@@ -209,11 +181,10 @@ class LearningController(ABC):
             self._pointing.observe(observation)
         sample = self._samples.add(observation)
         if sample is not None:
-            self._babbled.append(sample)
+            self._first.samples.append(sample)
 
     def _take_in(self, observation: Observation) -> None:
-        if self._first_motions is not None:
-            self._first_motions.see(observation)
+        self._first.see(observation)
         if self._options.leads and observation.believed:
             lag = self._follower.leading.lag
             t_s = observation.t_ns * 1e-9
@@ -233,7 +204,7 @@ class LearningController(ABC):
         if sample is None or not self._options.learning:
             return
         if not self._jacobian.known:
-            self._babbled.append(sample)
+            self._first.samples.append(sample)
             return
         self._waiting.append(sample)
         if len(self._waiting) > _WAITING_AT_MOST:
@@ -251,14 +222,12 @@ class LearningController(ABC):
             if self._follower.probed and self._leaves_model_out:
                 self._leave_model_out(observation)
             return proposal
-        if self._looks_back:
-            note = "works out how late the body follows"
-            return Proposal(np.zeros(len(self._range)), note, 0)
-        if self._babbling.done:
-            self._end_babbling()
+        if self._first.over:
+            self._end_first_learning()
             return Proposal(np.zeros(len(self._range)))
+        proposal = self._first.propose(observation)
         why = _OF_ANOTHER_BODY if self._of_another_body else ""
-        return Proposal(self._babbling.propose(observation), why + self._babbling.note, 0)
+        return proposal._replace(note=why + proposal.note)
 
     def learn(self) -> None:
         """One sample, or a little of what else can wait: counted, whatever a clock would say."""
@@ -350,20 +319,6 @@ class LearningController(ABC):
         self._know_nothing(follower)
         self.reset(observation)
 
-    def _new_babbling(self) -> Babbling:
-        return Babbling(self._options.babbling, self._follower.axes, self._seed)
-
-    def _babble_anew(self) -> None:
-        self._babbling = self._new_babbling()
-        if self._first_motions is not None:
-            self._first_motions.go_on()
-
-    def _new_first_motions(self) -> FirstMotions | None:
-        """None: it is said how late the body is."""
-        if self._options.lag_s is not None:
-            return None
-        return FirstMotions(self._range, _UNKNOWN_BODY.lag_s)
-
     def _shall_point(self, observation: Observation) -> bool:
         return self.steers_direction and points(observation)
 
@@ -414,7 +369,7 @@ class LearningController(ABC):
         self._follower.leading.modelled = model is not None
         self._follower.expect_hysteresis(jacobian.held_back)
         sampling = _UNKNOWN_BODY if model is None else model.sampling
-        self._first_motions = None
+        self._first.know_how_late()
         self._take_for_late(sampling)
         self._waiting.clear()
 
@@ -429,8 +384,8 @@ class LearningController(ABC):
         self._take_for_late(replace(_UNKNOWN_BODY, lag_s=lag_s))
         self._follower.leading.lag.take_for(lag_s, dead_share)
 
-    def _end_babbling(self) -> None:
-        """Fit a Jacobian to what was seen, or go on where it was nearly enough.
+    def _end_first_learning(self) -> None:
+        """Go by the Jacobian of what was seen, or go on where it was nearly enough.
 
         Raises ControllerError where it was too little.
         """
@@ -438,27 +393,19 @@ class LearningController(ABC):
             self._pointing.begin()
         if self._jacobian.known:
             return
-        babbled, needed = self._babbled, _SAMPLES_PER_AXIS * len(self._range)
-        if len(babbled) < needed:
-            before, self._babbled_before = self._babbled_before, len(babbled)
-            if len(babbled) - before >= _WORTH_GOING_ON * needed:
-                self._babble_anew()
-                return
-            raise ControllerError(
-                f"the first motions gave {len(babbled)} samples: see what holds the tip, or let "
-                f"them be longer or wider (babbling)"
-            )
-        jacobian = self._new_jacobian()
-        jacobian.measured(_fitted_jacobian(babbled, self._range))
-        first = self._first_motions
+        first = self._first
+        measured = first.jacobian()
+        if measured is None:
+            return
+        jacobian, lag = self._new_jacobian(), first.lag
+        jacobian.measured(measured)
         self._adopt(None, jacobian, {})
-        if first is not None and first.lag != first.expected:
+        if lag is not None:
             # These axes were measured, and are told before that.
-            late_s = first.lag.lag_s + self._axes.late_s
-            self._take_for_as_late(late_s, first.lag.dead_share)
-        for sample in babbled:
+            self._take_for_as_late(lag.lag_s + self._axes.late_s, lag.dead_share)
+        for sample in first.samples:
             self._work_in(sample, self._follower.made_up_for)
-        self._babbled = []
+        first.samples = []
 
     def _sampler(self, base: SamplingSettings) -> LearningSamples:
         options = self._options
@@ -468,13 +415,3 @@ class LearningController(ABC):
         if options.leads:  # the axes come as the tip shows them
             sampling = replace(sampling, lag_s=0.0, shortest_s=_SHORTEST_LED_S)
         return LearningSamples(sampling, self._range, options.sample_noise_mm, self._jacobian)
-
-
-def _fitted_jacobian(samples: list[MotionSample], travel: Vector) -> Vector:
-    """(3, m) mm per mm or rad, by least squares."""
-    moved = np.array([sample.delta_u for sample in samples]) / travel
-    tip_moved = np.array([sample.delta_tip_mm for sample in samples])
-    gram = moved.T @ moved
-    ridge = _FIT_RIDGE * np.trace(gram) / len(gram)
-    solution = np.linalg.solve(gram + ridge * np.eye(len(gram)), moved.T @ tip_moved)
-    return np.asarray(solution.T / travel)

@@ -1,0 +1,144 @@
+"""What a controller that learns does before it knows anything: small motions, and what they show.
+
+Axes babble. What the tip makes of it gives samples, a Jacobian that is fitted to them, and how late
+the body is, unless that is known. Where it is later than it was taken to be the same motions are
+looked at again.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from config.tasks.controllers import Learner
+from daemon.control.controller import ControllerError, Observation, Proposal
+from daemon.controllers.exploration.first_motions import BodysLag, FirstMotions
+from daemon.controllers.exploration.motor_babbling import Babbling
+from daemon.learning.samples.motion import MotionSample
+from daemon.robot.axes import AxisRanges
+from drivers.pose import Vector
+
+_SAMPLES_PER_AXIS = 3
+"""So many must babbling give before a Jacobian is fitted ..."""
+_WORTH_GOING_ON = 0.8
+"""... and where it gave this share of them it goes on: a stiff body's tip goes less far. What comes
+of noise alone, in motions of a hundredth of a millimetre, is a third of them in 5 s."""
+_SEEN_AGAIN_AT_ONCE = 4
+"""Frames of the first motions, of a body that is later than expected: all within a few seconds."""
+_FIT_RIDGE = 1e-3
+
+
+class FirstLearning:
+    """Proposes first motions, and keeps what they show."""
+
+    def __init__(self, options: Learner, axes: AxisRanges, seed: int, expected_s: float) -> None:
+        """expected_s: so late the body is taken to be until they tell otherwise."""
+        self.samples: list[MotionSample] = []
+        self._samples_before = 0
+        """How many there were when it was gone on with."""
+        self._options = options
+        self._axes = axes
+        self._seed = seed
+        self._babbling = self._new_babbling()
+        self._motions = None if options.lag_s is not None else FirstMotions(axes.scale, expected_s)
+        """None: it is known how late the body is."""
+
+    @property
+    def looks_back(self) -> bool:
+        """Whether the motions are over, and still to tell how late the body is."""
+        motions = self._motions
+        return motions is not None and self._babbling.done and not motions.told
+
+    @property
+    def over(self) -> bool:
+        """Whether they have been made, and have told how late the body is."""
+        return self._babbling.done and not self.looks_back
+
+    @property
+    def lag(self) -> BodysLag | None:
+        """As they have told it; None: it is as it was taken to be, or known."""
+        motions = self._motions
+        return None if motions is None or motions.lag == motions.expected else motions.lag
+
+    def begin(self, enough: bool) -> None:
+        """Motion begins. enough: whether no more of them are needed."""
+        if self._motions is not None:
+            self._motions.break_off()
+        if self.over and not enough:
+            self.go_on()
+        self._babbling.reset()
+
+    def go_on(self) -> None:
+        """More of them are needed."""
+        self._babbling = self._new_babbling()
+        if self._motions is not None:
+            self._motions.go_on()
+
+    def know_how_late(self) -> None:
+        """How late the body is, is not asked any more."""
+        self._motions = None
+
+    def propose(self, observation: Observation) -> Proposal:
+        """The next step, while they are not over."""
+        if self.looks_back:
+            note = "works out how late the body follows"
+            return Proposal(np.zeros(self._axes.count), note, 0)
+        return Proposal(self._babbling.propose(observation), self._babbling.note, 0)
+
+    def see(self, observation: Observation) -> None:
+        """Take a frame."""
+        if self._motions is not None:
+            self._motions.see(observation)
+
+    @property
+    def asked(self) -> bool:
+        """Whether it was asked how late the body is since the last of the motions."""
+        return self._motions is None or self._motions.asked
+
+    def ask(self) -> bool:
+        """Whether it is otherwise late than it was taken to be: then `again` gives the motions, and
+        their samples come anew."""
+        otherwise = self._motions is not None and self._motions.ask()
+        if otherwise:
+            self.samples = []
+        return otherwise
+
+    def again(self) -> Iterator[Observation | None]:
+        """The next frames, `u` as the tip shows it; None: what comes does not go on from what came.
+        As many as are looked at at once."""
+        motions = self._motions
+        assert motions is not None
+        for _ in range(_SEEN_AGAIN_AT_ONCE):
+            yield motions.next_again()
+            if motions.told:
+                return
+
+    def jacobian(self) -> Vector | None:
+        """(3, m) mm per mm or rad of all samples, by least squares. None: they were nearly enough,
+        and it is gone on.
+
+        Raises ControllerError where they were too few.
+        """
+        samples, needed = self.samples, _SAMPLES_PER_AXIS * self._axes.count
+        if len(samples) >= needed:
+            return _fitted_jacobian(samples, self._axes.scale)
+        before, self._samples_before = self._samples_before, len(samples)
+        if len(samples) - before >= _WORTH_GOING_ON * needed:
+            self.go_on()
+            return None
+        raise ControllerError(
+            f"the first motions gave {len(samples)} samples: see what holds the tip, or let them "
+            f"be longer or wider (babbling)"
+        )
+
+    def _new_babbling(self) -> Babbling:
+        return Babbling(self._options.babbling, self._axes, self._seed)
+
+
+def _fitted_jacobian(samples: list[MotionSample], travel: Vector) -> Vector:
+    """(3, m) mm per mm or rad."""
+    moved = np.array([sample.delta_u for sample in samples]) / travel
+    tip_moved = np.array([sample.delta_tip_mm for sample in samples])
+    gram = moved.T @ moved
+    ridge = _FIT_RIDGE * np.trace(gram) / len(gram)
+    solution = np.linalg.solve(gram + ridge * np.eye(len(gram)), moved.T @ tip_moved)
+    return np.asarray(solution.T / travel)
