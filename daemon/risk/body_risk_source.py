@@ -27,7 +27,7 @@ from safety.risk.contact_figures import MinuteBehind, WorstPlace
 from safety.risk.model.mixture import FloatArray
 from safety.risk.model.risk_model import RiskModelError
 from safety.risk.moving_obstacles import NOTHING_MOVES, Swept
-from safety.risk.seen_tip import TipConditioning
+from safety.risk.seen_tip import SeenTip, TipConditioning
 from safety.risk.surroundings.distance_grid import DistanceGrid
 from safety.risk.surroundings.environment import Environment, EnvironmentFaultError
 from safety.risk.tip_consistency import TipConsistency, TipModel
@@ -237,6 +237,13 @@ class BodyRiskSource:
         """Of a path among the present surroundings, and nothing that moves; not looked at yet."""
         around = self.files
         return PathAhead(self._risk.among(around.environment, around.grid), t_s, u)
+
+    def seen_tip(self, t_ns: int) -> SeenTip | None:
+        """The tip that the risk is told given; None: there is none, it is too old, or the model has
+        something against it."""
+        tip = self._risk.sight.tip
+        fresh = self._seen_ns is not None and abs(t_ns - self._seen_ns) <= _SEEN_FOR_NS
+        return tip if fresh and tip is not None and tip.agrees else None
 
     def _forget_tip(self) -> None:
         self._seen_ns = None

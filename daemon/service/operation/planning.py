@@ -20,6 +20,7 @@ from daemon.service.motion_loader import CommandRefusedError, OffTheLoop, in_a_t
 from daemon.service.operation.run_recording import RunRecording
 from daemon.service.robot_service import RobotService
 from safety.causes import Cause
+from safety.risk.seen_tip import SeenTip
 from safety.states import OperatingState
 
 PlanPath = Callable[[bytes], Awaitable[bytes]]
@@ -31,6 +32,14 @@ _STANDS: Final = (OperatingState.READY, OperatingState.ARMED, OperatingState.HOL
 _FASTEST_TIP_MM_S: Final = 25.0
 """What a controller may be asked to lead a tip by."""
 _MOST_VIA: Final = 16
+
+
+class SeenBody(msgspec.Struct, frozen=True):
+    """A `SeenTip`."""
+
+    mean: list[float]
+    beside: float
+    value: list[float]
 
 
 class PlanRequest(msgspec.Struct, frozen=True):
@@ -48,6 +57,9 @@ class PlanRequest(msgspec.Struct, frozen=True):
     tip_speed_mm_s: float
     most_risk: float
     seed: int
+    seen: SeenBody | None = None
+    """What the tip tells of the body that stands there; None: there is none that the model agrees
+    with."""
 
 
 class PlanOutcome(msgspec.Struct, frozen=True):
@@ -138,6 +150,7 @@ class Planning:
             tip_speed_mm_s=command.tip_speed_mm_s,
             most_risk=command.most_risk,
             seed=command.seed,
+            seen=_seen(source.seen_tip(service.clock.now_ns())),
         )
         return msgspec.json.encode(request)
 
@@ -188,6 +201,10 @@ def _wrong(command: Plan) -> str:
     if not 0.0 < command.most_risk <= 1.0:
         return "most_risk: a probability above 0"
     return "" if command.seed >= 0 else "seed: 0 or more"
+
+
+def _seen(tip: SeenTip | None) -> SeenBody | None:
+    return None if tip is None else SeenBody(tip.mean.tolist(), tip.beside, tip.value.tolist())
 
 
 def _figure(path: PlannedPath, name: str) -> float | None:

@@ -71,7 +71,7 @@ def start_blocked(body: BodyInPlace, risk: float, worst: WorstPlace) -> Blocked:
     return Blocked(
         "start_touches",
         f"there is none: where it starts the body touches already, {where} (risk {risk:.0%}); "
-        "start somewhere else (--from), or correct the surroundings",
+        "lead it away from there first, plan from somewhere else, or correct the surroundings",
         place,
         worst.arc_mm,
         gap_at(body, worst),

@@ -6,7 +6,7 @@ The body is as thick as the gate takes it to be, so that what is planned may als
 from dataclasses import dataclass
 from itertools import pairwise
 from math import ceil
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from safety.risk.contact import ContactModel
 from safety.risk.contact_figures import ContactRisk, PathContactRisk, WorstPlace
 from safety.risk.model.mixture import FloatArray, Mixture
 from safety.risk.model.risk_model import RiskModel
+from safety.risk.seen_tip import LEFT_OUT_SHARE, SeenTip, TipConditioning
 from safety.risk.surroundings.distance_grid import DistanceGrid
 from safety.risk.surroundings.environment import Environment
 
@@ -50,6 +51,14 @@ class Standing:
 NOWHERE: Final = Standing(False, 1.0, -np.inf, None)
 
 
+class AsSeen(NamedTuple):
+    """A body whose tip was measured where it stands."""
+
+    conditioning: TipConditioning
+    tip: SeenTip
+    """With which the model agrees."""
+
+
 class BodyInPlace:
     """One body in one environment. Not for several threads."""
 
@@ -61,15 +70,22 @@ class BodyInPlace:
         grid: DistanceGrid,
         samples: int = 200,
         seed: int = 0,
+        as_seen: AsSeen | None = None,
     ) -> None:
-        """samples: shapes that are drawn while a path is looked for, the same ones everywhere."""
+        """samples: shapes that are drawn while a path is looked for, the same ones everywhere.
+
+        as_seen: the body is the one whose tip was seen there, as the gate takes it to be while the
+        tip decides. None: any that the model knows.
+        """
         self.robot = robot
         self.ranges = AxisRanges.of(robot)
         self.workspace: Workspace | None = robot.workspace
         self.model = model
         self.environment = environment
         self.grid = grid
-        self.thick = model.basis.on_the_safe_side()
+        self._as_seen = as_seen
+        self.basis = model.basis if as_seen is None else model.basis.leaving_out(LEFT_OUT_SHARE)
+        self.thick = self.basis.on_the_safe_side()
         self.contact = ContactModel(self.thick, grid, environment.port, samples, seed)
         self.body_point = BodyPointRisk(environment)
         self._modes = model.basis.modes.astype(np.float64)
@@ -84,6 +100,8 @@ class BodyInPlace:
     def mixture(self, u: FloatArray) -> Mixture:
         """Over the shape's coefficients. Raises ValueError where the model has no number."""
         mixture = self.model.shapes.mixture(u)
+        if mixture is not None and self._as_seen is not None:
+            mixture = self._as_seen.conditioning.there(self._as_seen.tip, mixture)
         if mixture is None:
             raise ValueError(f"the model gives no finite answer at {u.tolist()}")
         return mixture

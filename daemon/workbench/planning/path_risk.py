@@ -61,7 +61,7 @@ class PathRisks:
         """seed: another one than that with which the path was made, or it flatters itself."""
         self._body = body
         port = body.environment.port
-        self._contact = ContactModel(body.model.basis, body.grid, port, samples, seed)
+        self._contact = ContactModel(body.basis, body.grid, port, samples, seed)
 
     def of(self, waypoints: FloatArray) -> PathRisk:
         """Of a polyline through (n, m), looked at as finely as the body needs."""

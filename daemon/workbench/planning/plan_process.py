@@ -12,19 +12,20 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from config.control import Surface
+from config.control import RiskSettings, Surface
 from config.documents.problems import ConfigError
 from config.loader import load_robot
 from daemon.host.processes import serve_apart
 from daemon.risk.body_risk_source import RiskFiles, RiskFilesError, read_risk_files
 from daemon.risk.surroundings import BodySize
-from daemon.service.operation.planning import PlanOutcome, PlanRequest
+from daemon.service.operation.planning import PlanOutcome, PlanRequest, SeenBody
 from daemon.workbench.planning.blocked import Blocked
-from daemon.workbench.planning.body_in_place import BodyInPlace
+from daemon.workbench.planning.body_in_place import AsSeen, BodyInPlace
 from daemon.workbench.planning.goals import TipGoal
 from daemon.workbench.planning.plan import Settings, figures_of, path_of
 from daemon.workbench.planning.planner import Planner
 from safety.risk.model.mixture import FloatArray, IndexArray
+from safety.risk.seen_tip import SeenTip, TipConditioning
 from safety.risk.surroundings.distance_grid import DistanceGrid
 from safety.risk.surroundings.environment import EnvironmentFaultError
 from safety.risk.surroundings.regions import Box, Capsule, Region, covered, with_regions
@@ -50,7 +51,8 @@ def _planned(request: PlanRequest) -> PlanOutcome:
         most_risk=request.most_risk, tip_mm_s=request.tip_speed_mm_s, seed=request.seed
     )
     grid = grid_among(files, request.moving)
-    body = BodyInPlace(file.robot, files.model.model, files.environment, grid)
+    as_seen = None if request.seen is None else _as_seen(file.robot.risk, files, request.seen)
+    body = BodyInPlace(file.robot, files.model.model, files.environment, grid, as_seen=as_seen)
     direction = None
     if request.pointing is not None:
         direction = np.array(request.pointing) / np.linalg.norm(request.pointing)
@@ -63,6 +65,12 @@ def _planned(request: PlanRequest) -> PlanOutcome:
     figures["moving_obstacles"] = len(request.moving)
     path = path_of(found, figures, file.robot, files.identity, direction is not None)
     return PlanOutcome(path=path.model_dump(mode="json"))
+
+
+def _as_seen(settings: RiskSettings, files: RiskFiles, seen: SeenBody) -> AsSeen:
+    accuracies = settings.tip_accuracy_mm, settings.tip_accuracy_rad
+    tip = SeenTip(np.array(seen.mean), seen.beside, np.array(seen.value), agrees=True)
+    return AsSeen(TipConditioning(files.model.model.basis, *accuracies), tip)
 
 
 def _counted(moving: Sequence[Sequence[float]]) -> str:

@@ -168,7 +168,7 @@ class Planner:
             return Blocked(
                 "start_not_allowed",
                 "there is none: where it starts is outside of what axes, coupled limits, workspace "
-                "or the body's model allow; start somewhere else (--from)",
+                "or the body's model allow; plan from somewhere else",
             )
         if standing.risk > preference.most_risk:
             worst = standing.worst or self.body.at_rest(start).worst

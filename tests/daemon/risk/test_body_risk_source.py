@@ -278,6 +278,20 @@ def test_a_tip_that_fits_decides_for_as_long_as_it_is_fresh(folder: Path) -> Non
     assert before.answers == alone.answers, "of a time to come, too"
 
 
+def test_paths_are_planned_with_a_tip_that_fits_for_as_long_as_it_is_fresh(folder: Path) -> None:
+    source = make_risk_source(load_robot(folder / "robot.yaml"), Clock())
+    assert isinstance(source, BodyRiskSource)
+    assert source.seen_tip(0) is None
+    source.compare([at(2.0)], AWAY_MM, 10 * PERIOD_NS)
+    fresh = source.seen_tip(16 * PERIOD_NS)
+    assert fresh is not None
+    assert fresh.value.tolist() == AWAY_MM
+    assert source.seen_tip(16 * PERIOD_NS + 1) is None
+    for frame in range(11, 15):
+        source.compare([at(2.0)], [-60.0, 0.0, 200.0], frame * PERIOD_NS)
+    assert source.seen_tip(15 * PERIOD_NS) is None, "the model has something against it"
+
+
 def test_a_tip_of_which_nothing_is_known_is_forgotten(folder: Path) -> None:
     source = make_risk_source(load_robot(folder / "robot.yaml"), Clock())
     assert isinstance(source, TipComparing)

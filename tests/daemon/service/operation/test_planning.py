@@ -120,6 +120,33 @@ def test_held_on_its_way_it_is_planned_anew_among_what_is_there_then(file: Robot
     play(scene, file, plan_path=plan_here)
 
 
+def test_beside_something_it_is_planned_for_the_body_that_is_seen_as_the_gate_takes_it(
+    file: RobotFile,
+) -> None:
+    asked: list[PlanRequest] = []
+
+    async def heard(request: bytes) -> bytes:
+        asked.append(msgspec.json.decode(request, type=PlanRequest))
+        return answer(request)
+
+    async def scene(rig: Rig) -> None:
+        await rig.armed()
+        x, y, _ = rig.lab.body.record.state.centreline_mm[-1].tolist()
+        x -= rig.lab.body.record.state.radius_mm + 5.0 + 3.0
+        beside = {**FAR_BALL, "centre_mm": [x, y, 196.0], "radius_mm": 5.0}
+        await rig.do(Surround, surface={"regions": [beside]}, add=True)
+        await asyncio.sleep(0.1)
+        assert rig.service.loop.refuses_rest() == ""
+        made = await rig.do(Plan, to_mm=THERE)
+        tip = rig.service.loop.tip
+        assert made.path is not None and tip is not None
+        assert made.path["tip_mm"][0] == pytest.approx(tip.position_mm.tolist(), abs=1.0)
+
+    play(scene, file, plan_path=heard)
+    any_body = msgspec.structs.replace(asked[0], seen=None)
+    assert json.loads(answer(msgspec.json.encode(any_body)))["none"] == "start_touches"
+
+
 def test_what_was_loaded_among_others_is_not_started(file: RobotFile) -> None:
     async def scene(rig: Rig) -> None:
         await rig.armed()
