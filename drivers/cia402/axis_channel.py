@@ -168,9 +168,17 @@ def target_of(mode: str, index: int, limits: CountLimits, unit_counts_s: float) 
 _FOLLOWS_WITHIN_NS: Final = 500_000_000
 """Drives hold a target back while their brake opens, and tell so; old ones tell nothing."""
 
+_ON_THE_WAY_UP: Final = (PowerState.READY_TO_SWITCH_ON, PowerState.SWITCHED_ON)
 _CAN_BE_ENABLED: Final = (PowerState.OPERATION_ENABLED, PowerState.SWITCHED_ON)
 _DONE_WITHIN_NS: Final = 2_000_000_000
 """Judgement: four transitions with a frame each, and between them a brake that opens."""
+
+
+def _voltage_state(state: PowerState) -> PowerState:
+    """The state that stands for all those in which a drive tells of its motor voltage alike."""
+    if state.energised:
+        return PowerState.OPERATION_ENABLED
+    return state if state in _ON_THE_WAY_UP else PowerState.SWITCH_ON_DISABLED
 
 
 class AxisChannel:
@@ -193,8 +201,10 @@ class AxisChannel:
         """Enabled, as it is told to be, and moving when its target moves."""
         self.target_counts: int | None = None
         """What was last sent: a position, or a velocity in the velocity modes."""
-        self.had_voltage = False
-        """Whether the drive has ever told of motor voltage since it was set up."""
+        self._voltage_told: set[PowerState] = set()
+        """Where the drive has told of motor voltage since it was set up: some do in every state,
+        others only while their power stage is on."""
+        self._had_torque = False
         self.goal: PowerGoal | None = None
         """None: leave the drive's power as it is, and send it nothing."""
         self._goal_since_ns = 0
@@ -226,7 +236,7 @@ class AxisChannel:
         if statusword != self.statusword or not self.following:
             self.statusword = statusword
             self.state = power_state(statusword)
-            self.had_voltage |= bool(statusword & StatuswordBit.VOLTAGE_ENABLED)
+            self._learn_of_voltage()
             self._follow(t_ns)
         return True
 
@@ -283,6 +293,21 @@ class AxisChannel:
         """Whether the axis is to be enabled, and cannot be yet."""
         return self.goal is PowerGoal.ENABLED and self.state not in _CAN_BE_ENABLED
 
+    def _learn_of_voltage(self) -> None:
+        """A stage that has just been switched off may tell of a voltage that is not fed any more:
+        at rest only what is told before the first torque counts."""
+        self._had_torque |= self.state.energised
+        if self.statusword & StatuswordBit.VOLTAGE_ENABLED and (
+            self.state.energised or not self._had_torque
+        ):
+            self._voltage_told.add(_voltage_state(self.state))
+
+    @property
+    def voltage_lost(self) -> bool:
+        """Whether the drive tells of no motor voltage, in a state in which it has told of it."""
+        tells = self.statusword & StatuswordBit.VOLTAGE_ENABLED
+        return not tells and _voltage_state(self.state) in self._voltage_told
+
     @property
     def referenced(self) -> bool:
         """Whether the drive knows where its zero is."""
@@ -313,7 +338,8 @@ class AxisChannel:
     def forget(self) -> None:
         """The drive is gone or was reset: nothing it said before counts."""
         self.received_ns = self.target_counts = self._enabled_since_ns = self.goal = None
-        self.following = self.had_voltage = self.zero_found = self.zero_lost = False
+        self.following = self.zero_found = self.zero_lost = self._had_torque = False
+        self._voltage_told.clear()
         self._spoken_to = False
         self.homing = self.start_homing = False
         self._fault_reset = FaultReset()  # what is left of one would reset a fault that comes later

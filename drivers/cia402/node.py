@@ -365,11 +365,10 @@ class Node:
     def _status_changed(self, channel: AxisChannel, t_ns: int) -> None:
         """Keep the conditions that a statusword tells."""
         subject, word = channel.axis.name, channel.statusword
-        no_voltage = channel.had_voltage and not word & StatuswordBit.VOLTAGE_ENABLED
         for condition, present in (
             (c.FAULT, channel.state in (PowerState.FAULT, PowerState.FAULT_REACTION)),
             (c.WARNING, bool(word & StatuswordBit.WARNING)),
-            (c.NO_VOLTAGE, no_voltage),
+            (c.NO_VOLTAGE, channel.voltage_lost),
         ):
             if present:
                 emergency = self.last_emergency
