@@ -1,5 +1,7 @@
 """What a node's EDS file says of its objects: which there are, and of what type."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -7,6 +9,7 @@ from typing import Any
 import canopen.objectdictionary as eds_reader
 
 from drivers.canopen.codec.data_types import DataType, Value, decode_value, encode_value
+from drivers.canopen.codec.error import CodecError
 
 
 class EdsError(ValueError):
@@ -28,13 +31,19 @@ class ObjectDictionary:
         """Whether the node has this object."""
         return self._variable(index, subindex) is not None
 
+    def size(self, index: int, subindex: int) -> int | None:
+        """Bytes of a value; None where it may have any length. Raises EdsError."""
+        return self._type(index, subindex).size
+
     def encode(self, index: int, subindex: int, value: Value) -> bytes:
         """A value as the node takes it. Raises EdsError, CodecError."""
-        return encode_value(self._type(index, subindex), value)
+        with _at(index, subindex):
+            return encode_value(self._type(index, subindex), value)
 
     def decode(self, index: int, subindex: int, data: bytes) -> Value:
         """A value as the node gives it. Raises EdsError, CodecError."""
-        return decode_value(self._type(index, subindex), data)
+        with _at(index, subindex):
+            return decode_value(self._type(index, subindex), data)
 
     def _type(self, index: int, subindex: int) -> DataType:
         variable = self._variable(index, subindex)
@@ -58,6 +67,15 @@ class ObjectDictionary:
             return entry[subindex]
         except KeyError:
             return None
+
+
+@contextmanager
+def _at(index: int, subindex: int) -> Iterator[None]:
+    """What does not fit an object's type names the object."""
+    try:
+        yield
+    except CodecError as error:
+        raise CodecError(f"0x{index:04X}:{subindex:02X}: {error}, as its EDS file has it") from None
 
 
 @lru_cache(maxsize=32)

@@ -43,10 +43,10 @@ class SdoError(RuntimeError):
 
 
 class SdoAbortedError(SdoError):
-    """The node refused. `code` is the abort code."""
+    """The node refused, or what it answered was refused. `code` is the abort code."""
 
-    def __init__(self, abort: Abort) -> None:
-        super().__init__(str(abort))
+    def __init__(self, abort: Abort, why: str = "") -> None:
+        super().__init__(f"{abort}{why}")
         self.code = abort.code
 
 
@@ -62,14 +62,15 @@ class _ProtocolError(Exception):
         self.code = code
 
 
-def upload(index: int, subindex: int) -> Upload:
-    """Read an object, in one frame or in segments."""
+def upload(index: int, subindex: int, size: int | None = None) -> Upload:
+    """Read an object, in one frame or in segments. size: what it has, for a node that sends four
+    bytes and does not say how many of them count."""
     response = yield UploadRequest(index, subindex)
     if isinstance(response, ExpeditedUpload):
-        return response.data
+        return response.data if response.sized else response.data[:size]
     if not isinstance(response, UploadResponse):
         raise _ProtocolError(AbortCode.COMMAND_INVALID)
-    data, toggle, last = bytearray(), False, False
+    announced, data, toggle, last = response.size, bytearray(), False, False
     while not last:
         response = yield UploadSegmentRequest(toggle)
         if not isinstance(response, UploadSegment):
@@ -80,6 +81,8 @@ def upload(index: int, subindex: int) -> Upload:
         if len(data) > LONGEST_OBJECT_BYTES:
             raise _ProtocolError(AbortCode.OUT_OF_MEMORY)
         toggle, last = not toggle, response.last
+    if announced is not None and len(data) != announced:
+        raise _ProtocolError(AbortCode.LENGTH_MISMATCH)
     return bytes(data)
 
 
@@ -119,6 +122,8 @@ class SdoClient:
         self.timeouts = 0
         self.discarded = 0
         """Answers to nothing that is being asked: late ones, mostly."""
+        self.unasked = 0
+        """Of these, those that are not late: somebody has answered twice."""
         self._node = node
         self._request_id = cob_ids.sdo_request(node)
         self._send = send
@@ -131,10 +136,10 @@ class SdoClient:
         """Requests that were given up: so many answers may come yet, and are not the next one's."""
         self._answer: asyncio.Future[Response] | None = None
 
-    async def read(self, index: int, subindex: int = 0) -> bytes:
-        """The bytes of an object. Raises SdoError."""
+    async def read(self, index: int, subindex: int = 0, size: int | None = None) -> bytes:
+        """The bytes of an object. size: how many it has, where that is known. Raises SdoError."""
         async with self._one_at_a_time:
-            return await self._run(index, subindex, lambda: upload(index, subindex))
+            return await self._run(index, subindex, lambda: upload(index, subindex, size))
 
     async def write(self, index: int, subindex: int, data: bytes) -> None:
         """Set an object. Raises SdoError."""
@@ -153,6 +158,7 @@ class SdoClient:
         late = self._owed > 0 and not _answers(self._request, response)
         if self._answer is None or not waiting or late or not self._is_for_us(response):
             self.discarded += 1
+            self.unasked += not self._owed
             self._owed = max(0, self._owed - 1)
             return
         self._answer.set_result(response)
@@ -178,7 +184,7 @@ class SdoClient:
                 except _ProtocolError as error:
                     abort = Abort(index, subindex, error.code)
                     self._transmit(abort)
-                    raise SdoAbortedError(abort) from None
+                    raise SdoAbortedError(abort, "; its answer is none to this") from None
             where = f"node {self._node} 0x{index:04X}:{subindex:02X}"
             waited = f"{self._attempts} x {self._timeout_s:g} s"
             raise SdoTimeoutError(f"{where}: no answer within {waited}")

@@ -7,7 +7,8 @@ from enum import Enum
 from typing import Final
 
 from config.axis import Axis
-from drivers.canopen.object_dictionary import ObjectDictionary
+from drivers.canopen.codec.error import CodecError
+from drivers.canopen.object_dictionary import EdsError, ObjectDictionary
 from drivers.canopen.sdo_client import SdoClient, SdoError
 from drivers.cia402 import objects
 from drivers.cia402.axis_channel import AxisChannel
@@ -87,7 +88,7 @@ class HomingProcedure:
             progress = homing_progress(channel.statusword).value
             whole = f"not within {self._axis.homing.timeout_s:g} s: {progress}"
             raise HomingError(f"{self._axis.name}: {str(error) or whole}") from None
-        except SdoError as error:
+        except (SdoError, EdsError, CodecError) as error:
             raise HomingError(f"{self._axis.name}: {error}") from error
         finally:
             await self._come_to_rest()
@@ -134,7 +135,7 @@ class HomingProcedure:
         display = objects.of_axis(objects.MODE_DISPLAY, self._axis.drive.axis)
         try:
             async with asyncio.timeout(_MODE_WITHIN_S):
-                while await self._sdo.read(display) != bytes([number]):
+                while await self._sdo.read(display, size=1) != bytes([number]):
                     await asyncio.sleep(_POLL_S)
         except TimeoutError:
             text = f"told mode {number}, the drive does not show it within {_MODE_WITHIN_S:g} s"

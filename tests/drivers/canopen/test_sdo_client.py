@@ -213,6 +213,34 @@ def test_segments_of_a_toggle_that_does_not_alternate_end_the_transfer() -> None
     with_server(test)
 
 
+def test_an_object_of_another_length_than_was_announced_is_not_believed() -> None:
+    async def test(server: Server) -> None:
+        server.objects[0x1008, 0] = b"a long device name"
+
+        def cut_off(request: Request) -> list[tuple[float, Response]]:
+            if isinstance(request, UploadRequest):
+                server.by_the_rules(request)
+                return [(0.001, UploadResponse(0x1008, 0, 30))]
+            return server.by_the_rules(request)
+
+        server.answer = cut_off
+        with pytest.raises(SdoAbortedError) as error:
+            await server.client.read(0x1008)
+        assert error.value.code == AbortCode.LENGTH_MISMATCH
+        assert server.requests[-1] == Abort(0x1008, 0, AbortCode.LENGTH_MISMATCH)
+
+    with_server(test)
+
+
+def test_four_bytes_of_which_a_node_does_not_say_how_many_count_are_cut_to_the_object() -> None:
+    async def test(server: Server) -> None:
+        server.answer = lambda _: [(0.001, ExpeditedUpload(0x6061, 0, b"\x08\0\0\0", False))]
+        assert await server.client.read(0x6061, size=1) == b"\x08"
+        assert await server.client.read(0x6061) == b"\x08\0\0\0"
+
+    with_server(test)
+
+
 def test_an_object_without_end_is_given_up() -> None:
     async def test(server: Server) -> None:
         server.objects[0x2000, 0] = bytes(5)

@@ -97,8 +97,8 @@ def test_what_took_too_long_is_said_and_not_that_all_of_it_did(
         sdo = rig.master.nodes[1].sdo
         read = sdo.read
 
-        async def shows_csp(index: int, subindex: int = 0) -> bytes:
-            return b"\x08" if index == MODE_DISPLAY else await read(index, subindex)
+        async def shows_csp(index: int, subindex: int = 0, size: int | None = None) -> bytes:
+            return b"\x08" if index == MODE_DISPLAY else await read(index, subindex, size)
 
         monkeypatch.setattr(sdo, "read", shows_csp)
         says = "axis_0: told mode 6, the drive does not show it within 1 s"
