@@ -71,6 +71,7 @@ CAUSE_OF_CONDITION: Final[Mapping[Condition, Cause]] = {
             drive.ABSENT,
             drive.NOT_OPERATIONAL,
             drive.WRONG_DEVICE,
+            drive.NUMBER_TWICE,
             drive.BAD_EDS,
             drive.SETTING_REFUSED,
             drive.SDO_SILENT,

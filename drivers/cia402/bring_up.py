@@ -3,6 +3,7 @@
 Nothing here energises a drive. A node whose settings are not what was written is not used.
 """
 
+import asyncio
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -17,6 +18,7 @@ from drivers.canopen.codec.pdo import (
     TPDO_COMMUNICATION,
     PdoCobId,
     TransmissionType,
+    decode_pdo_cob_id,
 )
 from drivers.canopen.object_dictionary import EdsError, ObjectDictionary
 from drivers.canopen.sdo_client import SdoAbortedError, SdoClient, SdoError, SdoTimeoutError
@@ -24,6 +26,7 @@ from drivers.cia402 import objects
 from drivers.cia402.conditions import (
     BAD_EDS,
     CYCLIC_MODE_NOT_LISTED,
+    NUMBER_TWICE,
     SAFETY_MISSING,
     SDO_SILENT,
     SETTING_REFUSED,
@@ -39,6 +42,9 @@ _PDO_OBJECTS: Final = range(RPDO_COMMUNICATION, TPDO_COMMUNICATION + 2 * _PDO_PA
 _WHOLE_CONFIGURATION: Final = (objects.STORE_PARAMETERS, objects.RESTORE_DEFAULTS)
 _EVENT_TIMER: Final = 5
 _DEADLINE: Final = "time-out of the set-points"
+_ANSWERS_TWICE: Final = 2  # a single one may be left over from somebody who was here before
+_MODE_WITHIN_S: Final = 1.0  # some drives take a mode up with the first SYNC, or later
+_POLL_S: Final = 0.02
 _NO_OBJECT: Final = (AbortCode.NO_OBJECT, AbortCode.NO_SUBINDEX)
 
 Remark = Callable[[Condition, str], None]
@@ -85,6 +91,22 @@ class NodeSetUp:
 
     async def run(self) -> Identity:
         """Do it all, with the node in pre-operational. Raises BringUpError."""
+        before = self._sdo.unasked
+        try:
+            identity = await self._run()
+        except BringUpError as error:
+            self._check_alone(before, f"; {error}")
+            raise
+        self._check_alone(before)
+        return identity
+
+    def _check_alone(self, unasked_before: int, therefore: str = "") -> None:
+        """Two drives of one number would both go where one of them is sent."""
+        twice = self._sdo.unasked - unasked_before
+        if twice >= _ANSWERS_TWICE:
+            raise BringUpError(NUMBER_TWICE, f"{twice} answers came twice{therefore}")
+
+    async def _run(self) -> Identity:
         self._applied.clear()
         try:
             identity = await self._identify()
@@ -117,6 +139,21 @@ class NodeSetUp:
                 differences.append(f"{setting} reads {read}, not {wanted}")
         return differences
 
+    async def mode_refusals(self) -> list[str]:
+        """Axes that show another mode than they were told, a while after the node was started.
+        Raises SdoError."""
+        refusals = []
+        for axis in self._axes:
+            number = MODES[axis.drive.mode].number
+            index = objects.of_axis(objects.MODE_DISPLAY, axis.drive.axis)
+            try:
+                async with asyncio.timeout(_MODE_WITHIN_S):
+                    while (shown := await self._number(index)) != number:
+                        await asyncio.sleep(_POLL_S)
+            except TimeoutError:
+                refusals.append(f"{axis.name}: told {number}, shows {shown}")
+        return refusals
+
     def meaning_of(self, index: int, subindex: int) -> str | None:
         """What an object is that we have set; None for one that we have not."""
         setting = self._applied.get((index, subindex))
@@ -129,8 +166,7 @@ class NodeSetUp:
     async def _identify(self) -> Identity:
         device_type = await self._number(objects.DEVICE_TYPE)
         numbers = [await self._number(objects.IDENTITY, place, missing=0) for place in range(1, 5)]
-        name = (await self._sdo.read(objects.DEVICE_NAME)) if self._has_name() else b""
-        text = name.decode("ascii", "replace").strip("\0 ")
+        text = await self._name()
         vendor, product, revision, serial = numbers
         identity = Identity(device_type, vendor, product, revision, serial, text)
         drive = self._axes[0].drive
@@ -143,8 +179,15 @@ class NodeSetUp:
                 raise BringUpError(WRONG_DEVICE, f"{what} is 0x{found:X}, not 0x{wanted:X}")
         return identity
 
-    def _has_name(self) -> bool:
-        return self._dictionary.has(objects.DEVICE_NAME)
+    async def _name(self) -> str:
+        """What it calls itself. Nothing depends on it."""
+        if not self._dictionary.has(objects.DEVICE_NAME):
+            return ""
+        try:
+            name = await self._sdo.read(objects.DEVICE_NAME)
+        except SdoAbortedError:
+            return ""
+        return name.decode("ascii", "replace").strip("\0 ")
 
     async def _check_modes(self) -> None:
         for axis in self._axes:
@@ -196,7 +239,9 @@ class NodeSetUp:
                     await self._switch_off_pdo(index)
 
     async def _set_up_pdo(self, plan: PdoPlan) -> None:
-        off, on = PdoCobId(plan.can_id, valid=False), PdoCobId(plan.can_id)
+        # Whether remote requests are allowed is the node's: some refuse to have that changed.
+        remote = decode_pdo_cob_id(await self._number(plan.communication, 1)).remote_allowed
+        off, on = PdoCobId(plan.can_id, False, remote), PdoCobId(plan.can_id, True, remote)
         await self._write(plan.communication, 1, off.encode())
         await self._write(plan.communication, 2, TransmissionType.EVERY_SYNC)
         if plan.deadline_ms:
@@ -253,13 +298,15 @@ class NodeSetUp:
 
     async def _number(self, index: int, subindex: int = 0, missing: int | None = None) -> int:
         """A number that the node has; `missing` where it has none."""
+        known = self._dictionary.has(index, subindex)
+        size = self._dictionary.size(index, subindex) if known else None
         try:
-            data = await self._sdo.read(index, subindex)
+            data = await self._sdo.read(index, subindex, size)
         except SdoAbortedError as error:
             if missing is not None and error.code in _NO_OBJECT:
                 return missing
             raise
-        if self._dictionary.has(index, subindex):
+        if known:
             value = self._dictionary.decode(index, subindex, data)
             if isinstance(value, int):
                 return value

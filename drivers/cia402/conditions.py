@@ -29,6 +29,11 @@ WRONG_DEVICE: Final = Condition(
     "the node is not the device that the robot file names",
     "check node IDs, and vendor_id and product_code in the robot file",
 )
+NUMBER_TWICE: Final = Condition(
+    "node_number_twice",
+    "more than one node answers to this number",
+    "give each drive a number of its own; another program that asks it meanwhile looks the same",
+)
 BAD_EDS: Final = Condition(
     "node_bad_eds",
     "the node's EDS file cannot be used",

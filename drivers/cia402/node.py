@@ -336,7 +336,15 @@ class Node:
 
         if not await self._hears(sends_state, _OPERATIONAL_WITHIN_S):
             raise BringUpError(c.PDO_SILENT, "no state since it was started")
-        await self._check_mode()
+        await self._check_modes()
+
+    async def _check_modes(self) -> None:
+        assert self._set_up_by is not None
+        try:
+            for refusal in await self._set_up_by.mode_refusals():
+                self._remark(c.MODE_REFUSED, refusal)
+        except SdoError as error:
+            raise BringUpError(c.SDO_SILENT, str(error)) from error
 
     async def _hears(self, expected: Callable[[], bool], within_s: float) -> bool:
         """Wait until what the node sends makes `expected` true. False: it does not."""
@@ -348,19 +356,6 @@ class Node:
         except TimeoutError:
             return False
         return True
-
-    async def _check_mode(self) -> None:
-        for channel in self.channels:
-            drive = channel.axis.drive
-            index = objects.of_axis(objects.MODE_DISPLAY, drive.axis)
-            wanted = objects.of_axis(objects.MODE, drive.axis)
-            try:
-                shown, written = await self.sdo.read(index), await self.sdo.read(wanted)
-            except SdoError as error:
-                raise BringUpError(c.SDO_SILENT, str(error)) from error
-            if shown != written:
-                detail = f"{channel.axis.name}: told {written.hex()}, shows {shown.hex()}"
-                self._remark(c.MODE_REFUSED, detail)
 
     def _status_changed(self, channel: AxisChannel, t_ns: int) -> None:
         """Keep the conditions that a statusword tells."""

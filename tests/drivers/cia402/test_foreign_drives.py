@@ -1,0 +1,174 @@
+"""Drives that keep to the standards, and do otherwise than the emulated one: what they send is
+changed on its way out."""
+
+import asyncio
+from collections.abc import Callable
+from struct import Struct
+
+import pytest
+
+from config.axis import Axis
+from drivers.canopen.codec.abort_codes import AbortCode
+from drivers.canopen.codec.data_types import DataType
+from drivers.canopen.codec.sdo import ExpeditedUpload, decode_response
+from drivers.cia402 import objects
+from drivers.cia402.homing import HomingError
+from drivers.cia402.pdo_plan import TPDO_LAYOUT
+from drivers.cia402.power_state import PowerGoal, PowerState, StatuswordBit, power_state
+from sim_backends.devices.drive.node.object_dictionary import SdoAbortError
+from tests.drivers.cia402.rig import Rig, axes, on_a_rig
+
+SDO_RESPONSE, STATE = 0x581, 0x181
+FRAME = Struct("<BHB4s")
+NOT_SIZED, NO_REMOTE = 0x42, 1 << 30
+
+Change = Callable[[bytes], list[bytes]]
+
+
+def says(rig: Rig, changed_id: int, change: Change) -> None:
+    """Of the frames with this identifier, drive 1 sends what `change` makes of each."""
+    port = rig.drives[0].port
+    send = port.send
+
+    def send_changed(can_id: int, data: bytes, t_ns: int) -> bool:
+        frames = change(data) if can_id == changed_id else [data]
+        return all(send(can_id, frame, t_ns) for frame in frames)
+
+    port.send = send_changed  # type: ignore[method-assign]
+
+
+def unsized(data: bytes) -> list[bytes]:
+    """An answer of up to four bytes that does not say how many of its four count."""
+    match decode_response(data):
+        case ExpeditedUpload(index, subindex, value):
+            return [FRAME.pack(NOT_SIZED, index, subindex, value)]
+    return [data]
+
+
+def voltage_told_in(*told: PowerState) -> Change:
+    """Statuswords whose bit 4 is the power stage's, which is on in these states."""
+
+    def change(data: bytes) -> list[bytes]:
+        statusword, position, torque = TPDO_LAYOUT.unpack(data)
+        if power_state(statusword) not in told:
+            statusword &= ~StatuswordBit.VOLTAGE_ENABLED
+        return [TPDO_LAYOUT.pack(statusword, position, torque)]
+
+    return change
+
+
+def homed_where_it_stands(method: int = 35) -> list[Axis]:
+    axis = axes(1)[0]
+    homing = axis.homing.model_copy(update={"method": method})
+    return [axis.model_copy(update={"homing": homing})]
+
+
+def test_answers_that_do_not_say_how_many_of_their_bytes_count_are_understood() -> None:
+    async def test(rig: Rig) -> None:
+        says(rig, SDO_RESPONSE, unsized)
+        await rig.operational()
+        await rig.master.home(rig.homing(0))
+        assert rig.names() == set()
+
+    on_a_rig(test, robot_axes=homed_where_it_stands())
+
+
+def test_two_drives_of_one_number_are_named_and_neither_is_used() -> None:
+    async def test(rig: Rig) -> None:
+        says(rig, SDO_RESPONSE, lambda data: [data, data])
+        await rig.until(lambda: ("node_number_twice", "can0/1") in rig.holding())
+        assert not rig.master.operational
+
+    on_a_rig(test, robot_axes=axes(1))
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        (PowerState.OPERATION_ENABLED, PowerState.QUICK_STOP_ACTIVE),
+        (PowerState.SWITCHED_ON, PowerState.OPERATION_ENABLED, PowerState.QUICK_STOP_ACTIVE),
+    ],
+)
+def test_a_power_stage_that_is_switched_off_is_no_lost_motor_voltage(
+    told: tuple[PowerState, ...],
+) -> None:
+    async def test(rig: Rig) -> None:
+        says(rig, STATE, voltage_told_in(*told))
+        await rig.enabled()
+        rig.master.set_goal(PowerGoal.OFF)
+        await rig.until(lambda: rig.master.goal_reached)
+        await asyncio.sleep(0.1)
+        assert rig.names() == set()
+
+    on_a_rig(test, robot_axes=axes(1))
+
+
+def test_a_power_stage_that_loses_its_voltage_while_it_is_on_is_told() -> None:
+    async def test(rig: Rig) -> None:
+        on = [PowerState.OPERATION_ENABLED]
+        says(rig, STATE, lambda data: voltage_told_in(*on)(data))
+        await rig.enabled()
+        on.clear()
+        await rig.until(lambda: ("drive_no_voltage", "axis_0") in rig.holding(), 0.1)
+
+    on_a_rig(test, robot_axes=axes(1))
+
+
+def test_a_drive_that_knows_no_remote_requests_is_not_told_to_allow_them() -> None:
+    async def test(rig: Rig) -> None:
+        cob_id = rig.drives[0].objects.own(0x1800, 1, DataType.UNSIGNED32)
+        cob_id.deliver(cob_id.number | NO_REMOTE)
+        check = cob_id.check
+        assert check is not None
+
+        def refuse(value: int) -> None:
+            if not value & NO_REMOTE:
+                raise SdoAbortError(AbortCode.VALUE_OUT_OF_RANGE)
+            check(value)
+
+        cob_id.check = refuse
+        await rig.operational()
+
+    on_a_rig(test, robot_axes=axes(1))
+
+
+def test_a_drive_that_takes_a_mode_up_late_has_it() -> None:
+    async def test(rig: Rig) -> None:
+        def late(data: bytes) -> list[bytes]:
+            response = decode_response(data)
+            if getattr(response, "index", None) == objects.MODE_DISPLAY and rig_is_young():
+                return [FRAME.pack(0x4F, objects.MODE_DISPLAY, 0, b"\0")]
+            return [data]
+
+        def rig_is_young() -> bool:
+            return rig.clock.now_ns() < 800_000_000
+
+        says(rig, SDO_RESPONSE, late)
+        await rig.operational()
+        assert rig.clock.now_ns() > 800_000_000
+        assert rig.names() == set()
+
+    on_a_rig(test, robot_axes=axes(1))
+
+
+def test_a_drive_that_does_not_tell_its_name_is_used_without() -> None:
+    async def test(rig: Rig) -> None:
+        def nameless(data: bytes) -> list[bytes]:
+            if getattr(decode_response(data), "index", None) == objects.DEVICE_NAME:
+                abort = AbortCode.HARDWARE_ERROR.to_bytes(4, "little")
+                return [FRAME.pack(0x80, objects.DEVICE_NAME, 0, abort)]
+            return [data]
+
+        says(rig, SDO_RESPONSE, nameless)
+        await rig.operational()
+
+    on_a_rig(test, robot_axes=axes(1))
+
+
+def test_a_homing_method_that_fits_no_object_is_an_error_of_homing_that_names_it() -> None:
+    async def test(rig: Rig) -> None:
+        await rig.operational()
+        with pytest.raises(HomingError, match=r"axis_0: 0x6098:00: 200 does not fit INTEGER8"):
+            await rig.master.home(rig.homing(0))
+
+    on_a_rig(test, robot_axes=homed_where_it_stands(method=200))
