@@ -22,6 +22,9 @@ class Bus(ConfigModel):
     channel: str
     """`can0` for socketcan, a serial port for slcan, `lab:can0.sock` for the emulated bus."""
 
+    options: dict[str, bool | int | float | str] = Field(default_factory=dict)
+    """What else python-can's interface wants: `{host: 192.168.0.5, port: 29536}` for socketcand."""
+
     bitrate_bit_s: BitRate = 1_000_000
 
     cycle_period_s: Annotated[float, Field(ge=0.002, le=0.02)]

@@ -68,7 +68,8 @@ def bus_name(bus: Bus) -> str:
         return _name_of_file(Path(bus.channel.split("@")[0]))
     except (OSError, ValueError):
         own = f" of process {os.getpid()}" if bus.interface == _WITHIN_THE_PROCESS else ""
-        return f"bus {bus.interface} {bus.channel}{own}"
+        options = "".join(f" {name}={value}" for name, value in sorted(bus.options.items()))
+        return f"bus {bus.interface} {bus.channel}{options}{own}"
 
 
 def door_of(path: Path, bus: str) -> OtherName:

@@ -24,6 +24,7 @@ from drivers.exclusive_name import ExclusiveName
 
 _SOCKETCAN: Final = "socketcan"
 _SLCAN: Final = "slcan"
+_UDP_MULTICAST: Final = "udp_multicast"
 _SLCAN_SETTLES_S: Final = 0.1
 _OPENS_WITHIN_S: Final = 10.0
 """Slow vendors' libraries take about two; an adapter that hangs would take for ever."""
@@ -36,6 +37,10 @@ _REMEDIES: Final = {
     errno.EBUSY: "another program has it: close that first",
     errno.ECONNREFUSED: "nobody listens there: start `tentacled emulate`",
 }
+_CHECK_ALL: Final = (
+    "check interface, channel and options of the bus in the robot file, and that the adapter's own "
+    "library is installed"
+)
 
 
 async def open_link(bus: Bus, receiver: FrameReceiver, clock: Clock) -> CanLink:
@@ -62,7 +67,8 @@ async def open_link(bus: Bus, receiver: FrameReceiver, clock: Clock) -> CanLink:
     if bus.interface == _SOCKETCAN or getattr(opened, "carries_can_frames", False):
         # The link keeps the bus: python-can closes the socket of one that nobody keeps.
         return FdLink(opened.socket, partial(_let_go, (opened, lock)), receiver, clock)  # type: ignore[attr-defined]
-    return PythonCanLink(opened, receiver, clock, lock.release)
+    echoes = bus.interface == _UDP_MULTICAST
+    return PythonCanLink(opened, receiver, clock, lock.release, echoes=echoes)
 
 
 def _open_locked(bus: Bus) -> tuple[can.BusABC, ExclusiveName]:
@@ -99,9 +105,9 @@ def _keep_others_out(opened: slcanBus, channel: str) -> None:
 
 
 def _open(bus: Bus) -> can.BusABC:
-    options: dict[str, Any] = (
-        {"sleep_after_open": _SLCAN_SETTLES_S} if bus.interface == _SLCAN else {}
-    )
+    options: dict[str, Any] = dict(bus.options)
+    if bus.interface == _SLCAN:
+        options.setdefault("sleep_after_open", _SLCAN_SETTLES_S)
     try:
         return can.Bus(
             interface=bus.interface,
@@ -110,9 +116,9 @@ def _open(bus: Bus) -> can.BusABC:
             ignore_config=True,
             **options,
         )
-    except (can.CanError, OSError, ValueError, NotImplementedError, SerialException) as error:
+    except Exception as error:  # makers' libraries raise what they like
         code = getattr(error, "error_code", None) or getattr(error, "errno", None)
-        remedy = _REMEDIES.get(cast(int, code), "check interface and channel in the robot file")
+        remedy = _REMEDIES.get(cast(int, code), _CHECK_ALL)
         raise LinkError(f"{bus.interface} {bus.channel}: {error}", remedy) from error
 
 

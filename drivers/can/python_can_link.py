@@ -6,6 +6,7 @@ and where the interface cannot be polled a thread that does nothing but wait.
 
 import asyncio
 import threading
+from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Final
 
@@ -17,6 +18,7 @@ from drivers.clock import Clock
 
 _FRAMES_AT_ONCE: Final = 64
 _THREAD_WAKES_S: Final = 0.1
+_ECHOES_KEPT: Final = 1024  # of some ten cycles of the largest robots
 
 
 class PythonCanLink:
@@ -28,8 +30,11 @@ class PythonCanLink:
         receiver: FrameReceiver,
         clock: Clock,
         on_closed: Callable[[], None] = lambda: None,
+        *,
+        echoes: bool = False,
     ) -> None:
-        """on_closed: called when the interface has been let go of, in a thread of its own."""
+        """on_closed: called when the interface has been let go of, in a thread of its own. echoes:
+        what is sent comes back unmarked, as if others had sent it."""
         self._bus = bus
         self._on_closed = on_closed
         self._receiver = receiver
@@ -37,6 +42,10 @@ class PythonCanLink:
         self._loop = asyncio.get_running_loop()
         self._open = True
         self._full = False
+        self._echoes: deque[tuple[int, bytes]] | None = None
+        """What has been sent and has not come back yet."""
+        if echoes:
+            self._echoes = deque(maxlen=_ECHOES_KEPT)
         self._fd = _descriptor(bus)
         if self._fd >= 0:
             self._loop.add_reader(self._fd, self._readable)
@@ -55,6 +64,8 @@ class PythonCanLink:
         except OSError as error:  # and some here, in the words of whatever is behind them
             self._lose(error)
             return False
+        if self._echoes is not None:
+            self._echoes.append((can_id, data))
         self._queue_full(False, "")
         return True
 
@@ -120,7 +131,18 @@ class PythonCanLink:
         elif message.is_rx and not (
             message.is_remote_frame or message.is_extended_id or message.is_fd
         ):
-            self._receiver.frame_received(message.arbitration_id, bytes(message.data), t_ns)
+            can_id, data = message.arbitration_id, bytes(message.data)
+            if not (self._echoes and self._is_echo(can_id, data)):
+                self._receiver.frame_received(can_id, data, t_ns)
+
+    def _is_echo(self, can_id: int, data: bytes) -> bool:
+        """They come in order; those before it were lost on their way."""
+        assert self._echoes is not None
+        if (can_id, data) not in self._echoes:
+            return False
+        while self._echoes.popleft() != (can_id, data):
+            pass
+        return True
 
     def _queue_full(self, full: bool, detail: str) -> None:
         if full != self._full:

@@ -301,7 +301,8 @@ def test_an_adapter_that_python_can_loses_is_lost_once(sends_first: bool) -> Non
         ("tentacled", "/nowhere/can0.sock", "check the channel in the robot file"),
         ("slcan", "/nowhere/can0", "there is no /nowhere/can0"),
         ("socketcan", "can77", "there is no interface can77"),
-        ("nosuch", "can0", "check interface and channel in the robot file"),
+        ("nosuch", "can0", "check interface, channel and options"),
+        ("socketcand", "can0", "missing .* 'host' and 'port': check .* options of the bus"),
     ],
 )
 def test_an_interface_that_cannot_be_opened_is_explained(
@@ -310,6 +311,50 @@ def test_an_interface_that_cannot_be_opened_is_explained(
     async def test() -> None:
         with pytest.raises(LinkError, match=says):
             await open_link(config(interface, channel), Receiver(), MonotonicClock())
+
+    run_in_real_time(test())
+
+
+def test_options_of_an_interface_reach_it_and_tell_buses_apart() -> None:
+    here, there = (
+        Bus(
+            interface="virtual",
+            channel="options",
+            cycle_period_s=0.01,
+            options={"receive_own_messages": own},
+        )
+        for own in (True, False)
+    )
+    assert bus_name(here) != bus_name(there)
+
+    async def test() -> None:
+        link = await open_link(here, Receiver(), MonotonicClock())
+        assert isinstance(link, PythonCanLink)
+        assert link._bus.receive_own_messages  # type: ignore[attr-defined]
+        link.close()
+
+    run_in_real_time(test())
+
+
+def test_what_an_interface_hands_back_of_our_own_is_nobody_elses() -> None:
+    """Multicast over IP does. Nor does a frame that was lost on its way hide a later one."""
+    own, lost, others = (0x80, b""), (0x201, b"\x0f\x00"), (0x181, b"\x01")
+
+    async def test() -> None:
+        receiver = Receiver()
+        bus = can.Bus(interface="virtual", channel="echoes")
+        link = PythonCanLink(bus, receiver, MonotonicClock(), echoes=True)
+        with can.Bus(interface="virtual", channel="echoes") as other:
+            for frame in (lost, own, own):
+                assert link.send(*frame)
+            for can_id, data in (own, others, own, lost):
+                other.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
+            async with asyncio.timeout(60.0):
+                while len(receiver.frames) < 2:
+                    await asyncio.sleep(0.01)
+        assert [(can_id, data) for can_id, data, _ in receiver.frames] == [others, lost]
+        link.close()
+        await asyncio.sleep(0.2)
 
     run_in_real_time(test())
 
