@@ -468,7 +468,7 @@ class DriveBus:
         handlers: dict[int, Callable[[bytes, int], None]] = {}
         for number, node in self.nodes.items():
             handlers[cob_ids.heartbeat(number)] = node.heartbeat_received
-            handlers[cob_ids.emergency(number)] = node.emergency_received
+            handlers[cob_ids.emergency(number)] = node.emergencies.received
             handlers[node.sdo.response_id] = node.sdo.receive
             for channel in node.channels:
                 handlers[channel.pdos.tpdo.can_id] = node.state_handler(channel)

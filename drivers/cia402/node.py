@@ -7,7 +7,6 @@ from typing import Final
 
 from config.bus import Bus
 from drivers.canopen.codec import cob_ids
-from drivers.canopen.codec.emcy import Emergency, decode_emergency
 from drivers.canopen.codec.error import CodecError
 from drivers.canopen.codec.nmt import NmtCommand, NmtState, encode_nmt_command
 from drivers.canopen.heartbeat_monitor import HeartbeatMonitor
@@ -17,7 +16,8 @@ from drivers.cia402 import conditions as c
 from drivers.cia402 import objects
 from drivers.cia402.axis_channel import AxisChannel
 from drivers.cia402.bring_up import BringUpError, Identity, NodeSetUp
-from drivers.cia402.power_state import PowerState, StatuswordBit
+from drivers.cia402.emergencies import Emergencies
+from drivers.cia402.power_state import StatuswordBit
 from drivers.clock import Clock
 from drivers.conditions import Condition, Conditions
 
@@ -29,14 +29,9 @@ _OPERATIONAL_WITHIN_S: Final = 1.0  # ten heartbeats, which tell of it
 _TRY_AGAIN_S: Final = 0.5
 _LIMIT_STAYS_NS: Final = 500_000_000  # longer than between two steps of the slowest tracker
 _PDO_SILENT_CYCLES: Final = 5  # one lost frame is common, five in a row are a drive that is silent
-_FOLLOWING_ERROR: Final = 0x8611
-_CLASS: Final = 0xFF00
-_SENSOR: Final = 0x7300
-"""Speed and position sensors: positions may count from anywhere afterwards."""
 _FOUND_WHILE_SET_UP: Final = (c.SAFETY_MISSING, c.CYCLIC_MODE_NOT_LISTED, c.MODE_REFUSED)
 _KEPT_WHEN_SET_UP: Final = (*_FOUND_WHILE_SET_UP, c.EMERGENCY)
 _MALFORMED_STAYS_NS: Final = 500_000_000  # so that somebody can read it
-_EMERGENCY_EVERY_NS: Final = 50_000_000  # a bus carries thousands a second, and to tell one is work
 
 Send = Callable[[int, bytes], bool]
 
@@ -71,9 +66,7 @@ class Node:
         self.channels = channels
         self.state = NodeState.ABSENT
         self.identity: Identity | None = None
-        self.last_emergency: Emergency | None = None
-        self.emergencies = 0
-        self._emergency_told_ns, self._emergency_untold = -_EMERGENCY_EVERY_NS, False
+        self.emergencies = Emergencies(subject, channels, conditions)
         self.heartbeat = HeartbeatMonitor(round(drive.heartbeat_timeout_s * 1e9))
         self.sdo = SdoClient(drive.node, send)
         self._bus = bus
@@ -111,32 +104,6 @@ class Node:
             self._conditions.note(c.NOT_OPERATIONAL, self.subject, t_ns, reported.name.lower())
         self._in_trouble()
 
-    def emergency_received(self, data: bytes, t_ns: int) -> None:
-        try:
-            emergency = decode_emergency(data)
-        except CodecError as error:
-            self._conditions.note(c.EMERGENCY, self.subject, t_ns, str(error))
-            return
-        self.emergencies += 1
-        self.last_emergency = emergency
-        if emergency.error_gone:
-            self._emergency_untold = False
-            self._conditions.clear(c.EMERGENCY, self.subject, t_ns)
-            return
-        self._tell_emergency(emergency, t_ns)
-        if emergency.code & _CLASS == _SENSOR:
-            for channel in self.channels:  # it does not say of which axis
-                channel.zero_lost, channel.zero_found = True, False
-        if emergency.code == _FOLLOWING_ERROR:
-            self._conditions.note(c.FOLLOWING_ERROR, self.subject, t_ns, str(emergency))
-
-    def _tell_emergency(self, emergency: Emergency, t_ns: int) -> None:
-        self._emergency_untold = t_ns - self._emergency_told_ns < _EMERGENCY_EVERY_NS
-        if not self._emergency_untold:
-            self._emergency_told_ns = t_ns
-            self._conditions.clear(c.EMERGENCY, self.subject, t_ns)
-            self._conditions.set(c.EMERGENCY, self.subject, t_ns, str(emergency))
-
     def state_handler(self, channel: AxisChannel) -> Callable[[bytes, int], None]:
         """What takes the TPDOs of `channel`: the busiest path of all."""
 
@@ -161,8 +128,7 @@ class Node:
 
     def watch(self, t_ns: int) -> None:
         """Look for what has not come. Called every cycle."""
-        if self._emergency_untold and self.last_emergency is not None:
-            self._tell_emergency(self.last_emergency, t_ns)
+        self.emergencies.watch(t_ns)
         if self.state is not NodeState.OPERATIONAL:
             return
         if self._must_be_rewritten and self._may_be_rewritten:
@@ -360,14 +326,14 @@ class Node:
     def _status_changed(self, channel: AxisChannel, t_ns: int) -> None:
         """Keep the conditions that a statusword tells."""
         subject, word = channel.axis.name, channel.statusword
+        self.emergencies.status_changed(channel, t_ns)
         for condition, present in (
-            (c.FAULT, channel.state in (PowerState.FAULT, PowerState.FAULT_REACTION)),
             (c.WARNING, bool(word & StatuswordBit.WARNING)),
             (c.NO_VOLTAGE, channel.voltage_lost),
         ):
             if present:
-                emergency = self.last_emergency
-                self._conditions.set(condition, subject, t_ns, str(emergency) if emergency else "")
+                detail = self.emergencies.explanation(t_ns)
+                self._conditions.set(condition, subject, t_ns, detail)
             else:
                 self._conditions.clear(condition, subject, t_ns)
 

@@ -165,7 +165,7 @@ def _axis(bus: DriveBus, channel: AxisChannel) -> Json:
         "position": round(position, 4) if known else None,
         "volume_ml": round(volume_ml, 4) if known and volume_ml is not None else None,
         "torque_percent": channel.torque_permille / 10 if known else None,
-        "last_emergency": str(node.last_emergency) if node.last_emergency else None,
+        "last_emergency": str(node.emergencies.last) if node.emergencies.last else None,
     }
 
 

@@ -302,7 +302,6 @@ def test_a_storm_of_errors_is_told_in_a_few_words_and_the_newest_stays() -> None
             await asyncio.sleep(0.0002)
         changes = [one for one in rig.told if one.name == "drive_emergency"]
         assert 2 < len(changes) < 40, "in 0.2 s, of two nodes"
-        assert rig.master.nodes[1].emergencies == 1000
         last = 0x1000 + 998
         rig.master.frame_received(0x81, struct.pack("<HB5x", last, 1), rig.clock.now_ns())
         await asyncio.sleep(0.1)

@@ -10,6 +10,7 @@ import pytest
 from config.axis import Axis
 from drivers.canopen.codec.abort_codes import AbortCode
 from drivers.canopen.codec.data_types import DataType
+from drivers.canopen.codec.emcy import Emergency
 from drivers.canopen.codec.sdo import ExpeditedUpload, decode_response
 from drivers.cia402 import objects
 from drivers.cia402.homing import HomingError
@@ -18,7 +19,7 @@ from drivers.cia402.power_state import PowerGoal, PowerState, StatuswordBit, pow
 from sim_backends.devices.drive.node.object_dictionary import SdoAbortError
 from tests.drivers.cia402.rig import Rig, axes, on_a_rig
 
-SDO_RESPONSE, STATE = 0x581, 0x181
+SDO_RESPONSE, STATE, EMCY = 0x581, 0x181, 0x81
 FRAME = Struct("<BHB4s")
 NOT_SIZED, NO_REMOTE = 0x42, 1 << 30
 
@@ -110,6 +111,39 @@ def test_a_power_stage_that_loses_its_voltage_while_it_is_on_is_told() -> None:
         await rig.enabled()
         on.clear()
         await rig.until(lambda: ("drive_no_voltage", "axis_0") in rig.holding(), 0.1)
+
+    on_a_rig(test, robot_axes=axes(1))
+
+
+OVERRUN, OVER_CURRENT = Emergency(0x8110), Emergency(0x2310)
+
+
+def fault_explained(rig: Rig, *before_s: tuple[float, Emergency]) -> None:
+    """Drive 1 has faulted now, and has told, or tells, of these errors so long before."""
+    now_ns = rig.clock.now_ns()
+    fault = TPDO_LAYOUT.pack(0x0218, 0, 0)
+    frames = [(now_ns - round(s * 1e9), EMCY, error.encode()) for s, error in before_s]
+    for t_ns, can_id, data in sorted([*frames, (now_ns, STATE, fault)]):
+        rig.master.frame_received(can_id, data, t_ns)
+    assert ("drive_fault", "axis_0") in rig.holding()
+
+
+@pytest.mark.parametrize(
+    ("told", "explanation"),
+    [
+        ([(0.02, OVER_CURRENT)], str(OVER_CURRENT)),
+        ([(60.0, OVERRUN), (-0.03, OVER_CURRENT)], str(OVER_CURRENT)),
+        ([(60.0, OVERRUN)], ""),
+        ([(0.5, OVERRUN), (0.4, Emergency(0))], ""),
+    ],
+)
+def test_a_fault_is_explained_by_the_error_that_comes_with_it_and_by_no_older_one(
+    told: list[tuple[float, Emergency]], explanation: str
+) -> None:
+    async def test(rig: Rig) -> None:
+        await rig.operational()
+        fault_explained(rig, *told)
+        assert rig.detail_of("drive_fault") == explanation
 
     on_a_rig(test, robot_axes=axes(1))
 

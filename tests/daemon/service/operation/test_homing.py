@@ -165,7 +165,7 @@ def test_a_drive_that_tells_of_an_error_before_its_fault_ends_homing_in_fault(
     async def scene(rig: Rig) -> None:
         task = await going(rig)
         node = rig.service.hardware.buses[0].nodes[1]
-        node.emergency_received(bytes.fromhex("1023050000000000"), rig.service.clock.now_ns())
+        node.emergencies.received(bytes.fromhex("1023050000000000"), rig.service.clock.now_ns())
         await asyncio.sleep(after_s)
         await rig.do(Inject, fault="drive.can0/1.emergency=0x2310")
         await rig.until_state(S.FAULT, within_s=4.0)
