@@ -134,7 +134,7 @@ class Consequences:
         present = {_key(reason) for reason in reasons}
         self._remember(reasons, present, t_ns)
         for reason in reasons:
-            self._look_for_lead(self._known[_key(reason)])
+            self._look_for_lead(self._known[_key(reason)], present)
         groups: dict[_Key, list[ActiveReason]] = {}
         for reason in reasons:
             key = _key(reason)
@@ -168,13 +168,17 @@ class Consequences:
             if known.over_ns is None:
                 known.over_ns = t_ns
 
-    def _look_for_lead(self, known: _Known) -> None:
-        """The one nearest to the origin; of equals the oldest. What was found before may change."""
+    def _look_for_lead(self, known: _Known, present: set[_Key]) -> None:
+        """The one nearest to the origin; of equals the oldest. What was found before may change:
+        the same cause of another subject leads no longer than it is there."""
         since_ns, cause = known.reason.since_ns, known.reason.cause
+        if known.lead is not None and known.lead[0] is cause and known.lead not in present:
+            known.lead = None
         found = [
             (_RANK.get(lead.reason.cause, len(_RANK)), lead.reason.since_ns, key)
             for key, lead in self._known.items()
-            if _may_lead(lead, cause, since_ns, known.reason.subject)
+            if (lead.reason.cause is not cause or key in present)
+            and _may_lead(lead, cause, since_ns, known.reason.subject)
         ]
         if found:
             known.lead = min(found)[2]

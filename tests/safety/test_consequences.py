@@ -148,6 +148,17 @@ def test_the_same_of_several_drives_at_once_has_one_origin() -> None:
     assert [follows for _, follows, _ in ordered] == ["", "node_lost", "node_lost", "node_lost"]
 
 
+def test_one_of_several_that_is_well_again_is_not_told_as_what_the_others_follow_from() -> None:
+    consequences = Consequences()
+    axes = [reason("not_referenced", 10.0 + 0.01 * n, f"axis_{n}") for n in range(3)]
+    consequences.ordered(axes, 11 * S)
+    left = consequences.ordered(axes[1:], 12 * S)
+    assert [(one.subject, one.follows_from) for one in left] == [
+        ("axis_1", ""),
+        ("axis_2", "not_referenced"),
+    ]
+
+
 def test_the_same_much_later_stands_for_itself() -> None:
     at_once = ordered_once(reason("node_lost", 10.0, "a"), reason("node_lost", 10.5, "b"))
     assert [follows for _, follows, _ in at_once] == ["", "node_lost"]
