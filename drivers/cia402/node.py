@@ -24,6 +24,8 @@ from drivers.conditions import Condition, Conditions
 # Judgements, where no source is named: CiA 301 sets no time for a boot-up.
 _BOOT_UP_WITHIN_S: Final = 1.5  # of a reset of communication alone
 _BOOTS_WITHIN_S: Final = 0.6  # of a drive whose supply had a dip; it is tried again anyway
+_BOOTS_FOR_NS: Final = 30_000_000_000  # then the reset itself may have been lost
+_RESET_JUST_NOW_NS: Final = 3_000_000_000  # in this attempt: the last one began before that
 _SETTLE_S: Final = 0.1  # a boot loader announces itself first, then the drive does
 _OPERATIONAL_WITHIN_S: Final = 1.0  # ten heartbeats, which tell of it
 _TRY_AGAIN_S: Final = 0.5
@@ -78,6 +80,9 @@ class Node:
         self._pdo_timeout_ns = round(silence_s * 1e9)
         self._boot_ups_when_well: int | None = None
         """None: it has not been operational since it was last set up."""
+        self._reset_ns: int | None = None
+        """When it was reset, and how often it had booted before; None: not since it last booted."""
+        self._boot_ups_before = 0
         self._unwilling: set[str] = set()
         """Axes that do not do what they are told."""
         self._limited_ns: dict[str, int] = {}
@@ -121,7 +126,7 @@ class Node:
 
     def link_lost(self) -> None:
         """The bus is gone, and with it all that is known of the node."""
-        self._boot_ups_when_well = None
+        self._boot_ups_when_well = self._reset_ns = None
         self.state = NodeState.ABSENT
         self._forget()
         self._conditions.clear_subject(self.subject, self._clock.now_ns())
@@ -258,10 +263,18 @@ class Node:
         return True
 
     async def _reset_communication(self) -> bool:
-        """Whether the node answers a reset with its boot-up."""
-        before = self.heartbeat.boot_ups
-        self._command(NmtCommand.RESET_COMMUNICATION)
-        return await self._hears(lambda: self.heartbeat.boot_ups > before, _BOOT_UP_WITHIN_S)
+        """Whether the node answers a reset with its boot-up. One that boots for longer than it is
+        waited for is not reset again meanwhile: it would never come up."""
+        now_ns = self._clock.now_ns()
+        if self._reset_ns is None or now_ns - self._reset_ns > _BOOTS_FOR_NS:
+            self._reset_ns, self._boot_ups_before = now_ns, self.heartbeat.boot_ups
+            self._command(NmtCommand.RESET_COMMUNICATION)
+        if not await self._hears(
+            lambda: self.heartbeat.boot_ups > self._boot_ups_before, _BOOT_UP_WITHIN_S
+        ):
+            return False
+        self._reset_ns = None
+        return True
 
     async def _write_settings(self) -> bool:
         """Identify the node and set it up. False: it booted meanwhile, as boot loaders make it."""
@@ -284,6 +297,9 @@ class Node:
             await self.sdo.read(objects.DEVICE_TYPE)
         except SdoError as error:
             raise BringUpError(c.ABSENT, str(error)) from error
+        reset_ns, self._reset_ns = self._reset_ns, None
+        if reset_ns is not None and self._clock.now_ns() - reset_ns > _RESET_JUST_NOW_NS:
+            raise BringUpError(c.ABSENT, "it was not there yet when it was reset, and is now")
         self._command(NmtCommand.ENTER_PRE_OPERATIONAL)
 
     async def _start(self) -> None:

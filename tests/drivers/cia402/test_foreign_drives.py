@@ -8,9 +8,12 @@ from struct import Struct
 import pytest
 
 from config.axis import Axis
+from config.emulation.lab import EmulatedDrives
+from drivers.canopen.codec import cob_ids
 from drivers.canopen.codec.abort_codes import AbortCode
 from drivers.canopen.codec.data_types import DataType
 from drivers.canopen.codec.emcy import Emergency
+from drivers.canopen.codec.nmt import NmtCommand
 from drivers.canopen.codec.sdo import ExpeditedUpload, decode_response
 from drivers.cia402 import objects
 from drivers.cia402.homing import HomingError
@@ -36,6 +39,11 @@ def says(rig: Rig, changed_id: int, change: Change) -> None:
         return all(send(can_id, frame, t_ns) for frame in frames)
 
     port.send = send_changed  # type: ignore[method-assign]
+
+
+def resets(rig: Rig, node: int) -> int:
+    """How often a drive's communication was reset."""
+    return rig.frames.count((cob_ids.NMT, bytes([NmtCommand.RESET_COMMUNICATION.value, node])))
 
 
 def unsized(data: bytes) -> list[bytes]:
@@ -206,3 +214,21 @@ def test_a_homing_method_that_fits_no_object_is_an_error_of_homing_that_names_it
             await rig.master.home(rig.homing(0))
 
     on_a_rig(test, robot_axes=homed_where_it_stands(method=200))
+
+
+def test_a_drive_that_takes_long_to_boot_is_not_reset_again_meanwhile() -> None:
+    async def test(rig: Rig) -> None:
+        await rig.operational()
+        assert resets(rig, 1) == 1
+
+    on_a_rig(test, robot_axes=axes(1), options=EmulatedDrives(boot_time_s=8.0))
+
+
+def test_a_drive_that_comes_late_and_says_nothing_of_it_is_reset_then() -> None:
+    async def test(rig: Rig) -> None:
+        rig.inject("drive.can0/1.dead=4s")
+        await rig.operational()
+        assert resets(rig, 1) == 2
+        assert resets(rig, 2) == 1
+
+    on_a_rig(test, robot_axes=axes(2))  # a lone drive's frames would wait for it on the bus
