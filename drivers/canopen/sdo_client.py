@@ -50,6 +50,13 @@ class SdoAbortedError(SdoError):
         self.code = abort.code
 
 
+class SdoViolatedError(SdoAbortedError):
+    """The node answered against the protocol, and we have refused that."""
+
+    def __init__(self, abort: Abort) -> None:
+        super().__init__(abort, "; its answer is none to this")
+
+
 class SdoTimeoutError(SdoError):
     """The node did not answer."""
 
@@ -184,7 +191,7 @@ class SdoClient:
                 except _ProtocolError as error:
                     abort = Abort(index, subindex, error.code)
                     self._transmit(abort)
-                    raise SdoAbortedError(abort, "; its answer is none to this") from None
+                    raise SdoViolatedError(abort) from None
             where = f"node {self._node} 0x{index:04X}:{subindex:02X}"
             waited = f"{self._attempts} x {self._timeout_s:g} s"
             raise SdoTimeoutError(f"{where}: no answer within {waited}")

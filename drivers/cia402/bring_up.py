@@ -21,7 +21,13 @@ from drivers.canopen.codec.pdo import (
     decode_pdo_cob_id,
 )
 from drivers.canopen.object_dictionary import EdsError, ObjectDictionary
-from drivers.canopen.sdo_client import SdoAbortedError, SdoClient, SdoError, SdoTimeoutError
+from drivers.canopen.sdo_client import (
+    SdoAbortedError,
+    SdoClient,
+    SdoError,
+    SdoTimeoutError,
+    SdoViolatedError,
+)
 from drivers.cia402 import objects
 from drivers.cia402.conditions import (
     BAD_EDS,
@@ -185,6 +191,8 @@ class NodeSetUp:
             return ""
         try:
             name = await self._sdo.read(objects.DEVICE_NAME)
+        except SdoViolatedError:
+            raise
         except SdoAbortedError:
             return ""
         return name.decode("ascii", "replace").strip("\0 ")
