@@ -151,8 +151,9 @@ _SEND_EVERY_S: Final = 0.05
 _BUFFER_AT_MOST: Final = 8 << 20
 _STARTS_WITHIN_S: Final = 15.0  # shorter than a client waits for `arm`: it is to hear why
 _ENDS_WITHIN_S: Final = 5.0
-_SILENT_TICKS: Final = 100
-"""After so many sends without an answer the process counts as frozen: 5 s.
+_SILENT_TICKS: Final = 600
+"""After so many sends without an answer the process counts as frozen: 30 s. A disk that others keep
+busy takes 5 to 20 s for what is to be safe on it; what comes meanwhile waits, and none is lost.
 
 In ticks and not in time, so that a stall of our own loop is not put down to the recorder.
 """

@@ -237,6 +237,31 @@ def test_a_frozen_recorder_costs_messages_but_never_makes_the_loop_wait(
     assert numbers(tmp_path / "run.mcap") == list(range(kept)), "the newest are dropped"
 
 
+def test_a_recorder_that_a_busy_disk_keeps_silent_for_twenty_seconds_is_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sends = int(20.0 / flight_recorder._SEND_EVERY_S)
+    monkeypatch.setattr(flight_recorder, "_SEND_EVERY_S", 1e-4)
+
+    async def test(recorder: FlightRecorder) -> None:
+        assert recorder.pid is not None
+        os.kill(recorder.pid, signal.SIGSTOP)
+        try:
+            silent = 0
+            while silent < sends:
+                recorder.message(event(silent))
+                await asyncio.sleep(1e-4)  # at most one send
+                silent += 1
+            assert recorder.status.failed == ""
+            assert not recorder.status.lost
+        finally:
+            os.kill(recorder.pid, signal.SIGCONT)
+
+    recorder = recording(tmp_path, test)
+    assert recorder.status.dropped == 0
+    assert numbers(tmp_path / "run.mcap") == list(range(sends)), "and nothing is lost"
+
+
 def test_stopping_a_frozen_recorder_ends_in_time_and_the_file_can_be_recovered(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
