@@ -60,19 +60,17 @@ async def _write(client: RobotClient, every_s: float) -> None:
 
 async def _watch(client: RobotClient, every_s: float) -> None:
     """Goes on while the daemon is away: the connection comes back by itself."""
-    from rich.live import Live
-
-    from daemon.commands.views.page import Size
+    from daemon.commands.views.page import LivePage, Size
     from daemon.commands.views.status_view import gone_view, status_view
 
     stopping = asyncio.create_task(StopSignals().wait(None))
     loop = asyncio.get_running_loop()
     last, last_s = None, loop.time()
-    with Live(auto_refresh=False) as live:
+    with LivePage() as live:
         while not stopping.done():
             try:
                 last, last_s = await client.status(), loop.time()
-                live.update(status_view(last, Size.of_terminal()), refresh=True)
+                live.show(status_view(last, Size.of_terminal()))
             except ClientError as error:
-                live.update(gone_view(last, str(error), loop.time() - last_s), refresh=True)
+                live.show(gone_view(last, str(error), loop.time() - last_s))
             await asyncio.wait((stopping,), timeout=every_s)

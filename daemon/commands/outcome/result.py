@@ -103,12 +103,14 @@ def tell_result(command: str, result: Result) -> None:
 
 
 def tell_failure(command: str, failure: Failure) -> None:
-    """Why a command could not: on stderr, or as JSON."""
+    """Why a command could not: on stderr, or as JSON where that can be written."""
+    told = False
     if _json_out:
-        _write(
-            {**_head("error"), "exit_code": failure.kind.code, "error": failure.as_json(command)}
-        )
-    elif failure.text:
+        error = {"exit_code": failure.kind.code, "error": failure.as_json(command)}
+        with suppress(OSError):
+            _write({**_head("error"), **error})
+            told = True
+    if failure.text and not told:
         print(failure.text, file=sys.stderr, flush=True)
 
 

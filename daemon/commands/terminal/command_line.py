@@ -3,6 +3,7 @@
 import argparse
 import atexit
 import gc
+import os
 import re
 import sys
 import traceback
@@ -206,6 +207,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     # To look through all there is for garbage as the process ends would take tenths of a second.
     atexit.register(gc.freeze)
     words = list(sys.argv[1:] if argv is None else argv)
+    _open_what_is_closed()
     ensure_writable_places()
     with only_json_on_stdout() if _wants_json(words) else nullcontext():
         name = _first_word(words)
@@ -217,9 +219,23 @@ def main(argv: Sequence[str] | None = None) -> int:
         except BrokenPipeError:  # the reader of our output has left, as `head` does
             sys.stderr.close()
             return EXIT_OK
+        except SystemExit as ending:
+            if isinstance(ending.__context__, BrokenPipeError):  # rich ends the process for it
+                return EXIT_OK
+            raise
         except (Exception, KeyboardInterrupt) as error:
             return _failed(name, error)
     return result.code
+
+
+def _open_what_is_closed() -> None:
+    """Standard streams that whoever has started us did not give: nothing is read, and none hears.
+
+    A file takes the lowest number that is free, so the next one opened would stand in its place.
+    """
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: PTH123, SIM115
 
 
 def _failed(name: str, error: BaseException) -> int:

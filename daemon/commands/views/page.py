@@ -4,9 +4,10 @@ import shutil
 import sys
 import textwrap
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, Self
 
-from rich.console import Group
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
 from rich.text import Text
 
 DIM: Final = "dim"
@@ -36,6 +37,28 @@ class Size:
         if not sys.stdout.isatty():
             return cls(found.columns)
         return cls(found.columns, found.lines - _PROMPT if found.lines else None)
+
+
+class LivePage:
+    """A page that is shown again and again: in its place on a terminal, else one by one."""
+
+    def __init__(self) -> None:
+        self._console = Console(width=None if sys.stdout.isatty() else Size.of_terminal().width)
+        self._live = Live(console=self._console, auto_refresh=False)
+
+    def __enter__(self) -> Self:
+        if self._console.is_terminal:
+            self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._live.stop()
+
+    def show(self, shown: RenderableType) -> None:
+        if self._console.is_terminal:
+            self._live.update(shown, refresh=True)
+        else:
+            self._console.print(shown)
 
 
 def page(size: Size, kinds: Sequence[list[Text]]) -> Group:

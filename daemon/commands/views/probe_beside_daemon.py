@@ -7,11 +7,9 @@ from pathlib import Path
 from typing import Final
 
 import msgspec
-from rich.console import Console
-from rich.live import Live
 
 from daemon.commands.outcome.result import tell
-from daemon.commands.views.page import Size
+from daemon.commands.views.page import LivePage, Size
 from daemon.commands.views.status_view import status_view
 from daemon.host.stop_signals import StopSignals
 from daemon.messages import Status
@@ -67,7 +65,7 @@ class _Reader:
 
     def __init__(self, as_json: bool) -> None:
         self.last: Status | None = None
-        live = None if as_json else Live(console=Console(), auto_refresh=False)
+        live = None if as_json else LivePage()
         self._live = live
         self.shown: AbstractContextManager[object] = nullcontext() if live is None else live
 
@@ -80,5 +78,5 @@ class _Reader:
                 if self._live is None:
                     tell("probe", {"kind": "status", **msgspec.to_builtins(status)})
                 else:
-                    self._live.update(status_view(status, Size.of_terminal()), refresh=True)
+                    self._live.show(status_view(status, Size.of_terminal()))
                 await asyncio.sleep(every_s)

@@ -20,6 +20,7 @@ from daemon.commands.outcome.exit_codes import (
     EXIT_CONFIGURATION,
     EXIT_INTERNAL,
     EXIT_INTERRUPTED,
+    EXIT_IO,
     EXIT_OK,
     EXIT_USAGE,
     MEANINGS,
@@ -254,13 +255,36 @@ def test_values_of_all_kinds_are_told_as_json_has_them() -> None:
     }
 
 
-def test_a_reader_that_leaves_is_no_failure() -> None:
+COMMAND_LINE = (sys.executable, "-m", "daemon.commands.terminal.command_line")
+
+
+@pytest.mark.parametrize("words", ["schema --json", "plugins"])
+def test_a_reader_that_leaves_is_no_failure(words: str) -> None:
     reading, writing = os.pipe()
     os.close(reading)
-    words = [sys.executable, "-m", "daemon.commands.terminal.command_line", "schema", "--json"]
-    done = subprocess.run(words, stdout=writing, stderr=subprocess.PIPE, text=True)
+    command = [*COMMAND_LINE, *words.split()]
+    done = subprocess.run(command, stdout=writing, stderr=subprocess.PIPE, text=True)
     os.close(writing)
     assert (done.returncode, done.stderr) == (EXIT_OK, "")
+
+
+def test_what_cannot_be_written_as_json_is_told_on_standard_error() -> None:
+    with Path("/dev/full").open("w") as full:
+        command = [*COMMAND_LINE, "schema", "--json"]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert (done.returncode, done.stderr) == (EXIT_IO, "No space left on device\n")
+
+
+def test_who_was_given_no_standard_streams_reads_nothing_and_writes_to_nobody(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for name in ("stdin", "stdout", "stderr"):
+        monkeypatch.setattr(sys, name, None)
+    assert main(["plugins"]) == EXIT_OK
+    with sys.stdin, sys.stdout, sys.stderr:
+        assert not sys.stderr.isatty()
+        assert not sys.stdout.isatty()
+        assert sys.stdin.read() == ""
 
 
 def test_kinds_can_be_asked_for_by_name_only() -> None:

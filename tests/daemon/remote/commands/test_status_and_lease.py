@@ -114,6 +114,16 @@ def test_status_can_be_watched_by_a_program_until_it_is_told_to_end(root: Path) 
         assert watch.wait(WITHIN_S) == OK
 
 
+def test_a_watched_status_is_there_at_once_where_no_terminal_shows_it(root: Path) -> None:
+    with Daemon(root / ROBOT), started("status", "--watch", "--every", "0.05") as watch:
+        assert watch.stdout is not None
+        pages = 0
+        while pages < 2:
+            pages += ROBOT in watch.stdout.readline()
+        watch.stdout.close()
+        assert watch.wait(WITHIN_S) == OK, "who read it has left"
+
+
 def test_the_lease_is_held_in_one_terminal_and_used_in_others_and_then_given_back(
     root: Path, tmp_path: Path
 ) -> None:
