@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from daemon.recording.export.tables import STEPS, TABLES, RunTables, Table, read_tables
+from daemon.recording.export.tables import STEPS, TABLES, Column, RunTables, Table, read_tables
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -71,9 +71,9 @@ def write_parquet(tables: RunTables, folder: Path) -> list[Path]:
     return written
 
 
-def _arrow_column(arrow: Any, name: str, values: list[Any]) -> Any:
+def _arrow_column(arrow: Any, name: str, values: Column) -> Any:
     if name == _DATE:
-        return arrow.array(values, arrow.timestamp("ns", tz="UTC"))
+        return arrow.array(list(values), arrow.timestamp("ns", tz="UTC"))
     return arrow.array(_alike(values))
 
 
@@ -106,7 +106,9 @@ def read_frame(path: Path | str, table: str = STEPS) -> "DataFrame":
 def _frame(pandas: Any, table: Table) -> "DataFrame":
     columns = {
         _UTC if name == _DATE else name: (
-            pandas.to_datetime(values, unit="ns", utc=True) if name == _DATE else _alike(values)
+            pandas.to_datetime(list(values), unit="ns", utc=True)
+            if name == _DATE
+            else pandas.Series(_alike(values))
         )
         for name, values in table.columns.items()
     }
@@ -123,8 +125,9 @@ def _library(name: str) -> Any:
         raise ExportLibraryError(name.partition(".")[0]) from None
 
 
-def _alike(values: list[Any]) -> list[Any]:
+def _alike(column: Column) -> list[Any]:
     """Numbers of one kind: whole ones beside others are written as those."""
+    values = list(column)
     if any(isinstance(value, float) for value in values):
         return [float(value) if isinstance(value, int) else value for value in values]
     return values

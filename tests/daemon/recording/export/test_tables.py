@@ -3,6 +3,7 @@
 import asyncio
 import csv
 import sys
+import tracemalloc
 from pathlib import Path
 
 import pytest
@@ -11,8 +12,9 @@ from daemon import api
 from daemon.commands.outcome.exit_codes import EXIT_DATA, EXIT_OK, EXIT_UNAVAILABLE, EXIT_USAGE
 from daemon.commands.terminal.command_line import main
 from daemon.messages import Message, Tip
+from daemon.recording.export import tables
 from daemon.recording.export.files import read_frame, read_frames, write_csv, write_parquet
-from daemon.recording.export.tables import STEPS, TABLES, read_tables
+from daemon.recording.export.tables import STEPS, TABLES, Column, read_tables
 from tests.daemon.recording.synthetic_run import (
     BOOT_NS,
     RATE_HZ,
@@ -67,6 +69,33 @@ def test_what_was_not_known_is_none_and_columns_are_of_one_length(run: Path) -> 
         assert {len(column) for column in table.columns.values()} == {table.rows}
 
 
+def test_steps_are_put_together_as_they_come_in_whatever_number_are_open(
+    run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at_once = read_tables(run, [STEPS]).tables
+    monkeypatch.setattr(tables, "_STEPS_OPEN", 4)
+    assert read_tables(run, [STEPS]).tables == at_once
+
+
+def test_a_column_keeps_its_values_in_little_room() -> None:
+    count, whole = 50_000, 2**70
+    tracemalloc.start()
+    floats, unknown, words = Column(), Column(unknown=count), Column()
+    for number in range(count):
+        floats.append(number * 0.1)
+        words.append("running" if number % 2 else None)
+    kept = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    assert kept < 16 * count, "bytes"
+    assert floats == [number * 0.1 for number in range(count)]
+    assert unknown == [None] * count
+    assert words[-2:] == [None, "running"]
+    mixed = Column()
+    for value in (1, 1.0, True, None, "1", whole) * 500:
+        mixed.append(value)
+    assert list(map(repr, mixed)) == list(map(repr, (1, 1.0, True, None, "1", whole))) * 500
+
+
 def test_every_kind_of_message_has_its_table(run: Path) -> None:
     tables = read_tables(run).tables
     assert list(tables) == [name for name in TABLES if name in tables]
@@ -83,7 +112,7 @@ def test_a_table_has_the_same_times_whichever_others_are_read(tmp_path: Path) ->
     told: list[Message] = [event(1, BOOT_NS, "armed", "running"), tip]
     asyncio.run(direct_run(tmp_path, told))
     everything = read_tables(tmp_path).tables
-    assert everything["tip"].columns["t_s"] == pytest.approx([0.5])
+    assert list(everything["tip"].columns["t_s"]) == pytest.approx([0.5])
     for name, table in everything.items():
         assert read_tables(tmp_path, [name]).tables[name].columns == table.columns
 
