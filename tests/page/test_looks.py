@@ -216,6 +216,20 @@ def test_a_phone_has_one_column_and_stop_in_its_corner(browser: "Browser", on: S
         until(lambda: on.robot.stopped_ns, "one press")
 
 
+def test_the_narrowest_phone_tells_the_state_whole_beside_stop(
+    browser: "Browser", on: Stage
+) -> None:
+    phone = {"viewport": {"width": 320, "height": 568}, "has_touch": True, "is_mobile": True}
+    with browsing(browser, on.address, **phone) as seen:
+        seen.until_live()
+        assert seen.page.evaluate("document.documentElement.scrollWidth") <= 320
+        fits = "(all, e = document.getElementById('stopstate')) => e.scrollHeight <= e.clientHeight"
+        until(lambda: seen.page.locator("#stopstate").inner_text(), "the state")
+        assert seen.page.evaluate(fits)
+        box = seen.page.locator("#stopstate").bounding_box()
+        assert box is not None and box["width"] > 100, "a state is not broken in two"
+
+
 _NO_WEBGL: Final = """
 const whole = HTMLCanvasElement.prototype.getContext;
 HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
