@@ -123,6 +123,8 @@ class LearningController(ABC):
         self._posture_changed()
 
     def reset(self, observation: Observation) -> None:
+        if self._shall_do_without_model:
+            self._leave_model_out()
         self._unseen, self._asked = None, True
         self._samples.break_off()
         self._axes.break_off()
@@ -214,13 +216,19 @@ class LearningController(ABC):
         self._asked = True
         observation = observation._replace(u=self._follower.free(observation.u))
         if self.ready:
+            if self._shall_do_without_model:
+                raise ControllerError(
+                    f"{_OF_ANOTHER_BODY}resume, and small motions show how this one answers"
+                )
             self._begin_to_point(observation)
             return self._follow(observation)
         if self._learnt:
             jacobian = self._jacobian.at(observation.tip_mm, observation.u)
             proposal = self._follower.probe(jacobian, observation)
-            if self._follower.probed and self._leaves_model_out:
-                self._leave_model_out(observation)
+            done = self._follower.probed
+            if done and self._can_do_without_model and self._follower.contradicted:
+                self._leave_model_out()
+                self.reset(observation)
             return proposal
         if self._first.over:
             self._end_first_learning()
@@ -304,20 +312,23 @@ class LearningController(ABC):
     # Parts of the above.
 
     @property
-    def _leaves_model_out(self) -> bool:
-        """Whether it is of no use here, and can be done without."""
-        learns = self._model is not None and self._options.learning
-        return learns and self._follower.contradicted
+    def _can_do_without_model(self) -> bool:
+        """A method that is followed as it was published goes on with what it has."""
+        options = self._options
+        return self._model is not None and options.learning and options.leads
 
-    def _leave_model_out(self, observation: Observation) -> None:
-        """The small motions went elsewhere than it says: first motions tell how this body answers.
-        Axes on each other's wires, or an exploration that told nothing: who goes by such a model
-        leads the tip away, and what he learns on the way never makes up for it."""
+    @property
+    def _shall_do_without_model(self) -> bool:
+        return self._jacobian.contradicted and self._can_do_without_model
+
+    def _leave_model_out(self) -> None:
+        """Motions went elsewhere than it says: first motions tell how this body answers. Axes on
+        each other's wires, or an exploration that told nothing: who goes by such a model leads the
+        tip away, and what he learns on the way never makes up for it."""
         follower = TipFollower(self._options, self._robot)
         follower.set_posture(self._follower.posture)
         self._of_another_body = True
         self._know_nothing(follower)
-        self.reset(observation)
 
     def _shall_point(self, observation: Observation) -> bool:
         return self.steers_direction and points(observation)

@@ -48,6 +48,11 @@ class TipJacobian(Protocol):
         ...
 
     @property
+    def contradicted(self) -> bool:
+        """Whether the model tells nothing of the last motions."""
+        ...
+
+    @property
     def held_back(self) -> HeldBack | None:
         """What the body of an exploration keeps back where axes turn; None: nothing is made up for
         there."""
@@ -124,6 +129,11 @@ class LearntJacobian:
         return self.forward is not None
 
     @property
+    def contradicted(self) -> bool:
+        """Whether the forward model tells nothing of the last motions, corrected as it is."""
+        return self.modelled and self._correction.contradicted
+
+    @property
     def held_back(self) -> HeldBack:
         """Of the body that the cubic is of. Fields are of motions as they are: nobody knows."""
         if self._shape is not None:
@@ -185,6 +195,7 @@ class LearntJacobian:
             "correction_covariance": self._correction.covariance,
             "correction_foretold": self._correction.foretold,
             "correction_went": np.array(self._correction.went_mm2),
+            "correction_told": np.array(self._correction.told_mm2),
             "correction_changed": np.array(self._correction.changed),
             "correction_gains": self._correction.gains,
             "carried": self._carried.jacobian,
@@ -202,6 +213,7 @@ class LearntJacobian:
         self._correction.covariance = np.array(arrays["correction_covariance"])
         self._correction.foretold = np.array(arrays.get("correction_foretold", np.zeros(4)))
         self._correction.went_mm2 = float(arrays.get("correction_went", np.zeros(())))
+        self._correction.told_mm2 = float(arrays.get("correction_told", np.zeros(())))
         self._correction.changed = float(arrays.get("correction_changed", np.zeros(())))
         gains = np.array(arrays.get("correction_gains", np.ones(3)))
         if gains.shape != (3,) or not (gains > 0.0).all():

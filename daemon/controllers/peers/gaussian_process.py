@@ -59,6 +59,11 @@ class ProcessJacobian:
         return self._explored is not None
 
     @property
+    def contradicted(self) -> bool:
+        """Never: it goes on with what it has, as it was published."""
+        return False
+
+    @property
     def held_back(self) -> HeldBack:
         """Processes are of motions as they are: nobody knows."""
         return HeldBack(None, np.zeros_like(self._scale), self._scale)

@@ -107,6 +107,11 @@ class IdentifiedJacobian:
         return self._motions is not None
 
     @property
+    def contradicted(self) -> bool:
+        """Never: it goes on with what it has, as it was published."""
+        return False
+
+    @property
     def held_back(self) -> None:
         """It is not known."""
 

@@ -93,3 +93,36 @@ def test_a_large_hysteresis_is_not_taken_for_another_body() -> None:
     """It makes much of the motions unexplained, as a load does; but a load is soon explained."""
     assert wandered(0.6, turns_every=2) < 0.1
     assert wandered(0.6, turns_every=5) < 0.19
+
+
+def seen_to_answer(answers: Vector, motions: int = 60, noise_mm: float = 0.1) -> JacobianCorrection:
+    """What has taken motions of a body whose tip goes (3, 3) times what the model says."""
+    random = np.random.default_rng(7)
+    correction = JacobianCorrection(AXES, 0.3, 50.0, 0.5)
+    for _ in range(motions):
+        moved: Vector = 0.05 * random.normal(size=AXES)
+        seen = answers @ MODEL @ moved + noise_mm * random.normal(size=3)
+        correction.correct(MODEL, moved, seen)
+    return correction
+
+
+CROSSWISE = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+
+
+def test_a_model_is_contradicted_where_motions_go_elsewhere_than_it_says() -> None:
+    assert seen_to_answer(-np.eye(3)).contradicted
+    assert seen_to_answer(CROSSWISE @ np.diag([1.0, 1.0, -1.0])).contradicted
+    assert not seen_to_answer(-np.eye(3), motions=15).contradicted, "few motions tell little"
+
+
+@pytest.mark.parametrize("of_it", [0.4, 0.8, 1.0, 1.5, 2.5])
+def test_a_body_that_goes_more_or_less_than_the_model_says_does_not_contradict_it(
+    of_it: float,
+) -> None:
+    assert not seen_to_answer(of_it * np.eye(3)).contradicted
+
+
+def test_a_tip_that_is_held_fast_does_not_contradict_it() -> None:
+    held = seen_to_answer(0.02 * np.eye(3), noise_mm=0.05)
+    assert held.foretold[2] > held.went_mm2, "the model says much that does not come"
+    assert not held.contradicted

@@ -27,7 +27,6 @@ from tests.daemon.control.closed_loop import (
     PISTON_MM2,
     ROBOT,
     ClosedLoop,
-    made_learner,
     pretrained,
 )
 
@@ -230,38 +229,3 @@ def test_where_the_tip_was_not_seen_nothing_is_told_of_the_body() -> None:
     unseen = ProbedMotion()
     unseen.see(0.0, np.ones(3), np.zeros(3), False)
     assert not unseen.contradicts(0.13, 0.3)
-
-
-@pytest.mark.parametrize("kind", ["forward_jacobian", "reward_weighted"])
-def test_the_model_of_another_body_is_left_out_and_this_one_learnt_from_first_motions(
-    kind: str, model: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The arm was mounted a quarter turn round: by its model the tip would go crosswise."""
-    segments = [
-        {"length_mm": 77.5, "rotation_rad": 1.571},
-        {"length_mm": 77.5, "rotation_rad": 2.618},
-    ]
-    arm(monkeypatch, segments=segments)
-    learner = made_learner(kind, model=model)
-    loop = ClosedLoop(learner)
-    loop.start()
-    told = set()
-    while not learner.ready:
-        loop.step(loop.tip_mm, np.zeros(3))
-        told.add(loop.proposal.note.rsplit(":", 1)[0])
-    assert "the model is of another body: tries small motions" in told
-    assert learner.foresight is None
-    loop.lead(np.array([15.0, 0.0, 185.0]))
-    circle = Circle(kind="circle", center_mm=(0.0, 0.0, 185.0), radius_mm=15.0, cycle_s=9.4)
-    assert loop.follow(circle).mean_mm < 0.8
-
-
-def test_who_shall_not_learn_goes_by_the_model_that_there_is(
-    model: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    arm(monkeypatch, segments=[{"length_mm": 77.5, "rotation_rad": 1.571}] * 2)
-    learner = made_learner("forward_jacobian", model=model, learning=False)
-    loop = ClosedLoop(learner)
-    loop.start()
-    loop.explore()
-    assert learner.foresight is not None
