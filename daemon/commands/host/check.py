@@ -104,12 +104,12 @@ def check_experiment(path: Path) -> list[str]:
 
 def check_study(path: Path) -> list[str]:
     """What it describes. Raises ConfigError."""
-    from daemon.workbench.experiments.construction import experiment_problems
+    from daemon.workbench.experiments.construction import SoundRobots, experiment_problems
     from daemon.workbench.studies.study_file import load_study
 
-    file = load_study(path)
+    file, sound = load_study(path), SoundRobots()
     for experiment in file.experiments.values():
-        _none(experiment_problems(experiment))
+        _none(experiment_problems(experiment, sound))
     names = ", ".join(file.experiments)
     return [f"{path}: the study {file.study.study} is sound", f"  experiments {names}"]
 

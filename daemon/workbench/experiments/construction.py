@@ -24,7 +24,7 @@ from daemon.robot.connections import RealConnections
 from daemon.service.dependencies import Dependencies
 from daemon.service.robot_service import RobotService
 from daemon.workbench.experiments.experiment_file import ExperimentFile
-from daemon.workbench.experiments.risk import risk_source_of
+from daemon.workbench.experiments.risk import risk_source_of, tip_loads_g
 from safety.risk_source import NoModel, RiskSource
 from sim_backends.faults import understand
 from sim_backends.lab.lab import Lab
@@ -55,15 +55,35 @@ def lab_of(file: RobotFile) -> Lab:
     return lab
 
 
-def experiment_problems(file: ExperimentFile) -> list[Problem]:
+class SoundRobots:
+    """Those of experiments that could be built: in a study one of them follows many paths."""
+
+    def __init__(self) -> None:
+        self._known: list[tuple[tuple[object, ...], Lab | None]] = []
+
+    def lab(self, file: ExperimentFile, problems: list[Problem]) -> Lab | None:
+        """The experiment's emulated lab. Why robot or lab cannot be built comes to `problems`."""
+        asked = (file.robot, file.file.path, file.experiment.risk, tip_loads_g(file))
+        for known, lab in self._known:
+            if known == asked:
+                return lab
+        robot_file = replace(file.file, robot=file.robot)
+        why: list[Problem] = []
+        lab = _lab(file.robot, robot_file, file.problem, why)
+        clock = MonotonicClock()
+        why += _why_not(
+            ("robot",), file.problem, lambda: _service(robot_file, risk_source_of(file, clock))
+        )
+        if not why:
+            self._known.append((asked, lab))
+        problems += why
+        return lab
+
+
+def experiment_problems(file: ExperimentFile, sound: SoundRobots | None = None) -> list[Problem]:
     """Why an experiment that is sound by itself can still not be carried out."""
-    robot_file = replace(file.file, robot=file.robot)
     problems: list[Problem] = []
-    lab = _lab(file.robot, robot_file, file.problem, problems)
-    clock = MonotonicClock()
-    problems += _why_not(
-        ("robot",), file.problem, lambda: _service(robot_file, risk_source_of(file, clock))
-    )
+    lab = (sound or SoundRobots()).lab(file, problems)
     experiment = file.experiment
     lasts_s = make_trajectory(experiment.trajectory, file.path.parent).duration_s
     if lasts_s > experiment.longest_s:

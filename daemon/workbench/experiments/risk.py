@@ -14,12 +14,12 @@ def risk_source_of(file: ExperimentFile, clock: WallClock) -> RiskSource:
     from daemon.risk.body_risk_source import RiskFilesError, make_risk_source
 
     try:
-        return make_risk_source(file.file, clock, _tip_loads_g(file))
+        return make_risk_source(file.file, clock, tip_loads_g(file))
     except RiskFilesError as error:
         raise TrialError(str(error)) from None
 
 
-def _tip_loads_g(file: ExperimentFile) -> list[float]:
+def tip_loads_g(file: ExperimentFile) -> list[float]:
     """What hangs at the tip, at first and later."""
     loads_g = [happening.tip_load_g for happening in file.experiment.happenings]
     return [file.experiment.tip_load_g, *(load_g for load_g in loads_g if load_g is not None)]
