@@ -141,7 +141,7 @@ def assert_reciprocal(
     np.testing.assert_allclose(tip_by_pull, -lengths_by_force.T, atol=3e-5 * scale)
 
 
-@settings(deadline=None, max_examples=15)
+@settings(deadline=None, max_examples=5)
 @given(pulls, forces, forces)
 def test_maxwell_reciprocity_of_tendons_and_tip(
     pull: FloatArray, tip: FloatArray, weight: FloatArray
@@ -149,7 +149,7 @@ def test_maxwell_reciprocity_of_tendons_and_tip(
     assert_reciprocal(*differences(tendon_rod(60), pull, tip, weight))
 
 
-@settings(deadline=None, max_examples=10)
+@settings(deadline=None, max_examples=4)
 @given(pushes, forces)
 def test_maxwell_reciprocity_of_chambers_and_tip(push: FloatArray, tip: FloatArray) -> None:
     assert_reciprocal(*differences(chamber_rod(60), push, tip, np.array([0, 0, -0.4])))
