@@ -48,6 +48,8 @@ SMALL_CIRCLE = {
     "radius_mm": 10.0,
     "cycle_s": 20.0,
 }
+_LOOKS_EVERY_S = 0.005
+"""Who waits: a fifth of a tracker's frame."""
 MODEL = {"kind": "constant_curvature"}
 """A controller that needs no exploration: motion begins at once."""
 
@@ -117,7 +119,7 @@ class Rig:
         try:
             async with asyncio.timeout(within_s):
                 while not wanted():
-                    await asyncio.sleep(0.001)
+                    await asyncio.sleep(_LOOKS_EVERY_S)
         except TimeoutError:
             raise AssertionError(f"not within {within_s} s: {self.state}, {self.causes}") from None
         return (self.service.clock.now_ns() - began_ns) * 1e-9
