@@ -145,5 +145,8 @@ def test_nobody_else_asks_an_axis_for_its_kind() -> None:
     root = Path(config.axis.__file__).parents[1]
     for floor in ("config", "safety", "drivers", "sim_backends", "daemon"):
         for path in (root / floor).rglob("*.py"):
-            names = {n.id for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Name)}
-            assert path.name == "axis.py" or not names & kinds, path
+            text = path.read_text()
+            if path.name == "axis.py" or not any(kind in text for kind in kinds):
+                continue  # most files, which need not be parsed
+            names = {n.id for n in ast.walk(ast.parse(text)) if isinstance(n, ast.Name)}
+            assert not names & kinds, path
