@@ -147,9 +147,9 @@ class BodyRiskSource:
     def surround(self, around: RiskSurroundings, risk: BodyRisk) -> None:
         """Ask among other surroundings from now on: between two control steps. risk: what `among`
         has made of them."""
-        risk.take_as_shifted(self._shift)
+        risk.see_as(self._risk.sight)
         risk.take_moving(self._swept)
-        self._risk, self._beside, self._seen_ns = risk, None, None  # until the next frame
+        self._risk, self._beside = risk, None  # until the next frame
         self.files = RiskFiles(self.files.model, around)
         self._name = f"{self._model_name}, {around.name}"
 

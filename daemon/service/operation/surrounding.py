@@ -107,6 +107,9 @@ class Surrounding:
         source.surround(around, risk)
         self._service.loop.forget_clearance()
         text = f"{around.name}, {len(around.environment.triangles)} triangles: {around.sha256}"
+        loop, state = self._service.loop, self._service.supervisor.state
+        if state.follows and (why := loop.refuses_rest()):
+            text += f"; {why}"
         self._service.events.tell("note", "surroundings", text, subject="risk")
         for listener in self.listeners:
             listener(around, stl)

@@ -110,6 +110,20 @@ def test_what_is_sent_is_what_the_gate_asks_with(file: RobotFile) -> None:
     assert changes[0].sha256 == changes[2].sha256
 
 
+def test_who_puts_something_where_the_body_stands_is_told_at_once(file: RobotFile) -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.armed()
+        touching = {**FAR_BALL, "centre_mm": [0.0, 0.0, 120.0]}
+        answer = await rig.do(Surround, surface={"regions": [touching]}, add=True)
+        assert "; the body touches something where it stands" in answer.text
+        assert "mm along the body, there (" in answer.text
+        assert rig.events("note", "surroundings")[-1].text == answer.text
+        free = await rig.do(Surround)
+        assert "touches" not in free.text
+
+    play(scene, file)
+
+
 def test_a_recording_keeps_the_meshes_that_come_while_it_goes_on(
     file: RobotFile, tmp_path: Path
 ) -> None:
