@@ -110,6 +110,12 @@ class Cause(CauseRow):
         "see in `/risk` or on the page where; stop what moves, or take it away: what comes faster"
         " than the body can go will touch it",
     )
+    KEPT_AWAY = (
+        "kept_away", _W, 2.0, _SELF,
+        "what is near to the body keeps the tip from its reference",
+        "see in `/risk` or on the page where; lead the reference elsewhere, plan a path, or hold,"
+        " move what is in the way and load its new place",
+    )
     REAL_TIME_DEGRADED = (
         "real_time_degraded", _W, 0.0, _SELF,
         "the operating system does not give the loop its real-time rights",

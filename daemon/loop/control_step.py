@@ -424,8 +424,15 @@ class ControlLoop:
         risk = 0.0 if decision.risk is None or decision.refused else decision.risk
         leaving = risk > self._threshold
         detail = decision.risk_detail
-        report = GateReport(too_high, unknown, detail, stuck, limits, leaving)
+        kept_away = requested.aside is not None and self._is_off()
+        report = GateReport(too_high, unknown, detail, stuck, limits, leaving, kept_away)
         supervisor.checks.gate(now_ns, report)
+
+    def _is_off(self) -> bool:
+        """Whether the tip is farther from what it follows than it should be."""
+        error_mm, controller = self.error_mm, self.controller
+        far = error_mm is not None and error_mm > self._tracking_error.allowed_mm
+        return far and controller is not None and controller.ready
 
     def _in_words(self, limits: Sequence[str]) -> str:
         """What made a step another, with the reason where the robot file gives one."""

@@ -110,6 +110,8 @@ class GateReport(NamedTuple):
     """Which limits."""
     leaving: bool = False
     """Let through with a risk above the threshold: it leads away from what is there already."""
+    kept_away: bool = False
+    """Turned aside, with the tip far from its reference."""
 
 
 NOTHING_REFUSED: Final = GateReport()
@@ -287,6 +289,7 @@ class Checks:
         self._set(Cause.RISK_UNAVAILABLE, report.unavailable, t_ns, "gate", detail)
         self._set(Cause.GATE_REFUSED, report.stuck, t_ns, "gate", report.limits)
         self._set(Cause.GIVING_WAY, report.leaving, t_ns, "gate")
+        self._set(Cause.KEPT_AWAY, report.kept_away, t_ns, "gate", detail)
 
     def controller_failed(self, t_ns: int, detail: str) -> None:
         """The controller gave no usable answer."""

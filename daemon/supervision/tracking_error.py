@@ -79,7 +79,7 @@ class TrackingError:
         time is right in time."""
         if not (0.0 < allowed_mm < math.inf and 0.0 < patience_s < math.inf):
             raise ValueError(f"not {allowed_mm} mm and {patience_s} s")
-        self._allowed_mm = allowed_mm
+        self.allowed_mm = allowed_mm
         self._patience_s = patience_s
         self._seen: deque[_Seen] = deque()
         self._reference_mm: Place | None = None
@@ -123,7 +123,7 @@ class TrackingError:
         error_mm = math.dist(tip_mm, reference_mm)
         if self._led_away(t_ns, error_mm, reference_mm):
             return f"the tip goes away from its reference, {error_mm:.0f} mm by now"
-        allowed_mm = self._allowed_mm + self._explained_mm()
+        allowed_mm = self.allowed_mm + self._explained_mm()
         if self._swings.go_on(t_ns, error_mm, allowed_mm, self._way_mm):
             peaks = ", ".join(f"{peak:.0f}" for peak in self._swings.peaks_mm)
             return f"the tip swings about its reference, {peaks} mm, one after the other"
@@ -162,7 +162,7 @@ class TrackingError:
         first_mm = half_mm - self._distance_mm(t_ns - _LED_AWAY_NS, reference_mm)
         second_mm = error_mm - half_mm
         far_mm = min(first_mm + second_mm, error_mm - self._away.error_mm)
-        return far_mm >= self._allowed_mm and second_mm >= _NOT_SLOWER * first_mm
+        return far_mm >= self.allowed_mm and second_mm >= _NOT_SLOWER * first_mm
 
     def _distance_mm(self, t_ns: int, reference_mm: Place) -> float:
         """From where the tip was then to where the reference is now."""

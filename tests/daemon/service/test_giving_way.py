@@ -12,14 +12,14 @@ import yaml
 
 from config.loader import RobotFile, load_robot
 from daemon.loop.step_messages import SLIDING
-from daemon.messages import MovingObstacle, Obstacles, Risk
+from daemon.messages import Hold, Load, MovingObstacle, Obstacles, Risk, Start, Surround
 from daemon.risk.body_risk_source import make_risk_source
 from daemon.risk.mesh_file import write_mesh
 from daemon.workbench.body_model.evaluation.shapes import ball
 from safety.states import OperatingState
 from tests import SOFT_ARM
 from tests.daemon.service.grazing import BROYDEN, TENDON_ARM, StoppedClock
-from tests.daemon.service.rig import Rig, on_a_rig
+from tests.daemon.service.rig import MODEL, Rig, on_a_rig
 
 pytestmark = pytest.mark.usefixtures("shared_grids")
 
@@ -156,6 +156,23 @@ def test_that_something_comes_faster_than_the_arm_goes_is_told_before_it_touches
     ]
     if touched:
         assert seen.warned_ns < touched[0]
+
+
+def test_a_wall_between_the_tip_and_its_reference_is_told(file: RobotFile) -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.armed()
+        wall_mm = rig.lab.body.record.state.radius_mm + 8.0
+        wall = {"kind": "half_space", "point_mm": [wall_mm, 0, 0], "normal": [-1, 0, 0]}
+        await rig.do(Surround, surface={"regions": [wall]}, add=True)
+        await rig.do(Load, trajectory=CIRCLE | {"radius_mm": 30.0}, controller=MODEL)
+        await rig.do(Start)
+        await rig.until(lambda: "kept_away" in rig.causes, within_s=20.0)
+        assert rig.in_state(S.RUNNING)
+        assert rig.tips[-1].error_mm is not None and rig.tips[-1].error_mm > 6.0
+        await rig.do(Hold)
+        await rig.until(lambda: "kept_away" not in rig.causes)
+
+    on_a_rig(scene, path=file.path, risk=make_risk_source(file, StoppedClock()))
 
 
 def test_an_arm_of_four_tendons_gives_way_or_holds_by_name(tmp_path: Path) -> None:
