@@ -13,7 +13,7 @@ from drivers.canopen.codec import cob_ids
 from drivers.canopen.codec.abort_codes import AbortCode
 from drivers.canopen.codec.data_types import DataType
 from drivers.canopen.codec.emcy import Emergency
-from drivers.canopen.codec.nmt import NmtCommand
+from drivers.canopen.codec.nmt import NmtCommand, NmtState
 from drivers.canopen.codec.sdo import ExpeditedUpload, decode_response
 from drivers.cia402 import objects
 from drivers.cia402.homing import HomingError
@@ -232,3 +232,16 @@ def test_a_drive_that_comes_late_and_says_nothing_of_it_is_reset_then() -> None:
         assert resets(rig, 2) == 1
 
     on_a_rig(test, robot_axes=axes(2))  # a lone drive's frames would wait for it on the bus
+
+
+def test_a_drive_that_tells_at_once_that_it_is_let_go_has_not_left_by_itself() -> None:
+    async def test(rig: Rig) -> None:
+        await rig.operational()
+        closing = asyncio.create_task(rig.master.close())
+        await asyncio.sleep(0.005)
+        pre_operational = bytes([NmtState.PRE_OPERATIONAL.value])
+        rig.master.frame_received(cob_ids.heartbeat(1), pre_operational, rig.clock.now_ns())
+        await closing
+        assert rig.names() == set()
+
+    on_a_rig(test, robot_axes=axes(1))
