@@ -2,6 +2,7 @@
 
 import asyncio
 import errno
+import logging
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, cast
@@ -21,6 +22,9 @@ from drivers.can.python_can_link import PythonCanLink
 from drivers.can.slcan_link import SlcanLink, abandon
 from drivers.clock import Clock
 from drivers.exclusive_name import ExclusiveName
+
+logging.getLogger("can").setLevel(logging.CRITICAL)
+"""What it logs it raises too; while it tries again that may be ten thousand lines a second."""
 
 _SOCKETCAN: Final = "socketcan"
 _SLCAN: Final = "slcan"

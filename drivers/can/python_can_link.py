@@ -98,7 +98,7 @@ class PythonCanLink:
                     return
                 self._deliver(message, t_ns)
         except (can.CanError, OSError, ValueError) as error:
-            self._lose(OSError(getattr(error, "error_code", None), str(error)))
+            self._lose(_failure(error))
 
     def _wait(self) -> None:
         """The waiting thread's whole life. It alone receives, and it closes the interface."""
@@ -109,8 +109,7 @@ class PythonCanLink:
                     t_ns = self._clock.now_ns()
                     self._loop.call_soon_threadsafe(self._deliver, message, t_ns)
         except (can.CanError, OSError, ValueError) as error:
-            failure = OSError(getattr(error, "error_code", None), str(error))
-            self._loop.call_soon_threadsafe(self._lose, failure)
+            self._loop.call_soon_threadsafe(self._lose, _failure(error))
         except RuntimeError:  # the loop has closed before us
             pass
         finally:
@@ -160,3 +159,9 @@ def _descriptor(bus: can.BusABC) -> int:
         return bus.fileno()
     except NotImplementedError:
         return -1
+
+
+def _failure(error: Exception) -> OSError:
+    """Some texts have a traceback behind their first line."""
+    text, code = (str(error).splitlines() or [""])[0], getattr(error, "error_code", None)
+    return OSError(text) if code is None else OSError(code, text)

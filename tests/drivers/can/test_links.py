@@ -2,6 +2,7 @@
 
 import asyncio
 import fcntl
+import logging
 import os
 import sys
 from collections.abc import AsyncIterator
@@ -334,6 +335,27 @@ def test_options_of_an_interface_reach_it_and_tell_buses_apart() -> None:
         link.close()
 
     run_in_real_time(test())
+
+
+def test_a_lost_interface_is_told_in_one_line_and_not_logged_beside(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    async def test() -> None:
+        receiver, bus = Receiver(), can.Bus(interface="virtual", channel="fails")
+
+        def fails(_timeout: float | None = None) -> can.Message:
+            logging.getLogger("can.interfaces.socketcand").error("it failed")
+            raise can.CanOperationError("it failed\nTraceback (most recent call last):\n ...")
+
+        bus.recv = fails  # type: ignore[method-assign, assignment]
+        PythonCanLink(bus, receiver, MonotonicClock())
+        async with asyncio.timeout(60.0):
+            while not receiver.lost:
+                await asyncio.sleep(0.01)
+        assert [str(error) for error in receiver.lost] == ["it failed"]
+
+    run_in_real_time(test())
+    assert not caplog.records
 
 
 def test_what_an_interface_hands_back_of_our_own_is_nobody_elses() -> None:
