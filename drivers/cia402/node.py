@@ -296,8 +296,13 @@ class Node:
         try:
             await self.sdo.read(objects.DEVICE_TYPE)
         except SdoError as error:
+            beats = self.heartbeat.state not in (None, NmtState.BOOT_UP)
+            if beats:  # so it is not booting
+                self._reset_ns = None
             raise BringUpError(c.ABSENT, str(error)) from error
         reset_ns, self._reset_ns = self._reset_ns, None
+        if self.heartbeat.boot_ups > self._boot_ups_before:  # while it was asked
+            return
         if reset_ns is not None and self._clock.now_ns() - reset_ns > _RESET_JUST_NOW_NS:
             raise BringUpError(c.ABSENT, "it was not there yet when it was reset, and is now")
         self._command(NmtCommand.ENTER_PRE_OPERATIONAL)

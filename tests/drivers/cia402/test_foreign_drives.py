@@ -216,12 +216,13 @@ def test_a_homing_method_that_fits_no_object_is_an_error_of_homing_that_names_it
     on_a_rig(test, robot_axes=homed_where_it_stands(method=200))
 
 
-def test_a_drive_that_takes_long_to_boot_is_not_reset_again_meanwhile() -> None:
+@pytest.mark.parametrize("boot_time_s", [1.4, 2.0, 2.05, 2.4, 4.2, 8.0, 9.3])
+def test_a_drive_that_takes_long_to_boot_is_not_reset_again_meanwhile(boot_time_s: float) -> None:
     async def test(rig: Rig) -> None:
         await rig.operational()
         assert resets(rig, 1) == 1
 
-    on_a_rig(test, robot_axes=axes(1), options=EmulatedDrives(boot_time_s=8.0))
+    on_a_rig(test, robot_axes=axes(1), options=EmulatedDrives(boot_time_s=boot_time_s))
 
 
 def test_a_drive_that_comes_late_and_says_nothing_of_it_is_reset_then() -> None:
@@ -232,6 +233,20 @@ def test_a_drive_that_comes_late_and_says_nothing_of_it_is_reset_then() -> None:
         assert resets(rig, 2) == 1
 
     on_a_rig(test, robot_axes=axes(2))  # a lone drive's frames would wait for it on the bus
+
+
+def test_a_drive_that_beats_and_answers_nothing_is_reset_again_and_again() -> None:
+    """It stands in 'stopped', and the reset may not have reached it."""
+
+    async def test(rig: Rig) -> None:
+        rig.inject("drive.can0/1.dead")
+        for _ in range(60):
+            stopped = bytes([NmtState.STOPPED.value])
+            rig.master.frame_received(cob_ids.heartbeat(1), stopped, rig.clock.now_ns())
+            await asyncio.sleep(0.1)
+        assert resets(rig, 1) == 3
+
+    on_a_rig(test, robot_axes=axes(2))
 
 
 def test_a_drive_that_tells_at_once_that_it_is_let_go_has_not_left_by_itself() -> None:
