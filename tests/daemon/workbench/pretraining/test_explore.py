@@ -38,6 +38,7 @@ from daemon.workbench.pretraining.explore import (
 )
 from daemon.workbench.pretraining.model_cache import pretrained
 from daemon.workbench.pretraining.parts import ExplorationParts
+from tests import SHIPPED_ROBOTS
 
 pytestmark = pytest.mark.xdist_group("explore")  # whose arm is explored once for all tests
 
@@ -212,6 +213,22 @@ def test_who_is_to_go_by_a_model_that_explains_nothing_is_told(
     pretrained(FILE, FEW, seed=3, tell=lines.append, directory=tmp_path)
     assert len(lines) == told
     assert all("leave `pretraining` out" in line for line in lines)
+
+
+def test_of_axes_that_turn_round_a_model_has_to_explain_more_before_nobody_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No waypoints help there, and tubes are led astray by half of a model."""
+    fit = ForwardFit(
+        motions=369, kept_back=False, rmse_mm=0.7, spread_mm=0.9, r2=0.46, field_r2=None
+    )
+    monkeypatch.setattr(model_cache, "_usable", lambda path, file: SimpleNamespace(fit=fit))
+    lines: list[str] = []
+    tubes = load_robot(SHIPPED_ROBOTS / "concentric_tubes.yaml")
+    pretrained(tubes, FEW, seed=3, tell=lines.append, directory=tmp_path)
+    assert [line.split(": ")[-1][: len("leave `pretraining` out")] for line in lines] == [
+        "leave `pretraining` out"
+    ]
 
 
 def test_another_robot_body_or_setting_has_another_model(
