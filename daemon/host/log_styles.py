@@ -40,7 +40,7 @@ class _Json(logging.Formatter):
         zone = self.formatTime(record, "%z")
         line = {
             "schema": _SCHEMA,
-            "date": f"{date}.{int(record.msecs):03d}{zone}",
+            "date": f"{date}.{int(record.msecs):03d}{zone[:-2]}:{zone[-2:]}",
             "process": self._process,
             "level": record.levelname.lower(),
             "source": record.name,

@@ -6,6 +6,7 @@ is written now and then, with how often it came meanwhile.
 """
 
 import logging
+import os
 import queue
 import sys
 import threading
@@ -14,7 +15,7 @@ from contextlib import contextmanager
 from typing import Final, TextIO
 
 from daemon.host.clock import MonotonicClock
-from daemon.host.log_styles import formatter
+from daemon.host.log_styles import STYLES, formatter
 from drivers.clock import Clock
 
 _KEPT: Final = 1000
@@ -80,15 +81,24 @@ class Log:
         self._handler.emit(record)  # however often it happens: each is told
 
 
+_STYLE: Final = "TENTACLED_LOG_STYLE"
+"""In the environment of processes whose lines come to the stderr of the one that started them."""
+
+
 @contextmanager
 def logging_to_stderr(
-    process: str, stream: TextIO | None = None, style: str = "text"
+    process: str, stream: TextIO | None = None, style: str | None = None
 ) -> Iterator[Log]:
     """All loggers of this process write to stderr while the block lasts: errors with tracebacks.
 
     process: its name, in each line. stream: another one than stderr. style: one of
-    `daemon.host.log_styles.STYLES`. At the end what waits is still written, for at most a second.
+    `daemon.host.log_styles.STYLES`, for the processes that this one starts, too; None: as the one
+    that has started this one. At the end what waits is still written, for at most a second.
     """
+    if style is None:
+        style = os.environ.get(_STYLE, STYLES[0])
+    inherited = os.environ.get(_STYLE)
+    os.environ[_STYLE] = style
     waiting: queue.Queue[logging.LogRecord | None] = queue.Queue(_KEPT)
     handler = _Queued(waiting)
     lines = formatter(style, process)
@@ -112,6 +122,9 @@ def logging_to_stderr(
         yield Log(handler)
     finally:
         root.removeHandler(handler)
+        os.environ.pop(_STYLE)
+        if inherited is not None:
+            os.environ[_STYLE] = inherited
         try:
             waiting.put_nowait(None)
         except queue.Full:

@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import hypot, sqrt
 from pathlib import Path
@@ -62,11 +63,15 @@ def check_robot(path: Path) -> CheckedRobot:
     return CheckedRobot(file, budgets, warned)
 
 
-def robot_with_warnings_told(path: Path) -> CheckedRobot:
-    """The robot, with its warnings told on stderr. Raises ConfigError."""
+def _on_stderr(text: str) -> None:
+    print(text, file=sys.stderr)
+
+
+def robot_with_warnings_told(path: Path, tell: Callable[[str], None] = _on_stderr) -> CheckedRobot:
+    """The robot, with its warnings told. Raises ConfigError."""
     robot = check_robot(path)
     for warning in robot.warnings:
-        print(f"{warning} (warning)", file=sys.stderr)
+        tell(f"{warning} (warning)")
     return robot
 
 

@@ -6,8 +6,7 @@ import logging
 import secrets
 import socket
 import ssl
-import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from errno import EADDRINUSE
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -17,7 +16,7 @@ from config.documents.problems import did_you_mean, in_words
 from daemon.commands.outcome.failures import CommandError, UsageError
 from daemon.commands.outcome.result import Result, tell
 from daemon.commands.terminal.argument_types import port_number
-from daemon.commands.terminal.event_log import add_log_argument, event_line, style_of
+from daemon.commands.terminal.event_log import add_log_argument, event_line, style_of, warning_line
 from daemon.host.logs import Log, logging_to_stderr
 from daemon.host.stop_signals import StopSignals
 from daemon.remote.access import OPERATOR
@@ -87,13 +86,16 @@ def run(arguments: argparse.Namespace) -> Result:
         raise CommandError("no_input", text, place=str(arguments.replay))
     try:
         with logging_to_stderr("dashboard", style=style_of(arguments)) as log:
-            asyncio.run(_serve(arguments, log if arguments.log else None))
+            warn = warning_line(log, arguments)
+            asyncio.run(_serve(arguments, warn, log if arguments.log else None))
     except OSError as error:
         raise CommandError("unavailable", f"the page cannot be served: {in_words(error)}") from None
     return Result(None)
 
 
-async def _serve(arguments: argparse.Namespace, log: Log | None = None) -> None:
+async def _serve(
+    arguments: argparse.Namespace, warn: Callable[[str], None], log: Log | None
+) -> None:
     """Raises OSError."""
     from aiohttp import web  # slow to come
 
@@ -117,9 +119,11 @@ async def _serve(arguments: argparse.Namespace, log: Log | None = None) -> None:
     finding = asyncio.create_task(_find(server, runs, arguments, log))
     try:
         await web.SockSite(runner, listening, ssl_context=context).start()
+        if arguments.bind not in _LOOPBACK:
+            warn(f"warning: port {port} is open to the network, at {arguments.bind}")
         _tell(arguments, port, tokens)
         for text in absent(arguments.robots, _folders(arguments)):
-            print(text, file=sys.stderr)
+            warn(text)
         await StopSignals().wait(None)
     finally:
         finding.cancel()
@@ -131,8 +135,6 @@ def _tell(arguments: argparse.Namespace, port: int, tokens: dict[str, str]) -> N
     scheme = "https" if arguments.tls is not None else "http"
     host = arguments.host[0] if arguments.host else "localhost"
     address = f"{scheme}://{host}:{port}/"
-    if arguments.bind not in _LOOPBACK:
-        print(f"warning: port {port} is open to the network, at {arguments.bind}", file=sys.stderr)
     replay = "" if arguments.replay is None else f"replay={quote(arguments.replay.resolve().name)}"
     if tokens:
         pages = {

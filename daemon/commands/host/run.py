@@ -5,6 +5,7 @@ import asyncio
 import resource
 import sys
 from collections.abc import Awaitable, Callable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Final
 
@@ -12,7 +13,7 @@ from config.robot import Robot
 from daemon.commands.outcome.result import Result, tell
 from daemon.commands.terminal.argument_types import seed_number
 from daemon.commands.terminal.compiled import telling_progress
-from daemon.commands.terminal.event_log import add_log_argument, event_line, style_of
+from daemon.commands.terminal.event_log import add_log_argument, event_line, style_of, warning_line
 from daemon.controllers.make_controller import warm_up
 from daemon.files import check_folder_can_be_made, models_directory
 from daemon.host.clock import MonotonicClock, run_in_real_time
@@ -81,17 +82,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> Result:
     _spread_out()
-    checked = robot_with_warnings_told(arguments.robot)
-    check_folder_can_be_made(arguments.runs)
-    for recovered in recover_unfinished(arguments.runs):
-        print(recovered)
-    with telling_progress():
-        risk = make_risk_source(checked.file, MonotonicClock())
-        for why_not in warm_up():
-            print(why_not, file=sys.stderr)
     with logging_to_stderr("daemon", style=style_of(arguments)) as log:
+        warn = warning_line(log, arguments)
+        checked = robot_with_warnings_told(arguments.robot, warn)
+        check_folder_can_be_made(arguments.runs)
+        for recovered in recover_unfinished(arguments.runs):
+            print(recovered)
+        with nullcontext() if arguments.log == "json" else telling_progress():
+            risk = make_risk_source(checked.file, MonotonicClock())
+            for why_not in warm_up():
+                warn(why_not)
         tell_event = None if arguments.log is None else event_line(log)
-        run_in_real_time(_serve(checked, arguments, risk, tell_event))
+        run_in_real_time(_serve(checked, arguments, risk, warn, tell_event))
     return Result(None)
 
 
@@ -106,6 +108,7 @@ async def _serve(
     checked: CheckedRobot,
     arguments: argparse.Namespace,
     risk: RiskSource,
+    warn: Callable[[str], None],
     tell_event: Callable[[Event], None] | None = None,
 ) -> None:
     robot = checked.file.robot
@@ -154,7 +157,7 @@ async def _serve(
             service.body.emulated = truth.newest
             truth.start()
             if not_there := no_lab(directory, checked.file.path):
-                print(not_there, file=sys.stderr, flush=True)
+                warn(not_there)
         ready = {"robot": robot.robot, "runtime_dir": directory, "state": "ready"}
         tell("run", ready, f"{robot.robot} in {directory}: Ctrl-C ends it")
         await session.serve(stop)

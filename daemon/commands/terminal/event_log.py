@@ -2,7 +2,9 @@
 
 import argparse
 import logging
+import sys
 from collections.abc import Callable
+from functools import partial
 from typing import Final
 
 from daemon.host.log_styles import STYLES
@@ -35,6 +37,13 @@ def add_log_argument(parser: argparse.ArgumentParser) -> None:
 def style_of(arguments: argparse.Namespace) -> str:
     """In which the log is written; errors are, whether happenings are wanted or not."""
     return arguments.log or STYLES[0]
+
+
+def warning_line(log: Log, arguments: argparse.Namespace) -> Callable[[str], None]:
+    """Tells what is no event: in the log where one is wanted, else as it is."""
+    if arguments.log is not None:
+        return partial(log.tell, logging.WARNING, "warning")
+    return partial(print, file=sys.stderr, flush=True)
 
 
 def event_line(log: Log, robot: str = "") -> Callable[[Event], None]:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from daemon.commands.terminal.command_line import parsed
-from daemon.commands.terminal.event_log import event_line
+from daemon.commands.terminal.event_log import event_line, warning_line
 from daemon.host.logs import logging_to_stderr
 from daemon.messages import Event
 from tests.hil.processes import command
@@ -79,6 +79,18 @@ def test_commands_that_go_on_for_long_take_it(words: str) -> None:
     assert parsed(words.split()).log is None
 
 
+def test_what_is_no_event_is_a_line_of_the_log_too_where_one_is_wanted(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    out = io.StringIO()
+    with logging_to_stderr("daemon", out, "json") as log:
+        warning_line(log, parsed(["run", "arm.yaml", "--log", "json"]))("mind the noise")
+        warning_line(log, parsed(["run", "arm.yaml"]))("as it is")
+    line = json.loads(out.getvalue())
+    assert (line["level"], line["source"], line["text"]) == ("warning", "warning", "mind the noise")
+    assert capsys.readouterr().err == "as it is\n"
+
+
 @pytest.mark.long
 @pytest.mark.hil
 @pytest.mark.parametrize("style", ["json", "journal", "text"])
@@ -98,7 +110,7 @@ def test_a_daemon_without_its_devices_says_so_line_by_line(style: str, tmp_path:
         process.communicate(timeout=WITHIN_S)
     assert process.returncode == 0
     if style == "json":
-        told = json.loads(lines[-1])
+        *_, told = [json.loads(line) for line in lines]
         assert (told["schema"], told["source"]) == ("tentacled.log/1", "cause")
     else:
         begin = r"<\d>cause: " if style == "journal" else r"\d{4}-.* daemon [A-Z]+ cause: "

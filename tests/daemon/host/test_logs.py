@@ -144,6 +144,17 @@ def told(style: str) -> list[str]:
     return out.getvalue().splitlines()
 
 
+def test_a_process_that_another_one_has_started_writes_in_its_style() -> None:
+    out = io.StringIO()
+    with logging_to_stderr("daemon", io.StringIO(), "json"), logging_to_stderr("recorder", out):
+        _log.warning("said")
+    line = json.loads(out.getvalue())
+    assert (line["process"], line["text"]) == ("recorder", "said")
+    with logging_to_stderr("recorder", out):
+        _log.warning("said again")
+    assert out.getvalue().endswith(" recorder WARNING tests.logs: said again\n")
+
+
 def test_what_happens_is_told_in_text_with_date_process_and_level() -> None:
     first, second, error, *_ = told("text")
     assert first.endswith(" daemon WARNING cause: tracker tip_missing: no 100 % of it")
@@ -156,7 +167,7 @@ def test_what_happens_is_told_as_an_object_a_line() -> None:
     assert first["schema"] == "tentacled.log/1"
     assert (first["process"], first["level"], first["source"]) == ("daemon", "warning", "cause")
     assert (first["text"], first["name"]) == ("tracker tip_missing: no 100 % of it", "tip_missing")
-    assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}[+-]\d{4}", first["date"])
+    assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}[+-]\d\d:\d\d", first["date"])
     assert second["level"] == "info"
     assert "RuntimeError: the reason" in error["traceback"]
 
