@@ -58,9 +58,15 @@ def check_robot(path: Path) -> CheckedRobot:
             warned.append(file.problem(where, f"the bus will be busy: {budget}"))
     if refused:
         raise ConfigError(refused)
-    if noise := _untold_noise(file.robot):
-        warned.append(file.problem(("pose_filter", "position_noise_mm"), noise))
-    return CheckedRobot(file, budgets, warned)
+    return CheckedRobot(file, budgets, [*warned, *noise_warnings(file)])
+
+
+def noise_warnings(file: RobotFile) -> list[Problem]:
+    """Where the filter is told of less noise than the tracker has."""
+    noise = _untold_noise(file.robot)
+    if noise is None:
+        return []
+    return [file.problem(("pose_filter", "position_noise_mm"), noise)]
 
 
 def _on_stderr(text: str) -> None:

@@ -13,9 +13,11 @@ from pathlib import Path
 import pytest
 
 from daemon.commands.outcome.exit_codes import EXIT_CANNOT_CREATE, EXIT_OK
+from daemon.commands.terminal.command_line import main
 from daemon.recording.result import read_result
 from daemon.recording.run_parts import control_hash
 from daemon.workbench.report.report import write_report
+from tests import SOFT_ARM
 
 WITHIN_S = 120.0
 
@@ -127,3 +129,14 @@ def test_a_folder_that_is_there_is_not_written_to(tmp_path: Path) -> None:
     assert process.returncode == EXIT_CANNOT_CREATE
     assert "is there already" in complaints
     assert list((tmp_path / "run").iterdir()) == []
+
+
+def test_noise_that_the_robot_s_filter_is_not_told_of_is_warned_of(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = SOFT_ARM.read_text().replace("  port: lab:", "  frame_rate: fast\n  port: lab:", 1)
+    (tmp_path / "arm.yaml").write_text(text)
+    path = tmp_path / "circle.yaml"
+    path.write_text(CIRCLE.format(cycle_s=3.0).replace("builtin:soft_arm", "arm.yaml"))
+    assert main(["experiment", str(path), "--out", str(tmp_path)]) == EXIT_CANNOT_CREATE
+    assert "pose_filter: {position_noise_mm: 0.4}" in capsys.readouterr().err
