@@ -16,6 +16,7 @@ from daemon.recording.recorded_surroundings import (
     surroundings_told,
 )
 from daemon.recording.run_parts import RunParts
+from daemon.recording.run_reader import UnreadableRunError
 
 _DECODERS: Final = {topic: msgspec.json.Decoder(kind) for topic, kind in MESSAGES.items()}
 
@@ -41,6 +42,8 @@ def export_foxglove(run: Path, out: Path) -> Exported:
     try:
         with foxglove.open_mcap(partly, context=scene.context):
             exported = _carry_over(parts, scene, folder)
+        if not exported.messages:
+            raise UnreadableRunError(f"{run}: there is no message in it")
         partly.replace(out)
     finally:
         partly.unlink(missing_ok=True)

@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="this one, and whichever else is named (default: all); `steps` has a row for each "
         "control step, the others one for each message of state, tip, axes, risk, loop, event, "
-        "internal_error, body",
+        "internal_error, body, surroundings_changed, obstacles_taken, path_planned",
     )
 
 

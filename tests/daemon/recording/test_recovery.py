@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import MCAP0_MAGIC
 
+from daemon.commands.outcome.exit_codes import EXIT_OK
+from daemon.commands.terminal.command_line import main
 from daemon.recording.recovery import RECOVERY, Recovered, recover, recover_unfinished
 from daemon.recording.run_reader import RunMessage, RunReader
 from daemon.recording.run_writer import RunWriter
@@ -132,6 +134,15 @@ def test_channels_that_the_first_chunk_declared_outlive_it(unfinished: Unfinishe
     schemas = {channel.topic: channel.schema_id for channel in summary.channels.values()}
     assert summary.schemas[schemas["/axes"]].name == "tentacled.axes/1"
     assert schemas["/raw/tracker"] == 0
+
+
+def test_the_command_takes_the_unfinished_file_by_its_name_as_well(
+    unfinished: Unfinished, tmp_path: Path
+) -> None:
+    part = tmp_path / "run.mcap.part"
+    part.write_bytes(unfinished.unfinished)
+    assert main(["recover", str(part)]) == EXIT_OK
+    assert list(RunReader(tmp_path / "run.mcap").messages()) == unfinished.messages
 
 
 def test_what_cannot_be_read_at_all_is_kept_and_told_once(tmp_path: Path) -> None:

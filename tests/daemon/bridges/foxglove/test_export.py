@@ -12,6 +12,7 @@ import pytest
 from mcap.reader import make_reader
 from msgspec.structs import replace
 
+from daemon.commands.outcome.exit_codes import EXIT_DATA
 from daemon.commands.terminal.command_line import main
 from daemon.messages import Body, Component, Message, Risk, Status, SurroundingsChanged
 from daemon.recording.run_folder import RUN_FILE, SURROUNDINGS_FILE
@@ -49,6 +50,16 @@ BODY = Body(
         )
     ],
 )
+
+
+def test_a_recording_without_a_message_is_not_exported(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    empty, out = tmp_path / "cut.mcap", tmp_path / "out.mcap"
+    empty.touch()
+    assert main(["export", str(empty), "--foxglove", str(out)]) == EXIT_DATA
+    assert "cut.mcap: there is no message in it" in capsys.readouterr().err
+    assert not out.exists()
 
 
 @pytest.fixture(scope="module")
