@@ -104,6 +104,8 @@ class Operator:
         self._loading = False
         """A `load` is under way: what comes meanwhile could overtake it."""
         self._stops = 0
+        self._waiting: set[str] = set()
+        """Users of whom it was told that they want the lease, since somebody has it."""
         self._following = service.following
         service.verbs = self._verb_states
         self._verbs: dict[type[Command], Callable[[str, Any], Awaitable[Answer]]] = {
@@ -128,7 +130,7 @@ class Operator:
     async def handle(self, user: str, command: Command) -> Answer | Refusal:
         """Carry `command` out, or say why not."""
         goes_on = isinstance(command, Upload) and command.offset > 0
-        if not (goes_on or self._is_renewal(user, command)):
+        if not (goes_on or self._is_repeated(user, command)):
             self._service.events.tell("command", verb(command), f"{user} asks for it", subject=user)
         try:
             if not isinstance(command, Acquire | Stop):
@@ -432,11 +434,19 @@ class Operator:
         text = "the drives have stopped" if confirmed else "NOT confirmed by the drives"
         return self._answer(command, text=text, confirmed=confirmed)
 
-    def _is_renewal(self, user: str, command: Command) -> bool:
-        now_ns = self._service.clock.now_ns()
-        return isinstance(command, Acquire) and self._service.lease.holds(
-            command.token, user, now_ns
-        )
+    def _is_repeated(self, user: str, command: Command) -> bool:
+        """Whether it renews the lease, or asks once more for what somebody else has."""
+        if not isinstance(command, Acquire):
+            return False
+        lease, now_ns = self._service.lease, self._service.clock.now_ns()
+        if lease.holds(command.token, user, now_ns):
+            return True
+        waits = user in self._waiting
+        if lease.holder(now_ns) is None:
+            self._waiting.clear()
+            return False
+        self._waiting.add(user)
+        return waits
 
     def _check_lease(self, user: str, command: Command) -> None:
         lease, now_ns = self._service.lease, self._service.clock.now_ns()

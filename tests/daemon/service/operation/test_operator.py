@@ -52,6 +52,24 @@ def test_the_lease_is_exclusive_and_a_foreign_token_commands_nothing() -> None:
     on_a_rig(scene)
 
 
+def test_who_asks_again_and_again_for_a_lease_that_is_taken_is_told_of_once() -> None:
+    async def scene(rig: Rig) -> None:
+        async def waits(tries: int) -> int:
+            for _ in range(tries):
+                await rig.operator.handle("other", Acquire())
+            return [told.subject for told in rig.events("command", "acquire")].count("other")
+
+        await rig.do(Acquire)
+        assert await waits(20) == 1
+        await rig.do(Acquire)
+        assert await waits(20) == 1, "a renewal changes nothing"
+        await rig.do(Release)
+        await rig.do(Acquire)
+        assert await waits(20) == 2, "somebody has it anew"
+
+    on_a_rig(scene)
+
+
 def test_arming_energises_all_drives_where_they_stand() -> None:
     async def scene(rig: Rig) -> None:
         before = rig.shafts()
