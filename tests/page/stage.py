@@ -91,7 +91,7 @@ class StagedRobot(FakeRobot):
         if word in ("start", "teleoperate"):
             self._following, self._begun_s, self._sequence = word, time.monotonic(), -1
         if word != "acquire":
-            self._tell("command", word, f"{user} asks for it")
+            self.tell("command", word, f"{user} asks for it")
         return msgspec.structs.replace(answer, state=self.state)
 
     def setpoint(self, user: str, setpoint: Setpoint) -> SetpointRefused | None:
@@ -112,9 +112,9 @@ class StagedRobot(FakeRobot):
         if state != self.state:
             self.state = state
             self._begun_s = time.monotonic()
-            self._tell("state", state, f"the robot is {state} now")
+            self.tell("state", state, f"the robot is {state} now")
 
-    def _tell(self, kind: str, name: str, text: str) -> None:
+    def tell(self, kind: str, name: str, text: str) -> None:
         number, now_ns = len(self.events) + 1, self.clock.now_ns()
         self.events.append(
             Event(

@@ -1,6 +1,7 @@
 """What everybody needs to see, to reach and to hear: on a desk, on a phone, in the dark."""
 
 import io
+import re
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -122,6 +123,18 @@ def test_events_are_filtered_and_copied(browser: "Browser", on: Stage) -> None:
 
         until(came)
         assert len(copied.splitlines()) >= 2 and "\tstate\tarmed\t" in copied, "all of them"
+
+
+def test_events_that_the_list_has_no_room_for_are_counted(browser: "Browser", on: Stage) -> None:
+    with browsing(browser, on.address) as seen:
+        seen.until_live()
+        for number in range(230):
+            on.robot.tell("note", "said", f"happening {number}")
+        rows = seen.page.locator("#events li")
+        until(lambda: "happening 229" in rows.first.inner_text())
+        assert rows.count() == 201
+        left = re.match(r"\s*(\d+) earlier ones are not listed", rows.last.inner_text())
+        assert left is not None and int(left[1]) >= 30
 
 
 def test_where_the_body_gives_way_and_what_that_takes_is_told_where_the_eyes_are(

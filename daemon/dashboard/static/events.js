@@ -46,13 +46,15 @@ export function neighbour(t, way) {
 
 function show() {
   const wanted = $("filter").value.toLowerCase();
-  const rows = events.filter((event) => !wanted || `${event.kind} ${event.name} ${text(event)}`.toLowerCase().includes(wanted)).slice(jump ? -2000 : -SHOWN).reverse();
+  const found = events.filter((event) => !wanted || `${event.kind} ${event.name} ${text(event)}`.toLowerCase().includes(wanted));
+  const rows = found.slice(jump ? -2000 : -SHOWN).reverse(), left = found.length - rows.length;
   $("events").replaceChildren(...rows.map((event) => {
     const t = seconds(event);
     const what = jump ? made("button", { type: "button", className: "plain", textContent: text(event), title: "go to this moment" }) : made("span", { textContent: text(event) });
     if (jump) what.addEventListener("click", () => jump(t));
     return made("li", { dataset: { t, severity: event.severity || "" } }, made("time", { textContent: `${t.toFixed(2)} s` }), made("span", { className: "kind", textContent: event.kind }), what);
   }));
+  if (left) $("events").append(made("li", { dataset: { t: -Infinity } }, made("span"), made("span"), made("span", { textContent: `${left} earlier ones are not listed: filter for them, or copy all` })));
   if (jump) eventsAt(now);
 }
 
