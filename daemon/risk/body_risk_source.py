@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from config.control import RiskSettings, Surface
 from config.loader import RobotFile
-from config.paths import risk_paths
+from config.paths import BUILTIN, named_model, risk_paths
 from daemon.risk.mesh_file import binary_stl
 from daemon.risk.model_file import ModelFile, read_model
 from daemon.risk.path_ahead import PathAhead
@@ -312,6 +312,18 @@ def make_risk_source(
     return source
 
 
+def _what_is_not_named(file: RobotFile, model: Path | None, surface: Surface | None) -> str:
+    """And where it comes from."""
+    shipped, missing = f"{BUILTIN}{file.robot.robot}.npz", []
+    if model is None:
+        made = "`tentacled mdn train` makes one"
+        known = f"{shipped} is shipped" if named_model(shipped).exists() else made
+        missing.append(f"a model of the body (risk.model: {known})")
+    if surface is None:
+        missing.append("what is round the body (risk.surface: a mesh, regions, or both)")
+    return f"{file.path} does not say what the risk is told with: {' and '.join(missing)}"
+
+
 def read_risk_files(
     file: RobotFile,
     tip_loads_g: Iterable[float] | None = None,
@@ -326,10 +338,7 @@ def read_risk_files(
     model_path = model or (None if paths is None else paths[0])
     surface = surface or settings.surface
     if model_path is None or surface is None:
-        raise RiskFilesError(
-            f"{file.path} names no model of the body and no surroundings under risk: train a model "
-            "(`tentacled mdn train`) and name both"
-        )
+        raise RiskFilesError(_what_is_not_named(file, model_path, surface))
     try:
         read = read_model(model_path)
     except RiskModelError as error:

@@ -163,3 +163,17 @@ def test_what_is_no_path_file_is_refused(tmp_path: Path) -> None:
             read_path(path)
     with pytest.raises(PlannedPathError, match="No such file"):
         read_path(tmp_path / "none.json")
+
+
+def test_what_a_robot_file_does_not_name_is_told_and_the_model_that_is_shipped_for_it(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    soft = ["plan", str(SHIPPED_ROBOTS / "soft_arm.yaml"), "--to", "0,0,180"]
+    assert main(soft) == EXIT_CONFIGURATION
+    told = capsys.readouterr().err
+    assert "risk.model: builtin:soft_arm.npz is shipped" in told
+    assert "risk.surface" in told
+    assert main([*soft, "--model", "builtin:soft_arm.npz"]) == EXIT_CONFIGURATION
+    told = capsys.readouterr().err
+    assert "risk.model" not in told
+    assert "risk.surface" in told
