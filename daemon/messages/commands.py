@@ -141,7 +141,8 @@ class Setpoint(Message, frozen=True, kw_only=True, tag="setpoint/1"):
     """Rising under one lease; a set-point that is not newer than the last is dropped."""
     position_mm: list[float]
     valid_s: float
-    """For how long after its arrival it may be followed."""
+    """For how long after its arrival it may be followed. The robot holds when that is over, and
+    without a newer one in any case after the robot file's `setpoint_hold_after_s`."""
     velocity_mm_s: list[float] | None = None
     direction: list[float] | None = None
     """Unit vector, where the tip shall point; None: anywhere. Refused where nothing points it."""
