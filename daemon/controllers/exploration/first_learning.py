@@ -6,6 +6,7 @@ looked at again.
 """
 
 from collections.abc import Iterator
+from typing import Final
 
 import numpy as np
 
@@ -22,6 +23,12 @@ _SAMPLES_PER_AXIS = 3
 _WORTH_GOING_ON = 0.8
 """... and where it gave this share of them it goes on: a stiff body's tip goes less far. What comes
 of noise alone, in motions of a hundredth of a millimetre, is a third of them in 5 s."""
+_VISIBLY: Final = 0.5
+"""Share of the tip's motion that is the axes', from which on a tip that goes too little is of a
+stiff body and not held, and the motions go on wider: noise alone makes 0.02, 0.1 mm make 0.7."""
+_WIDER: Final = 2.0
+_WIDEST: Final = 0.25
+"""Times, and up to which share of each axis' travel: as far as options let them be."""
 _SEEN_AGAIN_AT_ONCE = 4
 """Frames of the first motions, of a body that is later than expected: all within a few seconds."""
 _FIT_RIDGE = 1e-3
@@ -38,6 +45,7 @@ class FirstLearning:
         self._options = options
         self._axes = axes
         self._seed = seed
+        self._reach_share = options.babbling.reach_share
         self._babbling = self._new_babbling()
         self._motions = None if options.lag_s is not None else FirstMotions(axes.scale, expected_s)
         """None: it is known how late the body is."""
@@ -114,7 +122,7 @@ class FirstLearning:
 
     def jacobian(self) -> Vector | None:
         """(3, m) mm per mm or rad of all samples, by least squares. None: they were nearly enough,
-        and it is gone on.
+        or the tip went little but visibly, and it is gone on; then with wider motions.
 
         Raises ControllerError where they were too few.
         """
@@ -122,7 +130,11 @@ class FirstLearning:
         if len(samples) >= needed:
             return _fitted_jacobian(samples, self._axes.scale)
         before, self._samples_before = self._samples_before, len(samples)
-        if len(samples) - before >= _WORTH_GOING_ON * needed:
+        visibly = self._motions is not None and self._motions.explained > _VISIBLY
+        wider = visibly and self._reach_share < _WIDEST
+        if wider:
+            self._reach_share = min(_WIDER * self._reach_share, _WIDEST)
+        if wider or len(samples) - before >= _WORTH_GOING_ON * needed:
             self.go_on()
             return None
         raise ControllerError(
@@ -131,7 +143,8 @@ class FirstLearning:
         )
 
     def _new_babbling(self) -> Babbling:
-        return Babbling(self._options.babbling, self._axes, self._seed)
+        wide = {"reach_share": self._reach_share}
+        return Babbling(self._options.babbling.model_copy(update=wide), self._axes, self._seed)
 
 
 def _fitted_jacobian(samples: list[MotionSample], travel: Vector) -> Vector:

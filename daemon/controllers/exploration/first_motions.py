@@ -68,6 +68,9 @@ class FirstMotions:
         """As the motions have told it, and as it was expected."""
         self.told = False
         """Whether nothing is to be asked or given again."""
+        self.explained = 0.0
+        """Share of the tip's motion, squared, that is the axes', as they were asked last: the rest
+        is noise, or something else that moves it."""
         self._again: deque[Observation | None] | None = None
         self._shown = LaggedAxes(scale)
         lags_s = np.arange(0.0, LONGEST_S + 1e-9, _SPACING_S)
@@ -138,6 +141,7 @@ class FirstMotions:
         slopes = np.linalg.solve(self._squares + ridge, self._products)
         left = self._whole_mm2 - (slopes * self._products).sum(axis=(1, 2))
         best = int(np.argmin(left))
+        self.explained = 1.0 - float(left[best] / max(self._whole_mm2, 1e-9))
         clear = left[best] < _CLEARLY * left[0] and left[best] < _EXPLAINED * self._whole_mm2
         return self._candidates[best] if clear else self.expected
 

@@ -170,6 +170,18 @@ def test_first_motions_that_were_nearly_enough_go_on_by_themselves() -> None:
     assert body.off < 0.3
 
 
+@pytest.mark.parametrize("of_its_motion", [0.02, 0.04])
+def test_first_motions_of_a_tip_that_goes_little_but_visibly_go_on_wider(
+    of_its_motion: float,
+) -> None:
+    body = LateBody(0.1, made_learner("reward_weighted"))
+    body.true = of_its_motion * body.true
+    body.babble()
+    went = np.ptp(np.array(body.told), axis=0) / body.learner._follower.axes.scale
+    assert (went > 2 * body.learner._options.babbling.reach_share).all(), "further than asked for"
+    assert body.off < 0.5
+
+
 def test_first_motions_of_a_tip_that_was_held_are_gone_on_with_once_it_is_free() -> None:
     body = LateBody(0.5, made_learner("forward_jacobian", babbling={"duration_s": 4.0}))
     answers, body.true = body.true, np.zeros((3, 6))
