@@ -4,6 +4,7 @@ import json
 import os
 import tempfile
 import xml.etree.ElementTree as ET
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,9 @@ import pytest
 from daemon.testing.labs import TestLab
 
 pytest_plugins = ["pytester"]
+
+# What is imported while a suite is run here is forgotten afterwards, and would come a second time.
+import_module("daemon.testing.rig")
 
 EXPERIMENT = """
 experiment: short
@@ -53,11 +57,18 @@ def suite(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> pytest.
     return pytester
 
 
+# Whether it is installed with an entry point or not.
+PLUGIN = ("-p", "no:tentacled", "-p", "daemon.testing.pytest_plugin")
+STRICT = ("-W", "error", "--strict-markers", "-p", "no:cacheprovider")
+
+
 def run(suite: pytest.Pytester, *words: str) -> pytest.RunResult:
-    """Whether it is installed with an entry point or not."""
-    plugin = ("-p", "no:tentacled", "-p", "daemon.testing.pytest_plugin")
-    strict = ("-W", "error", "--strict-markers", "-p", "no:cacheprovider")
-    return suite.runpytest_subprocess(*plugin, *strict, *words)
+    return suite.runpytest_subprocess(*PLUGIN, *STRICT, *words)
+
+
+def run_here(suite: pytest.Pytester, *words: str) -> pytest.RunResult:
+    """Without a process of its own: of tests that use no lab."""
+    return suite.runpytest_inprocess(*PLUGIN, *STRICT, *words)
 
 
 @pytest.mark.parametrize(
@@ -97,12 +108,12 @@ def test_a_failing_test_is_explained_in_millimetres_and_kept(
 
 
 def test_seeds_and_bodies_come_from_the_marker_and_the_options(suite: pytest.Pytester) -> None:
-    names = run(suite, "--collect-only", "-q", "-k", "many").stdout.str()
+    names = run_here(suite, "--collect-only", "-q", "-k", "many").stdout.str()
     for seed in (1, 2):
         for plant in (0, 1):
             assert f"test_many[{plant}-{seed}]" in names or f"test_many[{seed}-{plant}]" in names
     options = ("--tentacled-seeds", "3", "--tentacled-plants", "1")
-    names = run(suite, "--collect-only", "-q", "-k", "many", *options).stdout.str()
+    names = run_here(suite, "--collect-only", "-q", "-k", "many", *options).stdout.str()
     assert names.count("test_many[") == 3
 
 
@@ -134,7 +145,7 @@ def test_names_that_are_somebody_elses_stay_theirs(suite: pytest.Pytester) -> No
     )
     run(suite, "test_theirs.py", "test_ours.py").assert_outcomes(passed=5)
     asked = ("--collect-only", "-q", "--tentacled-seeds", "4")
-    assert run(suite, "test_theirs.py", *asked).stdout.str().count("::test_") == 4
+    assert run_here(suite, "test_theirs.py", *asked).stdout.str().count("::test_") == 4
 
 
 def test_the_marker_counts_by_place_or_name_and_what_it_cannot_count_is_told(
@@ -143,13 +154,13 @@ def test_the_marker_counts_by_place_or_name_and_what_it_cannot_count_is_told(
     test = "import pytest\n@pytest.mark.tentacled_seeds({})\ndef test_it(seed, plant): pass"
     for said, tests in (("seeds=3", 3), ("2, 2", 4), ("plants=2", 2)):
         suite.makepyfile(test_said=test.format(said))
-        run(suite, "test_said.py").assert_outcomes(passed=tests)
+        run_here(suite, "test_said.py").assert_outcomes(passed=tests)
     for said, told in (("0", "'0' is no number from 1 on"), ("seed=3", "keyword argument 'seed'")):
         suite.makepyfile(test_said=test.format(said))
-        result = run(suite, "test_said.py").stdout.str()
+        result = run_here(suite, "test_said.py").stdout.str()
         assert "test_said.py::test_it: tentacled_seeds(seeds, plants=1): " in result
         assert told in result and "Traceback" not in result
-    refused = run(suite, "--tentacled-seeds", "0").stderr.str()
+    refused = run_here(suite, "--tentacled-seeds", "0").stderr.str()
     assert "'0' is no number from 1 on" in refused
 
 
@@ -207,11 +218,11 @@ def test_a_real_robot_is_never_moved_by_accident(suite: pytest.Pytester) -> None
             "start it with `tentacled run",
         ),
     ):
-        result = run(suite, "-k", "test_real", "-rs", *words)
+        result = run_here(suite, "-k", "test_real", "-rs", *words)
         result.assert_outcomes(skipped=1, deselected=6)
         assert why in " ".join(result.stdout.str().split())
     suite.makepyfile(test_unmarked="def test_unmarked(rig): pass")
-    result = run(suite, "-k", "test_unmarked.py")
+    result = run_here(suite, "-k", "test_unmarked.py")
     result.assert_outcomes(errors=1, deselected=7)
 
 
