@@ -232,7 +232,8 @@ class Planner:
 
     def _why_no_way(self, roadmap: Roadmap, start: int, goals: Sequence[int]) -> Blocked:
         """What blocks on the least bad way, if all risks were taken."""
-        anyhow = roadmap.path(start, goals, Preference(3000.0, 1.0), self.body.way)
+        judge = _from(roadmap.places[start], self.body, self.body.way, None)
+        anyhow = roadmap.path(start, goals, Preference(3000.0, 1.0), judge)
         return blocked.way_blocked(self.body, None if anyhow is None else anyhow.worst)
 
 

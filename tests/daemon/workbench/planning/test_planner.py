@@ -5,19 +5,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from config.loader import load_robot
 from daemon.risk.mesh_file import read_environment
 from daemon.workbench.body_model.evaluation import shapes
 from daemon.workbench.planning.blocked import Blocked
+from daemon.workbench.planning.body_in_place import CLOSE_SHARE, BodyInPlace
 from daemon.workbench.planning.goals import TOLERANCE_MM, TipGoal
-from daemon.workbench.planning.plan import Plan
+from daemon.workbench.planning.plan import Plan, Settings
 from daemon.workbench.planning.planner import Planner
 from safety.risk.model.mixture import FloatArray
+from safety.risk.surroundings.distance_grid import distance_grid
+from safety.risk.surroundings.environment import environment
+from tests import SHIPPED_ROBOTS
 from tests.daemon.workbench.planning.arms import (
+    MODEL,
     REST,
     SMALL,
     among,
     before_a_slot,
     bent_to,
+    model_file,
     planner_beside_a_ball,
     posture_at,
     reachable,
@@ -172,6 +179,26 @@ def test_a_body_that_touches_where_it_stands_does_not_go() -> None:
 def test_beyond_what_is_allowed_nothing_starts() -> None:
     found = blocked(planner_beside_a_ball(), bent_to(20.0, 0.0), np.full(4, 14.0))
     assert found.why == "start_not_allowed"
+
+
+def test_where_the_model_hardly_knows_the_start_what_blocks_beside_it_is_told() -> None:
+    soft = load_robot(SHIPPED_ROBOTS / "soft_arm.yaml").robot
+    model = model_file(MODEL.with_name("soft_arm.npz")).model
+    angles = np.linspace(0.0, 2.0 * np.pi, 11, endpoint=False)
+    ring = [
+        shapes.ball(8.0, (29.0 * np.cos(angle), 29.0 * np.sin(angle), 178.0), 100)
+        for angle in angles
+    ]
+    around = environment(*shapes.joined(ring), free="outside")
+    grid = distance_grid(around, 3.0, model.basis.thickest_mm + 10.0)
+    body, rest = BodyInPlace(soft, model, around, grid, samples=50), np.zeros(model.inputs)
+    assert body.closeness(rest) > CLOSE_SHARE and body.standing(rest, 1.0).risk < 0.025
+    found = Planner(body, Settings(places=300)).plan(
+        rest, [TipGoal(np.array([57.0, -65.0, 153.0]))]
+    )
+    assert isinstance(found, Blocked)
+    assert found.why == "no_way"
+    assert found.place_mm is not None and found.place_mm[2] > 160.0, "the ring"
 
 
 def test_a_risk_that_is_too_high_is_no_path() -> None:
