@@ -30,7 +30,7 @@ _LARGEST_MM: Final = 28.0
 """To either side, of the paths that are scaled."""
 _OF_LENGTH: Final = 0.17
 """To either side, the paths of an arm as stiff as the shipped one: 26 mm of that."""
-_CONTROLLERS: Final[tuple[dict[str, Any], ...]] = (
+CONTROLLERS: Final[tuple[dict[str, Any], ...]] = (
     {
         "controller": {"kind": "reward_weighted", "lead": True},
         "pretraining": {"waypoints": None},  # but seconds of designed motions
@@ -95,7 +95,7 @@ def case_of(number: int) -> tuple[dict[str, Any], dict[str, Any]]:
     cycle_s = size * round_mm / speed_mm_s
     return robot, {
         "trajectory": {**path, "cycle_s": cycle_s, "cycles": max(2, round(LASTS_S / cycle_s))},
-        **_CONTROLLERS[number % len(_CONTROLLERS)],
+        **CONTROLLERS[number % len(CONTROLLERS)],
         "risk": False,
         "tip_load_g": float(random.choice([0.0, 14.2])),
         "longest_s": 1500.0,
