@@ -351,6 +351,9 @@ class TipFollower:
         hysteresis, dt_s = self._hysteresis, step_time(observation)
         if near is None:
             near = self.drawn(observation) + self.drawn_further(observation)
+        elif self.axes.bending is not None:
+            drawn = self.drawn(observation)
+            near = drawn + self.axes.less_together(near - drawn, 1.0)
         lowest, highest = self._step_range(observation)
         keeping = self._tension_keeping
         if keeping is not None:
@@ -361,7 +364,7 @@ class TipFollower:
         needed = np.eye(self.axes.count) if hysteresis is None else hysteresis.needed
         each = np.diag(needed)
         step, made = kernels.axis_step(
-            in_rows(jacobian),
+            in_rows(self.axes.unstrained(jacobian)),
             in_rows(tip_step),
             kernels.StepBounds(in_rows(near), lowest / each, highest / each),
             self.redundancy.unit,

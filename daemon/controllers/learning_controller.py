@@ -23,6 +23,7 @@ from daemon.control.lag.lagged_axes import LaggedAxes
 from daemon.control.task import POSITION, points
 from daemon.control.tip_following import TipFollower
 from daemon.controllers.exploration.first_learning import FirstLearning
+from daemon.controllers.exploration.tendon_pulls import TendonPulls
 from daemon.controllers.learning_samples import LearningSamples, sampling_with
 from daemon.controllers.learnt_jacobian import (
     LearntJacobian,
@@ -70,6 +71,7 @@ class LearningController(ABC):
         self._of_another_body = False
         """Whether the body was seen to be another one than the model's, which is left out since."""
         self._know_nothing(TipFollower(options, robot))
+        self._tendon_pulls = TendonPulls.of(robot, self._follower.axes)
         self._unseen: Observation | None = None
         """The last one, of which nothing is learnt yet."""
         self._asked = True
@@ -88,14 +90,14 @@ class LearningController(ABC):
         self._range = follower.axes.scale
         self._jacobian = self._new_jacobian()
         self._pointing = PointingJacobian(self._options, self._range)
-        self._first = FirstLearning(self._options, follower.axes, self._seed, _UNKNOWN_BODY.lag_s)
+        self._first = self._new_first_learning()
         self._model: PretrainedModel | None = None
         self._take_for_late(_UNKNOWN_BODY)
         self._waiting: deque[MotionSample] = deque()
 
     @property
     def ready(self) -> bool:
-        return self._learnt and self._follower.probed
+        return self._tendon_pulls is None and self._learnt and self._follower.probed
 
     @property
     def _learnt(self) -> bool:
@@ -131,6 +133,8 @@ class LearningController(ABC):
         self._pointing.break_off()
         self._points = self._points or self._shall_point(observation)
         self._first.begin(enough=self._learnt)
+        if self._tendon_pulls is not None:
+            self._tendon_pulls.begin()
         before = self._follower.posture
         self._follower.reset(observation)
         if not np.array_equal(self._follower.posture, before):
@@ -213,6 +217,11 @@ class LearningController(ABC):
             self._work_in_next()
 
     def propose(self, observation: Observation) -> Proposal:
+        if (pulls := self._tendon_pulls) is not None:
+            if not pulls.done:
+                return Proposal(pulls.propose(observation), pulls.note, 0)
+            self._tendon_pulls, self._follower.axes = None, pulls.axes
+            self._first = self._new_first_learning()
         self._asked = True
         observation = observation._replace(u=self._follower.free(observation.u))
         if self.ready:
@@ -311,6 +320,10 @@ class LearningController(ABC):
 
     # Parts of the above.
 
+    def _new_first_learning(self) -> FirstLearning:
+        axes = self._follower.axes
+        return FirstLearning(self._options, axes, self._seed, _UNKNOWN_BODY.lag_s)
+
     @property
     def _can_do_without_model(self) -> bool:
         """A method that is followed as it was published goes on with what it has."""
@@ -327,6 +340,7 @@ class LearningController(ABC):
         tip away, and what he learns on the way never makes up for it."""
         follower = TipFollower(self._options, self._robot)
         follower.set_posture(self._follower.posture)
+        follower.axes = self._follower.axes  # which know what their tendons do against each other
         self._of_another_body = True
         self._know_nothing(follower)
 

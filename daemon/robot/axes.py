@@ -1,12 +1,16 @@
 """What a controller knows of the axes: how far and how fast they go."""
 
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 
 from config.robot import Robot
 from daemon.robot.coupled_axes import CoupledAxes
 from drivers.pose import Vector
+
+_AMPLIFIED: Final = 3.0
+"""A motion that bends, at most: what strains is amplified with it."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +32,9 @@ class AxisRanges:
     """mm or rad."""
     tendons: tuple[int, ...] = ()
     """Which axes pull at the body, and against each other."""
+    bending: Vector | None = None
+    """(t, t) what is left of a motion of so many tendons, of which most ways to move strain them.
+    None: only the one in which all go together is known to."""
 
     @classmethod
     def of(cls, robot: Robot) -> "AxisRanges":
@@ -79,8 +86,31 @@ class AxisRanges:
             return motion
         pulling = list(self.tendons)
         parted = motion.copy()
-        parted[pulling] -= (1.0 - share) * motion[pulling].mean()
+        if self.bending is not None:
+            parted[pulling] = self.bending @ motion[pulling]
+        parted[pulling] -= (1.0 - share) * parted[pulling].mean()
         return parted
+
+    def bent_as_far(self, motion: Vector, share: float) -> Vector:
+        """(m,) as `less_together`, but of many tendons, of which little is left of a random motion,
+        the farthest goes as far as before, and no more than some times as far as is left."""
+        parted = self.less_together(motion, share)
+        if self.bending is None:
+            return parted
+        pulling = list(self.tendons)
+        before, after = (float(np.abs(one[pulling]).max()) for one in (motion, parted))
+        parted[pulling] *= min(before / max(after, 1e-12), _AMPLIFIED)
+        return parted
+
+    def unstrained(self, jacobian: Vector) -> Vector:
+        """(r, m) what motions do that strain tendons no more than need be: whoever inverts it asks
+        for no others."""
+        if self.bending is None:
+            return jacobian
+        pulling = list(self.tendons)
+        freed = jacobian.copy()
+        freed[:, pulling] = jacobian[:, pulling] @ self.bending
+        return freed
 
     def slowed(self, step: Vector, dt_s: float) -> Vector:
         """The step, as a whole shortened until no axis is faster than it may be."""

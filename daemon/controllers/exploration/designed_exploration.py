@@ -117,7 +117,8 @@ class DesignedExplorationController(ExplorationController):
         super().reset(observation)
 
     def propose(self, observation: Observation) -> Proposal:
-        self._elapsed_s += step_time(observation)
+        if self._tendon_pulls is None:  # which show nothing of how the body bends
+            self._elapsed_s += step_time(observation)
         return super().propose(observation)
 
     def _next_line(self, observation: Observation) -> None:
@@ -162,7 +163,7 @@ class DesignedExplorationController(ExplorationController):
         lowest = np.maximum(around - reach, axes.lowest)
         highest = np.minimum(around + reach, axes.highest)
         places = np.clip(self._start + far * signs * farthest, lowest, highest)
-        away = [axes.less_together(one - around, options.together_share) for one in places]
+        away = [axes.bent_as_far(one - around, options.together_share) for one in places]
         goals = around + np.array(away)
         kept = [goal for goal in goals if axes.coupled.way_inside(self._start, goal)]
         return np.asarray(kept, np.float64).reshape(-1, axes.count)

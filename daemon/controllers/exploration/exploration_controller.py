@@ -19,6 +19,7 @@ from daemon.control.redundancy import TensionKeeping
 from daemon.control.tip_following import step_time
 from daemon.controllers.exploration.lateness import Lateness
 from daemon.controllers.exploration.random_motion import WaypointWalk
+from daemon.controllers.exploration.tendon_pulls import TendonPulls
 from daemon.controllers.exploration.walls import QuadraticGuess, Walls
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
@@ -62,6 +63,8 @@ class ExplorationController(ABC):
     def __init__(self, options: Exploration, robot: Robot, seed: int) -> None:
         self._axes = AxisRanges.of(robot)
         self._random = np.random.default_rng(seed)
+        self._motion = options
+        self._tendon_pulls = TendonPulls.of(robot, self._axes)
         self._walk = WaypointWalk(options, self._axes, self._random)
         self._walls = Walls(robot, options.wall_mm)
         self._guess = QuadraticGuess(self._axes, self._walls.count)
@@ -103,7 +106,9 @@ class ExplorationController(ABC):
             self._walls.stand_back(observation.tip_mm)
             if self._tension_keeping is not None:
                 self._tension_keeping.see(observation.tensions_n, 0.0)
-            if not self._is_loose:
+            if self._tendon_pulls is not None:
+                self._tendon_pulls.begin()
+            elif not self._is_loose:
                 self._next_line(observation)
 
     def observe(self, observation: Observation) -> None:
@@ -124,6 +129,14 @@ class ExplorationController(ABC):
         if self._tension_keeping is not None:
             late_s = self._lateness.seconds
             self._tension_keeping.see(observation.tensions_n, step_time(observation), late_s)
+        if self._tendon_pulls is not None:
+            if not self._tendon_pulls.done:
+                step, said = self._tendon_pulls.propose(observation), self._tendon_pulls.note
+                return Proposal(step, said, self._line)
+            self._axes, self._tendon_pulls = self._tendon_pulls.axes, None
+            self._walk = WaypointWalk(self._motion, self._axes, self._random)
+            if not self._is_loose:
+                self._next_line(observation)
         if self._line < 0 and self._is_loose:
             return Proposal(self._pulled(observation), "pulls its tendons", self._line)
         if not self.ready and (self._left_s <= 0.0 or self._line_ends(observation)):

@@ -67,7 +67,7 @@ class Babbling:
         for _ in range(_DRAWN_AT_MOST):
             goal = lowest + 2.0 * reach * self._random.uniform(0.0, 1.0, axes.count)
             if axes.tendons:
-                goal = home + axes.less_together(goal - home, self._options.together_share)
+                goal = home + axes.bent_as_far(goal - home, self._options.together_share)
             if axes.coupled.way_inside(home, goal):
                 return np.asarray(goal)
         return home

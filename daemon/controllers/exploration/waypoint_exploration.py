@@ -51,7 +51,7 @@ class WaypointExplorationController(ExplorationController):
             best = self._start
         for _ in range(DRAWN_AT_MOST):
             away = half * self._random.uniform(-1.0, 1.0, axes.count)
-            goal = middle + axes.less_together(away, self._options.together_share)
+            goal = middle + axes.bent_as_far(away, self._options.together_share)
             if not axes.coupled.way_inside(self._start, goal):
                 continue
             end, inside = self._inside_part(goal)
