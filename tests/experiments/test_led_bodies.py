@@ -9,7 +9,14 @@ import pytest
 import yaml
 
 from daemon.workbench.experiments.experiment_file import load_experiment
-from tests.experiments import led_designs, led_paths, led_tendons, led_tubes
+from tests.experiments import (
+    led_designs,
+    led_paths,
+    led_tendon_designs,
+    led_tendons,
+    led_tube_designs,
+    led_tubes,
+)
 from tests.experiments.led_bodies import (
     CIRCLE,
     LASTS_S,
@@ -107,3 +114,20 @@ def test_designs_are_sound_robots_with_a_drive_for_every_chamber(tmp_path: Path)
         assert len(file.robot.axes) == sum(one["chambers"] for one in segments)
         counts.add(len(segments))
     assert counts == {1, 2, 3}
+
+
+def test_designs_of_other_kinds_are_sound_robots_on_paths_that_their_bodies_reach(
+    tmp_path: Path,
+) -> None:
+    _, tendons, pulled = led_tendon_designs.case_of(4)
+    tubes, turned, _ = led_tube_designs.case_of(4)
+    for experiment, robot, case in (
+        (led_tendons.TENDON_ARM, tendons, pulled),
+        (led_tubes.CTR_CIRCLE, tubes, turned),
+    ):
+        path = tmp_path / f"{experiment.stem}.yaml"
+        path.write_text(yaml.safe_dump(robot, sort_keys=False))
+        file = load_experiment(experiment, {"robot": str(path)} | case)
+        points = getattr(file.experiment.trajectory, "points", None)
+        assert points is not None and points[0][1:] == points[-1][1:]
+    assert len(tendons["emulation"]["plant"]["tendons"]) == 8
