@@ -90,7 +90,7 @@ class LearningController(ABC):
         self._range = follower.axes.scale
         self._jacobian = self._new_jacobian()
         self._pointing = PointingJacobian(self._options, self._range)
-        self._first = self._new_first_learning()
+        self._first = FirstLearning(self._options, follower.axes, self._seed, _UNKNOWN_BODY.lag_s)
         self._model: PretrainedModel | None = None
         self._take_for_late(_UNKNOWN_BODY)
         self._waiting: deque[MotionSample] = deque()
@@ -221,7 +221,7 @@ class LearningController(ABC):
             if not pulls.done:
                 return Proposal(pulls.propose(observation), pulls.note, 0)
             self._tendon_pulls, self._follower.axes = None, pulls.axes
-            self._first = self._new_first_learning()
+            self._first.go_within(pulls.axes)
         self._asked = True
         observation = observation._replace(u=self._follower.free(observation.u))
         if self.ready:
@@ -320,10 +320,6 @@ class LearningController(ABC):
 
     # Parts of the above.
 
-    def _new_first_learning(self) -> FirstLearning:
-        axes = self._follower.axes
-        return FirstLearning(self._options, axes, self._seed, _UNKNOWN_BODY.lag_s)
-
     @property
     def _can_do_without_model(self) -> bool:
         """A method that is followed as it was published goes on with what it has."""
@@ -338,9 +334,9 @@ class LearningController(ABC):
         """Motions went elsewhere than it says: first motions tell how this body answers. Axes on
         each other's wires, or an exploration that told nothing: who goes by such a model leads the
         tip away, and what he learns on the way never makes up for it."""
-        follower = TipFollower(self._options, self._robot)
+        follower, axes = TipFollower(self._options, self._robot), self._follower.axes
         follower.set_posture(self._follower.posture)
-        follower.axes = self._follower.axes  # which know what their tendons do against each other
+        follower.axes = axes  # which know what their tendons do against each other
         self._of_another_body = True
         self._know_nothing(follower)
 

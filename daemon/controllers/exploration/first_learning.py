@@ -75,6 +75,11 @@ class FirstLearning:
             self.go_on()
         self._babbling.reset()
 
+    def go_within(self, axes: AxisRanges) -> None:
+        """More is known of what the axes do against each other; nothing has moved yet."""
+        self._axes = axes
+        self._babbling = self._new_babbling()
+
     def go_on(self) -> None:
         """More of them are needed."""
         self._babbling = self._new_babbling()
