@@ -22,13 +22,17 @@ _DRAWN_AT_MOST: Final = 60
 class Babbling:
     """Proposes the steps until it has lasted as long as it should, pauses not counted."""
 
-    def __init__(self, options: MotorBabbling, axes: AxisRanges, seed: int) -> None:
+    def __init__(
+        self, options: MotorBabbling, axes: AxisRanges, seed: int, home: Vector | None = None
+    ) -> None:
+        """home: (m,) where the axes go first, and then round it; None: where they are."""
         self._options = options
         self._axes = axes
         self._random = np.random.default_rng(seed)
         self._walk = WaypointWalk(options, axes, self._random)
-        self._home: Vector | None = None
-        self._goal = np.zeros(axes.count)
+        self.home = home
+        """(m,) round which they go; None: motion has not begun."""
+        self._goal = np.zeros(axes.count) if home is None else home
         self._elapsed_s = 0.0
 
     @property
@@ -45,18 +49,18 @@ class Babbling:
     def reset(self) -> None:
         """Motion begins again, perhaps from elsewhere."""
         self._walk.reset()
-        self._home = None
+        self.home = None
 
     def propose(self, observation: Observation) -> Vector:
         """(m,) the next step; none when it is done."""
         if self.done:
             return np.zeros(self._axes.count)
         self._elapsed_s += step_time(observation)
-        if self._home is None:
-            self._home = observation.targets.copy()
-            self._goal = self._draw(self._home)
+        if self.home is None:
+            self.home = observation.targets.copy()
+            self._goal = self._draw(self.home)
         elif self._walk.arrived(self._goal, observation):
-            self._goal = self._draw(self._home)
+            self._goal = self._draw(self.home)
         return self._walk.step(self._goal, observation)
 
     def _draw(self, home: Vector) -> Vector:

@@ -63,6 +63,9 @@ def test_a_learner_leads_by_its_model_if_it_has_one(model: str) -> None:
     assert not without._follower.leading.modelled
 
 
+BEGIN_MM = np.array([0.0, 0.0, 300.0])
+
+
 class LateBody:
     """Its tip is a linear function of the axes as they show: it knows a lag, and nothing else."""
 
@@ -74,15 +77,18 @@ class LateBody:
         self.dead_frames = round(dead_s / DT_S)
         self.shown = self.told[0]
         self.noise = np.random.default_rng(4)
+        self.before_mm = BEGIN_MM
 
     def step(self, begins: bool = False) -> str:
         """One frame. What the learner says that it does."""
         due = self.told[max(len(self.told) - 1 - self.dead_frames, 0)]
         self.shown = self.shown - np.expm1(-DT_S / self.first_order_s) * (due - self.shown)
-        tip, u, still = self.true @ self.shown, self.told[-1], np.zeros(3)
+        u, still = self.told[-1], np.zeros(3)
+        tip = BEGIN_MM + self.true @ (self.shown - self.told[0])
+        velocity, self.before_mm = (tip - self.before_mm) / DT_S, tip
         tip = tip + 0.1 * self.noise.normal(size=3)
         t_ns = round(len(self.told) * DT_S * 1e9)
-        seen = Observation(t_ns, DT_S, u, u, tip, still, tip, still)
+        seen = Observation(t_ns, DT_S, u, u, tip, velocity, tip, still)
         if begins:
             self.learner.reset(seen)
         self.learner.observe(seen)
@@ -180,6 +186,18 @@ def test_first_motions_of_a_tip_that_goes_little_but_visibly_go_on_wider(
     went = np.ptp(np.array(body.told), axis=0) / body.learner._follower.axes.scale
     assert (went > 2 * body.learner._options.babbling.reach_share).all(), "further than asked for"
     assert body.off < 0.5
+
+
+def test_first_motions_of_a_supple_body_become_calmer_and_tell_as_much() -> None:
+    """A tip that goes four times as far as a usual one would leave the tracker's sight."""
+    body = LateBody(0.1, made_learner("reward_weighted"))
+    body.true = 4.0 * body.true
+    body.babble()
+    calm = np.array(body.told)[-round(20.0 / DT_S) :]
+    away_mm = np.linalg.norm((calm - body.told[0]) @ body.true.T, axis=1)
+    assert away_mm.max() < 35.0
+    assert np.linalg.norm(np.diff(calm, axis=0) @ body.true.T, axis=1).max() < 100.0 * DT_S
+    assert body.off < 0.1
 
 
 def test_first_motions_of_a_tip_that_was_held_are_gone_on_with_once_it_is_free() -> None:
