@@ -91,7 +91,7 @@ class MotorBabbling(RandomMotion):
 
     reach_share: Annotated[float, Field(gt=0.0, le=0.25)] = 0.05
     """How far each axis goes from where it was, as a share of its travel. Where the tip goes too
-    little to be learnt from, and visibly by the axes, twice as far, up to 0.25; where it goes far or
-    fast, half as far and half as fast."""
+    little to be learnt from, and visibly by the axes, twice as far, up to 0.25; where it goes far
+    or fast, half as far and half as fast."""
 
     duration_s: Positive = 20.0

@@ -195,8 +195,8 @@ def test_first_motions_of_a_supple_body_become_calmer_and_tell_as_much() -> None
     body.babble()
     calm = np.array(body.told)[-round(20.0 / DT_S) :]
     away_mm = np.linalg.norm((calm - body.told[0]) @ body.true.T, axis=1)
-    assert away_mm.max() < 35.0
-    assert np.linalg.norm(np.diff(calm, axis=0) @ body.true.T, axis=1).max() < 100.0 * DT_S
+    assert away_mm.max() < 45.0
+    assert np.linalg.norm(np.diff(calm, axis=0) @ body.true.T, axis=1).max() < 150.0 * DT_S
     assert body.off < 0.1
 
 
