@@ -264,17 +264,30 @@ class Node:
 
     async def _reset_communication(self) -> bool:
         """Whether the node answers a reset with its boot-up. One that boots for longer than it is
-        waited for is not reset again meanwhile: it would never come up."""
-        now_ns = self._clock.now_ns()
-        if self._reset_ns is None or now_ns - self._reset_ns > _BOOTS_FOR_NS:
+        waited for is not reset again meanwhile: it would never come up. One that beats has not
+        heard of it."""
+        reset_ns, now_ns = self._reset_ns, self._clock.now_ns()
+        if reset_ns is not None and now_ns - reset_ns <= _BOOTS_FOR_NS:
+            await self._hears(lambda: self._booted or self._beats, _BOOT_UP_WITHIN_S)
+            if not (self._booted or self._beats):
+                return False
+        if reset_ns is None or not self._booted:
             self._reset_ns, self._boot_ups_before = now_ns, self.heartbeat.boot_ups
             self._command(NmtCommand.RESET_COMMUNICATION)
-        if not await self._hears(
-            lambda: self.heartbeat.boot_ups > self._boot_ups_before, _BOOT_UP_WITHIN_S
-        ):
-            return False
+            if not await self._hears(lambda: self._booted, _BOOT_UP_WITHIN_S):
+                return False
         self._reset_ns = None
         return True
+
+    @property
+    def _booted(self) -> bool:
+        """Since it was reset."""
+        return self.heartbeat.boot_ups > self._boot_ups_before
+
+    @property
+    def _beats(self) -> bool:
+        """Whether it is heard, and so is not booting."""
+        return self.heartbeat.state not in (None, NmtState.BOOT_UP)
 
     async def _write_settings(self) -> bool:
         """Identify the node and set it up. False: it booted meanwhile, as boot loaders make it."""
@@ -296,12 +309,11 @@ class Node:
         try:
             await self.sdo.read(objects.DEVICE_TYPE)
         except SdoError as error:
-            beats = self.heartbeat.state not in (None, NmtState.BOOT_UP)
-            if beats:  # so it is not booting
+            if self._beats:
                 self._reset_ns = None
             raise BringUpError(c.ABSENT, str(error)) from error
         reset_ns, self._reset_ns = self._reset_ns, None
-        if self.heartbeat.boot_ups > self._boot_ups_before:  # while it was asked
+        if self._booted:  # while it was asked
             return
         if reset_ns is not None and self._clock.now_ns() - reset_ns > _RESET_JUST_NOW_NS:
             raise BringUpError(c.ABSENT, "it was not there yet when it was reset, and is now")

@@ -119,8 +119,8 @@ async def _serve(
     finding = asyncio.create_task(_find(server, runs, arguments, log))
     try:
         await web.SockSite(runner, listening, ssl_context=context).start()
-        if arguments.bind not in _LOOPBACK:
-            warn(f"warning: port {port} is open to the network, at {arguments.bind}")
+        for text in _openings(arguments.bind, port):
+            warn(text)
         _tell(arguments, port, tokens)
         for text in absent(arguments.robots, _folders(arguments)):
             warn(text)
@@ -129,6 +129,13 @@ async def _serve(
         finding.cancel()
         await asyncio.gather(finding, return_exceptions=True)
         await runner.cleanup()
+
+
+def _openings(bind: str, port: int) -> list[str]:
+    """What whoever starts it is to know of who else can connect."""
+    if bind in _LOOPBACK:
+        return []
+    return [f"warning: port {port} is open to the network, at {bind}"]
 
 
 def _tell(arguments: argparse.Namespace, port: int, tokens: dict[str, str]) -> None:

@@ -174,9 +174,8 @@ def test_what_was_learnt_besides_no_gains_is_refused(gains: Vector, model: str) 
 
 
 def test_babbling_that_shows_nothing_is_not_enough() -> None:
-    loop = ClosedLoop(
-        made_learner("reward_weighted", babbling={"duration_s": 5.0, "reach_share": 0.01})
-    )
+    hardly = {"duration_s": 5.0, "reach_share": 1e-4, "dither_share": 0.0}
+    loop = ClosedLoop(made_learner("reward_weighted", babbling=hardly))
     loop.start()
     with pytest.raises(ControllerError, match="let them be longer or wider"):
         loop.explore()

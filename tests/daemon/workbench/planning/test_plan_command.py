@@ -118,7 +118,7 @@ def test_a_robot_without_model_says_what_to_do(capsys: pytest.CaptureFixture[str
         main(["plan", str(SHIPPED_ROBOTS / "soft_arm.yaml"), "--to", "0,0,190"])
         == EXIT_CONFIGURATION
     )
-    assert "train a model" in capsys.readouterr().err
+    assert "risk.model: builtin:soft_arm.npz is shipped" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
