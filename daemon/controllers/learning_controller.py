@@ -69,7 +69,7 @@ class LearningController(ABC):
         self._points = False
         """Whether the reference has ever said where to point: a hand does so when it likes."""
         self._of_another_body = False
-        """Whether the body was seen to be another one than the model's, which is left out since."""
+        """Whether the body was seen to be another one than the model's, which is left out."""
         self._know_nothing(TipFollower(options, robot))
         self._tendon_pulls = TendonPulls.of(robot, self._follower.axes)
         self._unseen: Observation | None = None
@@ -386,6 +386,7 @@ class LearningController(ABC):
 
     def _adopt(self, model: PretrainedModel | None, jacobian: TipJacobian, learnt: Arrays) -> None:
         self._take_over(model, jacobian, learnt)
+        self._of_another_body = self._of_another_body and model is None
         self._model, self._jacobian = model, jacobian
         self._follower.leading.modelled = model is not None
         self._follower.expect_hysteresis(jacobian.held_back)

@@ -5,18 +5,15 @@ import asyncio
 import sys
 from contextlib import suppress
 from importlib.util import find_spec
-from typing import Final
 
 from daemon.bridges.robot_feed import Listener, RobotFeed
 from daemon.commands.outcome.failures import CommandError, UsageError
 from daemon.commands.terminal.argument_types import port_number
-from daemon.commands.terminal.remote_arguments import address
+from daemon.commands.terminal.remote_arguments import address, network_warnings
 from daemon.host.stop_signals import StopSignals
 from daemon.messages import Message, Surroundings, WhoAmI
 from daemon.remote.client.address import Address
 from daemon.remote.client.client_errors import ClientError
-
-_LOOPBACK: Final = ("127.0.0.1", "::1", "localhost")
 
 
 def add_port_arguments(parser: argparse.ArgumentParser, port: int, protocol: str) -> None:
@@ -34,8 +31,8 @@ def add_port_arguments(parser: argparse.ArgumentParser, port: int, protocol: str
 
 def warn_of_network(bind: str, port: int) -> None:
     """On stderr, where others than this machine can connect."""
-    if bind not in _LOOPBACK:
-        print(f"warning: port {port} is open to the network, at {bind}", file=sys.stderr)
+    for text in network_warnings(bind, port):
+        print(text, file=sys.stderr)
 
 
 def require_library(module: str, extra: str = "bridges") -> None:

@@ -17,6 +17,7 @@ from daemon.commands.outcome.failures import CommandError, UsageError
 from daemon.commands.outcome.result import Result, tell
 from daemon.commands.terminal.argument_types import port_number
 from daemon.commands.terminal.event_log import add_log_argument, event_line, style_of, warning_line
+from daemon.commands.terminal.remote_arguments import LOOPBACK, network_warnings
 from daemon.host.logs import Log, logging_to_stderr
 from daemon.host.stop_signals import StopSignals
 from daemon.remote.access import OPERATOR
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
 _LOOKS_EACH_S: Final = 1.0
 _PORT: Final = 8420
 _RUNS: Final = Path("runs")
-_LOOPBACK: Final = ("127.0.0.1", "::1", "localhost")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -79,7 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Result:
-    if arguments.bind not in _LOOPBACK and (arguments.tls is None or arguments.no_token):
+    if arguments.bind not in LOOPBACK and (arguments.tls is None or arguments.no_token):
         raise UsageError("others than this machine are served with --tls and a token only")
     if arguments.replay is not None and not arguments.replay.exists():
         text = f"{arguments.replay}: there is no such file or folder"
@@ -119,7 +119,7 @@ async def _serve(
     finding = asyncio.create_task(_find(server, runs, arguments, log))
     try:
         await web.SockSite(runner, listening, ssl_context=context).start()
-        for text in _openings(arguments.bind, port):
+        for text in network_warnings(arguments.bind, port):
             warn(text)
         _tell(arguments, port, tokens)
         for text in absent(arguments.robots, _folders(arguments)):
@@ -129,13 +129,6 @@ async def _serve(
         finding.cancel()
         await asyncio.gather(finding, return_exceptions=True)
         await runner.cleanup()
-
-
-def _openings(bind: str, port: int) -> list[str]:
-    """What whoever starts it is to know of who else can connect."""
-    if bind in _LOOPBACK:
-        return []
-    return [f"warning: port {port} is open to the network, at {bind}"]
 
 
 def _tell(arguments: argparse.Namespace, port: int, tokens: dict[str, str]) -> None:

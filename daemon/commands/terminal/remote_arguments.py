@@ -5,7 +5,7 @@ import asyncio
 import sys
 from collections.abc import Awaitable, Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
@@ -25,6 +25,9 @@ if TYPE_CHECKING:  # `tentacled stop` must be quick, and needs no session
 
 Talk = Callable[["RobotClient"], Awaitable[Result]]
 """What to do with a connected client. May raise ClientError."""
+
+LOOPBACK: Final = ("127.0.0.1", "::1", "localhost")
+"""Addresses that this machine alone reaches."""
 
 
 def add_target_arguments(parser: argparse.ArgumentParser) -> None:
@@ -165,3 +168,10 @@ def _runtime_root() -> Path:
     from daemon.robot.runtime_directory import default_runtime_directory
 
     return default_runtime_directory("any").parent
+
+
+def network_warnings(bind: str, port: int) -> list[str]:
+    """What whoever serves `port` at the address `bind` is to know of who else can connect."""
+    if bind in LOOPBACK:
+        return []
+    return [f"warning: port {port} is open to the network, at {bind}"]

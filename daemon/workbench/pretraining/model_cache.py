@@ -35,8 +35,8 @@ _EXPLAINS_TOO_LITTLE: Final = 0.2
 """R²: models of the shipped bodies have 0.6 to 0.9, and one of motions as poor as Ho's 0.3. One of
 0.03 held a long, supple arm six times on its way, which without a model was not held."""
 _EXPLAINS_TOO_LITTLE_THAT_TURNS: Final = 0.6
-"""... where axes turn round: what they do goes by sines. Models of 0.3 to 0.46 led a set of tubes
-20 mm off, and two others were held; one of those was 0.1 mm off by its first motions."""
+"""... where axes turn round: what they do goes by sines. Whoever follows models of 0.3 to 0.46 is
+led up to 20 mm off, until motions contradict them; without one it is 0.1 mm."""
 _AS_SERVES_BEST: Final = Pretraining()
 
 

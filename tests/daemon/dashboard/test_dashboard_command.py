@@ -11,6 +11,7 @@ import pytest
 
 from daemon.commands.host import dashboard
 from daemon.commands.terminal.command_line import parsed
+from daemon.commands.terminal.remote_arguments import network_warnings
 from daemon.dashboard.recorded_runs import RecordedRuns
 from daemon.dashboard.robot_link import RobotLink
 from daemon.host.clock import run_in_real_time
@@ -46,9 +47,9 @@ def test_nobody_but_this_machine_reaches_it_unless_it_is_told_so() -> None:
 
 
 def test_a_page_that_others_reach_is_warned_of_with_its_port() -> None:
-    (told,) = dashboard._openings("0.0.0.0", 8421)
+    (told,) = network_warnings("0.0.0.0", 8421)
     assert "8421 is open to the network" in told
-    assert dashboard._openings(parsed(["dashboard"]).bind, 8421) == []
+    assert network_warnings(parsed(["dashboard"]).bind, 8421) == []
 
 
 def test_authentication_is_left_to_a_proxy_only_where_that_is_asked_for(open_to_all: str) -> None:

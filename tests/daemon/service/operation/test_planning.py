@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
@@ -120,14 +121,20 @@ def test_held_on_its_way_it_is_planned_anew_among_what_is_there_then(file: Robot
     play(scene, file, plan_path=plan_here)
 
 
-def test_beside_something_it_is_planned_for_the_body_that_is_seen_as_the_gate_takes_it(
-    file: RobotFile,
-) -> None:
-    asked: list[PlanRequest] = []
+def plan_and_note(asked: list[PlanRequest]) -> Callable[[bytes], Awaitable[bytes]]:
+    """Plans in this process, and keeps what was asked for."""
 
     async def heard(request: bytes) -> bytes:
         asked.append(msgspec.json.decode(request, type=PlanRequest))
         return answer(request)
+
+    return heard
+
+
+def test_beside_something_it_is_planned_for_the_body_that_is_seen_as_the_gate_takes_it(
+    file: RobotFile,
+) -> None:
+    asked: list[PlanRequest] = []
 
     async def scene(rig: Rig) -> None:
         await rig.armed()
@@ -142,7 +149,7 @@ def test_beside_something_it_is_planned_for_the_body_that_is_seen_as_the_gate_ta
         assert made.path is not None and tip is not None
         assert made.path["tip_mm"][0] == pytest.approx(tip.position_mm.tolist(), abs=1.0)
 
-    play(scene, file, plan_path=heard)
+    play(scene, file, plan_path=plan_and_note(asked))
     any_body = msgspec.structs.replace(asked[0], seen=None)
     assert json.loads(answer(msgspec.json.encode(any_body)))["none"] == "start_touches"
 
@@ -165,10 +172,6 @@ def test_what_moves_is_kept_away_from_where_it_may_be(file: RobotFile) -> None:
     beside = MovingObstacle(centre_mm=[60.0, 5.0, 190.0], radius_mm=6.0, velocity_mm_s=[-9.0, 0, 0])
     asked: list[PlanRequest] = []
 
-    async def heard(request: bytes) -> bytes:
-        asked.append(msgspec.json.decode(request, type=PlanRequest))
-        return answer(request)
-
     async def scene(rig: Rig) -> None:
         await rig.armed()
         far = await rig.do(Plan, to_mm=THERE)
@@ -181,7 +184,7 @@ def test_what_moves_is_kept_away_from_where_it_may_be(file: RobotFile) -> None:
         assert near.path["figures"]["moving_obstacles"] == 1
         assert near.path["surroundings_sha256"] == far.path["surroundings_sha256"]
 
-    play(scene, file, plan_path=heard)
+    play(scene, file, plan_path=plan_and_note(asked))
     assert [len(request.moving) for request in asked] == [0, 1, 1]
     x, y, z, *way, radius_mm = asked[1].moving[0]
     assert (x, y, z, radius_mm) == (60.0, 5.0, 190.0, 6.0)
