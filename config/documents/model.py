@@ -32,7 +32,10 @@ class OptionsError(ValueError):
 
     def __init__(self, problems: Sequence[str]) -> None:
         self.problems = tuple(problems)
-        super().__init__("; ".join(self.problems))
+        super().__init__(self.problems)  # as it is made again on the other side of a process
+
+    def __str__(self) -> str:
+        return "; ".join(self.problems)
 
 
 def checked_options(model: type[M], key: str, mapping: Mapping[str, Any]) -> M:

@@ -37,7 +37,10 @@ class ConfigError(ValueError):
 
     def __init__(self, problems: Iterable[Problem]) -> None:
         self.problems: Sequence[Problem] = tuple(sorted(set(problems)))
-        super().__init__("\n".join(map(str, self.problems)))
+        super().__init__(self.problems)  # as it is made again on the other side of a process
+
+    def __str__(self) -> str:
+        return "\n".join(map(str, self.problems))
 
 
 def key_path(location: Iterable[Key]) -> str:

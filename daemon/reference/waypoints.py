@@ -34,7 +34,10 @@ class WaypointError(ValueError):
 
     def __init__(self, problems: Sequence[str]) -> None:
         self.problems = tuple(problems)
-        super().__init__("\n".join(problems))
+        super().__init__(self.problems)  # as it is made again on the other side of a process
+
+    def __str__(self) -> str:
+        return "\n".join(self.problems)
 
 
 def read_waypoints(path: Path, *, closed: bool) -> tuple[Vector, Vector]:

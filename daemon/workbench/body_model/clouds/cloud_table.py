@@ -38,9 +38,13 @@ class CloudImportError(CloudDatasetError):
     """Clouds that cannot be used, for all the reasons that there are."""
 
     def __init__(self, place: Path, faults: Sequence[str]) -> None:
+        self.place, self.faults = place, tuple(faults)
+        super().__init__(place, self.faults)  # as it is made again on the other side of a process
+
+    def __str__(self) -> str:
+        faults = self.faults
         more = [f"and {len(faults) - _TOLD} more"] if len(faults) > _TOLD else []
-        super().__init__("\n".join(f"{place}: {one}" for one in [*faults[:_TOLD], *more]))
-        self.faults = tuple(faults)
+        return "\n".join(f"{self.place}: {one}" for one in [*faults[:_TOLD], *more])
 
 
 @dataclass(frozen=True, eq=False)
