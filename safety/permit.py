@@ -127,8 +127,9 @@ class PermittedStep(_Sealed):
         if t_ns <= self.begins_ns:
             return start
         if t_ns < self.ends_ns:
-            change = (end - start) * (t_ns - self.begins_ns)
-            return start + change // (self.ends_ns - self.begins_ns)
+            duration_ns = self.ends_ns - self.begins_ns
+            twice = 2 * (end - start) * (t_ns - self.begins_ns)
+            return start + (twice + duration_ns) // (2 * duration_ns)
         rest = self.rest_counts[axis]
         left_s = self._braking_left_s(axis, t_ns)
         way = int(self.decelerations[axis] * left_s * left_s / 2)

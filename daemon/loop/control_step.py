@@ -12,6 +12,7 @@ from daemon.control.controller import Controller, ControllerError, Observation, 
 from daemon.control.task import tip_axis
 from daemon.estimation.pose_filter import PoseFilter, TipEstimate
 from daemon.loop.actuation_history import ActuationHistory
+from daemon.loop.axis_targets import AxisTargets
 from daemon.loop.frame_statistics import FrameStatistics, StepPeriod
 from daemon.loop.step_messages import (
     RequestedStep,
@@ -105,6 +106,7 @@ class ControlLoop:
         """Which motion of an exploration this is; None while it follows."""
         self.decision: Decision | None = None
         self.channels = in_order(buses)
+        self._axis_targets = AxisTargets(self.channels)
         self._buses = buses
         self._gate = gate
         self._supervisor = supervisor
@@ -132,7 +134,6 @@ class ControlLoop:
         self._way_counting = risk if isinstance(risk, WayCounting) else None
         self._compared: TipComparison | None = None
         """The last word on whether the tip is where the model of the body has it."""
-        self._last_step: PermittedStep | None = None
         self._last_frame_ns: int | None = None
         self._begun = False
         self._tracking_error = TrackingError.of(robot)
@@ -167,13 +168,13 @@ class ControlLoop:
 
     def settle(self) -> None:
         """The axes stand where they are, newly energised: nothing before counts."""
-        self._gate.settle([channel.position_counts for channel in self.channels])
-        self._last_step = None
+        self._gate.settle(self._axis_targets.measured)
+        self._axis_targets.forget()
         self.begin()
 
     def refuses_rest(self) -> str:
         """Why the body may not be energised where it is; empty if it may."""
-        counts = [channel.position_counts for channel in self.channels]
+        counts = self._axis_targets.measured
         measured = Measured(counts, [None] * len(counts))
         return self._gate.refuses_rest(measured, self._clock.now_ns())
 
@@ -224,24 +225,19 @@ class ControlLoop:
         self._step_period.add(frame.t_ns - last_ns)
         longest_s = max(_LONGEST_DT_S, 2e-9 * self._step_period.period_ns)
         dt_s = min((frame.t_ns - last_ns) * 1e-9, longest_s)
-        counts: list[int | None] = [channel.position_counts for channel in self.channels]
+        counts = self._axis_targets.measured
         tensions = [
             channel.scale.force(channel.torque_permille) if tendon else None
             for channel, tendon in zip(self.channels, self._tendons, strict=True)
         ]
-        now_ns = self._clock.now_ns()
-        targets = [
-            channel.scale.position(target)
-            for channel, target in zip(self.channels, self.target_counts(now_ns), strict=True)
-        ]
+        targets = self._axis_targets.in_units(self.target_counts(self._clock.now_ns()))
         u = self.history.at_frame(frame.t_ns)
-        return Sensed(frame, dt_s, u, np.array(targets), Measured(counts, tensions))
+        return Sensed(frame, dt_s, u, targets, Measured(counts, tensions))
 
     def target_counts(self, now_ns: int) -> Sequence[int]:
         """Where each axis is told to be; where it is, while it is told nothing."""
-        if self._last_step is None or not self._supervisor.state.follows:
-            return [channel.position_counts for channel in self.channels]
-        return self._last_step.targets(now_ns)
+        targets = self._axis_targets
+        return targets.counts(now_ns) if self._supervisor.state.follows else targets.measured
 
     def _estimate(self, sensed: Sensed) -> bool:
         believed = self.filter.update(sensed.frame.t_ns, sensed.frame.tip)
@@ -364,14 +360,12 @@ class ControlLoop:
             return None
         now_ns = self._clock.now_ns()
         if requested is None:
+            self._axis_targets.drop_rest()
             self.withdraw_refusals(now_ns)
             return self._gate.hold(sensed.measured, now_ns, self._step_period.period_ns)
-        wanted = (sensed.targets + requested.delta_u).tolist()
-        targets = [
-            position * channel.scale.counts_per_unit
-            for position, channel in zip(wanted, self.channels, strict=True)
-        ]
-        decision = self._gate.decide(targets, sensed.measured, now_ns, self._step_period.period_ns)
+        asked = self._axis_targets.asked(sensed.targets + requested.delta_u)
+        decision = self._gate.decide(asked, sensed.measured, now_ns, self._step_period.period_ns)
+        self._axis_targets.keep_rest(asked, None if decision.refused else decision.step)
         self._tell_supervisor(decision, requested, now_ns)
         if decision.risk is not None and decision.refused != RISK_UNAVAILABLE:
             self._avoidance.take_judgement(decision.risk, self._threshold, RISK in decision.limits)
@@ -394,7 +388,7 @@ class ControlLoop:
         if not all(bus.following for bus in self._buses):
             self.settle()  # an axis does not follow: what was permitted does not happen
         elif all(bus.takes(step) for bus in self._buses):
-            self._last_step = step
+            self._axis_targets.take(step)
             for bus in self._buses:
                 bus.write(step)
         else:
@@ -405,11 +399,8 @@ class ControlLoop:
         step = None if self.decision is None else self.decision.step
         if step is None or not self._supervisor.running:
             return None
-        ends = [
-            channel.scale.position(counts)
-            for channel, counts in zip(self.channels, step.to_counts, strict=True)
-        ]
-        return clearance_of(self._risk, ends, self._threshold)
+        ends = self._axis_targets.in_units(step.to_counts)
+        return clearance_of(self._risk, ends.tolist(), self._threshold)
 
     def _tell_supervisor(self, decision: Decision, requested: RequestedStep, now_ns: int) -> None:
         """A step that was refused, or cut to nothing again and again, is a reason to hold."""

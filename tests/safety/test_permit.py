@@ -146,6 +146,25 @@ def test_the_targets_of_all_axes_are_those_of_each(share: float) -> None:
     assert step.targets(t_ns) == (step.target(0, t_ns), step.target(1, t_ns))
 
 
+@pytest.mark.parametrize("change", [-500, -7, -1, 0, 1, 7, 500])
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.45, 0.55, 0.99, 1.0])
+def test_a_target_is_the_whole_count_nearest_to_even_motion_up_as_down(
+    change: int, share: float
+) -> None:
+    step = permit(
+        from_counts=[50_000],
+        to_counts=[50_000 + change],
+        measured_counts=[50_000],
+        velocities_before=[change * 1e9 / PERIOD_NS],
+        begins_ns=BEGINS_NS,
+        duration_ns=PERIOD_NS,
+        limits=[LIMITS],
+    )
+    assert isinstance(step, PermittedStep)
+    told = step.target(0, BEGINS_NS + round(share * PERIOD_NS)) - 50_000
+    assert abs(told - share * change) <= 0.5
+
+
 @pytest.mark.parametrize(
     ("start", "end", "measured", "velocity_before", "limit"),
     [
