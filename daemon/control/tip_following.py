@@ -363,14 +363,15 @@ class TipFollower:
         # The body's free axes are what the Jacobian is of, and what is to stay near the posture.
         needed = np.eye(self.axes.count) if hysteresis is None else hysteresis.needed
         each = np.diag(needed)
+        unstrained = self.axes.unstrained(jacobian)
         step, made = kernels.axis_step(
-            in_rows(self.axes.unstrained(jacobian)),
+            in_rows(unstrained),
             in_rows(tip_step),
             kernels.StepBounds(in_rows(near), lowest / each, highest / each),
             self.redundancy.unit,
             self.axes.max_velocity / each,
             dt_s,
-            self.redundancy.damping_mm(jacobian),
+            self.redundancy.damping_mm(unstrained),
             self._lets_go,
         )
         if hysteresis is not None:
@@ -396,6 +397,7 @@ class TipFollower:
     def axis_velocity(self, jacobian: Matrix, tip_velocity: Vector, u: Vector) -> Vector:
         """(m,) per second that this law asks of axes at (m,) for (3,) mm/s of the tip, however
         fast they are; where they are not fast enough, spread over them. jacobian: (3, m)."""
+        jacobian = self.axes.unstrained(jacobian)
         unit, damping = self.redundancy.unit, self.redundancy.damping_mm(jacobian)
         scaled = in_rows(jacobian * unit)
         lowest, highest = self.axes.step_range(u)
@@ -412,7 +414,7 @@ class TipFollower:
     def axes_nearer(self, jacobian: Matrix, missing_mm: Vector, u: Vector) -> Vector:
         """(m,) axes within their travel, nearest to (m,) `u`, that bring the tip (3,) mm further.
         jacobian: (3, m)."""
-        unit = self.redundancy.unit
+        jacobian, unit = self.axes.unstrained(jacobian), self.redundancy.unit
         step = damped_solution(jacobian * unit, missing_mm, self.redundancy.damping_mm(jacobian))
         return np.clip(u + unit * step, self.axes.lowest, self.axes.highest)
 

@@ -5,8 +5,10 @@ import pytest
 
 from config.loader import load_robot
 from config.robot import Robot
+from config.tasks.controllers import TipFollowing
 from config.tasks.exploration import DesignedExploration, MotorBabbling
 from daemon.control.controller import Observation
+from daemon.control.tip_following import TipFollower
 from daemon.controllers.exploration.designed_exploration import DesignedExplorationController
 from daemon.controllers.exploration.motor_babbling import Babbling
 from daemon.controllers.exploration.tendon_pulls import TendonPulls
@@ -99,6 +101,19 @@ def test_first_motions_of_many_tendons_bend_the_body_and_slacken_none(known: Axi
         places.append(targets)
     assert (STRUNG_N + np.array(places) @ STIFFNESS).min() > 1.0
     assert (np.ptp(np.array(places) @ BENDS, axis=0) > 1.0).all()
+
+
+def test_how_far_tendons_that_strain_each_other_moved_the_tip_slows_no_step(
+    known: AxisRanges,
+) -> None:
+    law = TipFollower(TipFollowing(max_tip_speed_mm_s=100.0), robot())
+    law.axes = known
+    strain = np.where(np.arange(TENDONS) % 2 == 0, 1.0, -1.0)
+    bends = np.vstack([8.0 * BENDS.T, np.zeros(TENDONS)])
+    jacobian = bends + 25.0 * np.outer(np.ones(3), strain)
+    wanted = np.array([0.3, -0.2, 0.0])
+    step = law.axis_step(jacobian, wanted, seen(np.zeros(TENDONS)), np.zeros(TENDONS))
+    np.testing.assert_allclose(bends @ step, wanted, atol=0.02)
 
 
 def test_an_exploration_of_many_tendons_pulls_first_and_has_all_of_its_time_then() -> None:
