@@ -172,7 +172,7 @@ class FirstLearning:
         """
         samples, needed = self.samples, _SAMPLES_PER_AXIS * self._axes.count
         if len(samples) >= needed:
-            return _fitted_jacobian(samples, self._axes.scale)
+            return _fitted_jacobian(samples, self._axes)
         before, self._samples_before = self._samples_before, len(samples)
         visibly = self._motions is not None and self._motions.explained > _VISIBLY
         wider = visibly and self._reach_share < _WIDEST and self._calm == 1.0
@@ -196,9 +196,12 @@ class FirstLearning:
         return Babbling(options.model_copy(update=wide), self._axes, self._seed, home)
 
 
-def _fitted_jacobian(samples: list[MotionSample], travel: Vector) -> Vector:
-    """(3, m) mm per mm or rad."""
-    moved = np.array([sample.delta_u for sample in samples]) / travel
+def _fitted_jacobian(samples: list[MotionSample], axes: AxisRanges) -> Vector:
+    """(3, m) mm per mm or rad. What all tendons do together bends no body: hardly any of it was
+    done, and what is fitted to that is friction and noise. A tip that is led by it goes the other
+    way where one tendon may not be let go of any further and the others have to make its step."""
+    travel = axes.scale
+    moved = np.array([axes.less_together(sample.delta_u, 0.0) for sample in samples]) / travel
     tip_moved = np.array([sample.delta_tip_mm for sample in samples])
     gram = moved.T @ moved
     ridge = _FIT_RIDGE * np.trace(gram) / len(gram)
