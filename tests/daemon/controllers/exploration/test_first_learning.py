@@ -1,14 +1,17 @@
 """What first motions tell of a body that nobody knows."""
 
 import numpy as np
+import pytest
 
 from config.loader import load_robot
 from config.tasks.controllers import RewardWeighted
+from daemon.control.controller import Observation
 from daemon.controllers.exploration.first_learning import FirstLearning
 from daemon.learning.samples.motion import MotionSample
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
 from tests import SHIPPED_ROBOTS
+from tests.daemon.control.closed_loop import DT_S
 
 AXES = AxisRanges.of(load_robot(SHIPPED_ROBOTS / "three_tendon_arm.yaml").robot)
 THIRDS = 2.0 * np.pi * np.arange(3) / 3.0
@@ -32,3 +35,31 @@ def test_what_all_tendons_do_together_is_not_learnt_from_the_little_of_it_that_w
     np.testing.assert_allclose(jacobian.sum(axis=1), 0.0, atol=0.1)
     np.testing.assert_allclose(jacobian[1:], BENDS[1:], atol=1.0)
     assert (np.sign(jacobian[0]) == np.sign(BENDS[0])).all()
+
+
+FOUR = AxisRanges.of(load_robot(SHIPPED_ROBOTS / "tendon_arm.yaml").robot)
+ACROSS = np.array([1.0, -1.0, 1.0, -1.0]) / 2.0
+STIFFNESS = 1.0 * np.eye(4) + 6.0 * np.outer(ACROSS, ACROSS)
+"""N/mm of four tendons round an arm: what pulls two of them that are opposite strains them all."""
+STRUNG_N = 3.0
+
+
+def lowest_tension_n(seed: int, known: bool = True) -> float:
+    """Of all first motions, as steps are let through."""
+    options = RewardWeighted(kind="reward_weighted", lag_s=0.1)
+    first, targets, lowest_n = FirstLearning(options, FOUR, seed, 0.1), np.zeros(4), STRUNG_N
+    first.begin(enough=False)
+    tip, still = np.array([0.0, 0.0, 195.0]), np.zeros(3)
+    while not first.over:
+        tensions_n = STRUNG_N + STIFFNESS @ targets
+        lowest_n = min(lowest_n, float(tensions_n.min()))
+        told = tensions_n if known else None
+        seen = Observation(0, DT_S, targets, targets, tip, still, tip, still, tensions_n=told)
+        targets = targets + first.propose(seen).delta_u
+    return lowest_n
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_first_motions_become_calmer_before_a_tendon_goes_slack(seed: int) -> None:
+    assert lowest_tension_n(seed, known=False) < 0.0
+    assert lowest_tension_n(seed) > 0.1 * STRUNG_N
