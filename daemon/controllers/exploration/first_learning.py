@@ -15,6 +15,7 @@ from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.control.tip_following import step_time
 from daemon.controllers.exploration.first_motions import BodysLag, FirstMotions
 from daemon.controllers.exploration.motor_babbling import Babbling
+from daemon.controllers.exploration.tension_loss import TensionLoss
 from daemon.learning.samples.motion import MotionSample
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
@@ -36,11 +37,6 @@ _FASTEST_MM_S: Final = 120.0
 """... and how fast it may go, before the motions become calmer. Shipped robots go up to 0.11 of it,
 and at 90 mm/s. A long arm of eleven chambers went 60 mm of 235 at 300 mm/s, out of the tracker's
 sight and of its workspace."""
-_LOOSE: Final = 0.4
-"""Share of its tension as motion began, that each tendon keeps, or they become calmer as well: stiff
-tendons on opposite sides of an arm strain each other before they bend it ..."""
-_AHEAD_S: Final = 0.1
-"""... also so much later, if it goes on to lose it as now: nine newtons a second have been seen."""
 _CALMER: Final = 0.5
 _CALMEST: Final = 1.0 / 16.0
 _SETTLES_S: Final = 1.0
@@ -70,9 +66,7 @@ class FirstLearning:
         """None: it is known how late the body is."""
         self._begun_mm: Vector | None = None
         """(3,) where the tip was; None: motion has not begun."""
-        self._begun_n: Vector | None = None
-        self._before_n: Vector | None = None
-        """(m,) tensions then, and at the step before; None: nobody knows."""
+        self._tension_loss = TensionLoss()
         self._settles_s = 0.0
 
     @property
@@ -131,13 +125,13 @@ class FirstLearning:
         tip_mm = observation.tip_mm
         if self._begun_mm is None:
             self._begun_mm, self._settles_s = tip_mm, 0.0
-            self._begun_n = self._before_n = observation.tensions_n
+            self._tension_loss.begin(observation.tensions_n)
         self._settles_s -= step_time(observation)
         away_mm = np.linalg.norm(tip_mm - self._begun_mm)
         far = away_mm > _FARTHEST * np.linalg.norm(self._begun_mm)
         speed_mm_s = np.linalg.norm(observation.tip_velocity_mm_s)
         fast = speed_mm_s > _FASTEST_MM_S
-        loose = self._goes_loose(observation)
+        loose = self._tension_loss.grave(observation.tensions_n, step_time(observation))
         if not (far or fast or loose) or self._settles_s > 0.0 or self._calm <= _CALMEST:
             return
         self._calm *= _CALMER
@@ -146,15 +140,6 @@ class FirstLearning:
         self.samples, self._samples_before = [], 0
         if self._motions is not None:
             self._motions = FirstMotions(self._axes.scale, self._expected_s)
-
-    def _goes_loose(self, observation: Observation) -> bool:
-        """Whether a tendon has lost most of its tension, or will have in a moment."""
-        now_n, before_n, dt_s = observation.tensions_n, self._before_n, step_time(observation)
-        self._before_n = now_n
-        if now_n is None or before_n is None or self._begun_n is None or not dt_s > 0.0:
-            return False
-        then_n = now_n + _AHEAD_S / dt_s * (now_n - before_n)
-        return bool((np.minimum(now_n, then_n) < _LOOSE * self._begun_n).any())
 
     def see(self, observation: Observation) -> None:
         """Take a frame."""

@@ -14,6 +14,7 @@ import numpy as np
 from config.robot import Robot
 from daemon.control.controller import Observation
 from daemon.control.tip_following import step_time
+from daemon.controllers.exploration.tension_loss import TensionLoss
 from daemon.robot.axes import AxisRanges
 from drivers.pose import Vector
 
@@ -53,6 +54,7 @@ class TendonPulls:
         self._pulled: Vector | None = None
         """N/mm, by the tendon that is being let go again."""
         self._first_n = np.zeros(len(self._tendons))
+        self._tension_loss = TensionLoss()
         self._rests_s = 0.0
         """Until the axis goes on; negative: so long it has gone."""
         self._goes_back = False
@@ -92,6 +94,7 @@ class TendonPulls:
         self._rests_s -= dt_s
         if self._rests_s > 0.0:
             self._first_n = now_n
+            self._tension_loss.begin(now_n)
         elif self._goes_back:
             step[axis] = self._back(now_n, observation, axis)
         else:
@@ -117,7 +120,9 @@ class TendonPulls:
             self._counted = float(observation.u[axis]), now_n
         room = min(self._home + _REACH * self._axes.scale[axis], self._axes.highest[axis])
         left = float(room - self._home - out)
-        if risen < _RISES_BY and left > self._near(axis) and self._rests_s > -_WITHIN_S:
+        slackens = self._tension_loss.grave(now_n, step_time(observation))
+        goes_on = risen < _RISES_BY and not slackens and self._rests_s > -_WITHIN_S
+        if goes_on and left > self._near(axis):
             return left
         self._goes_back, self._rests_s = True, _RESTS_S
         return 0.0

@@ -42,20 +42,20 @@ def robot(count: int = TENDONS) -> Robot:
     return FOUR.model_copy(update={"axes": axes})
 
 
-def seen(targets: Vector, known: bool = True) -> Observation:
+def seen(targets: Vector, known: bool = True, strung_n: float = STRUNG_N) -> Observation:
     """Of drives that go by whole counts."""
     u = np.round(targets * COUNTS_PER_MM) / COUNTS_PER_MM
-    tensions_n = STRUNG_N + STIFFNESS @ u if known else None
+    tensions_n = strung_n + STIFFNESS @ u if known else None
     still = np.zeros(3)
     return Observation(0, DT_S, u, u, TIP, still, TIP, still, tensions_n=tensions_n)
 
 
-def pulled_through(pulls: TendonPulls) -> Vector:
+def pulled_through(pulls: TendonPulls, strung_n: float = STRUNG_N) -> Vector:
     """(n, m) where the axes were told to be, until it was done."""
     targets, places = np.zeros(TENDONS), [np.zeros(TENDONS)]
     pulls.begin()
     while not pulls.done and len(places) < 60.0 * TENDONS / DT_S:
-        observation = seen(targets)
+        observation = seen(targets, strung_n=strung_n)
         targets = observation.targets + pulls.propose(observation)
         targets = np.round(targets * COUNTS_PER_MM) / COUNTS_PER_MM
         places.append(targets)
@@ -83,6 +83,13 @@ def test_one_after_the_other_is_pulled_a_little_and_let_go_again() -> None:
     assert (places.max(axis=0) > 0.1).all() and places.max() < 1.0
     assert (STRUNG_N + places @ STIFFNESS).min() > 0.5
     np.testing.assert_allclose(places[-1], 0.0, atol=0.1)
+
+
+def test_a_pull_ends_before_it_takes_its_neighbours_tension() -> None:
+    pulls, strung_n = TendonPulls(robot(), AxisRanges.of(robot())), 0.2
+    places = pulled_through(pulls, strung_n)
+    assert pulls.done
+    assert (strung_n + places @ STIFFNESS).min() > 0.2 * strung_n
 
 
 def test_what_bends_is_left_and_what_strains_is_not(known: AxisRanges) -> None:
