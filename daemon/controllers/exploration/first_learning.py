@@ -37,6 +37,9 @@ _FASTEST_MM_S: Final = 120.0
 """... and how fast it may go, before the motions become calmer. Shipped robots go up to 0.11 of it,
 and at 90 mm/s. A long arm of eleven chambers went 60 mm of 235 at 300 mm/s, out of the tracker's
 sight and of its workspace."""
+_FAST_FOR_S: Final = 0.1
+"""So long it must have gone so fast to be where it is: a tracker that is far away shows a tip at
+rest that goes at 140 mm/s."""
 _CALMER: Final = 0.5
 _CALMEST: Final = 1.0 / 16.0
 _SETTLES_S: Final = 1.0
@@ -130,7 +133,7 @@ class FirstLearning:
         away_mm = np.linalg.norm(tip_mm - self._begun_mm)
         far = away_mm > _FARTHEST * np.linalg.norm(self._begun_mm)
         speed_mm_s = np.linalg.norm(observation.tip_velocity_mm_s)
-        fast = speed_mm_s > _FASTEST_MM_S
+        fast = speed_mm_s > _FASTEST_MM_S and away_mm > _FASTEST_MM_S * _FAST_FOR_S
         loose = self._tension_loss.grave(observation.tensions_n, step_time(observation))
         if not (far or fast or loose) or self._settles_s > 0.0 or self._calm <= _CALMEST:
             return

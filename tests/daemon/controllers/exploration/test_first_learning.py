@@ -63,3 +63,20 @@ def lowest_tension_n(seed: int, known: bool = True) -> float:
 def test_first_motions_become_calmer_before_a_tendon_goes_slack(seed: int) -> None:
     assert lowest_tension_n(seed, known=False) < 0.0
     assert lowest_tension_n(seed) > 0.1 * STRUNG_N
+
+
+def places(speed_mm_s: float) -> Vector:
+    """(n, m) where the axes were told to be, while the filter has a tip at rest go so fast."""
+    options = RewardWeighted(kind="reward_weighted", lag_s=0.1)
+    first, targets, told = FirstLearning(options, AXES, 1, 0.1), np.zeros(3), []
+    first.begin(enough=False)
+    tip, fast, still = np.array([0.0, 0.0, 290.0]), np.array([speed_mm_s, 0.0, 0.0]), np.zeros(3)
+    while not first.over:
+        seen = Observation(0, DT_S, targets, targets, tip, fast, tip, still)
+        targets = targets + first.propose(seen).delta_u
+        told.append(targets)
+    return np.array(told)
+
+
+def test_a_tip_that_only_noise_moves_fast_calms_no_motions() -> None:
+    np.testing.assert_array_equal(places(140.0), places(0.0))
