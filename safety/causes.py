@@ -110,6 +110,12 @@ class Cause(CauseRow):
         "see in `/risk` or on the page where; stop what moves, or take it away: what comes faster"
         " than the body can go will touch it",
     )
+    NEAR_AT_REST = (
+        "near_at_rest", _W, 0.2, _SELF,
+        "the body stands energised, and something touches it there, or may at any moment",
+        "see the detail; stop what moves, or take it away, before the robot is started; disarm if"
+        " somebody is pinched",
+    )
     KEPT_AWAY = (
         "kept_away", _W, 2.0, _SELF,
         "what is near to the body keeps the tip from its reference",

@@ -44,6 +44,7 @@ from safety.risk_source import (
     TipComparing,
     TipComparison,
     WayCounting,
+    ask,
     clearance_of,
     compared,
     count_way,
@@ -95,6 +96,9 @@ class ControlLoop:
         self.tip: TipEstimate | None = None
         self.outside_workspace = False
         """Whether the tip is where no reference may lead it."""
+        self.near_at_rest = ""
+        """Where something is too near to the energised body that stands; empty: nowhere, or it is
+        not known."""
         self.aim: Aim | None = None
         self.path_risk: float | None = None
         """Of what is left of a planned path; None: none is followed, or nobody knows."""
@@ -115,6 +119,7 @@ class ControlLoop:
         self._publish_message = publish
         self._step_period = StepPeriod(FRAME_PERIOD_NS[robot.tracker.frame_rate])
         self._threshold = robot.risk.threshold
+        self._latest_after_s = robot.risk.latest_after_s
         most_mm = robot.supervision.tip_jump_mm
         self._tip_jump_mm = math.inf if most_mm is None else most_mm
         self._slide = robot.risk.slide
@@ -159,6 +164,7 @@ class ControlLoop:
         """A little of what has been put off. For a moment with nothing else to do."""
         if self._look_round:
             self._look_round = False
+            self.near_at_rest = self._near_at_rest()
             clearance = self._clearance_now()
             self._clearance = clearance if self._slide else None
             if self._clearance is not None:
@@ -401,6 +407,16 @@ class ControlLoop:
             return None
         ends = self._axis_targets.in_units(step.to_counts)
         return clearance_of(self._risk, ends.tolist(), self._threshold)
+
+    def _near_at_rest(self) -> str:
+        """While nothing is asked of the gate, who else would see what comes onto the body?"""
+        supervisor = self._supervisor
+        if supervisor.running or not supervisor.state.follows:
+            return ""
+        u = [channel.scale.position(channel.position_counts) for channel in self.channels]
+        answer = ask(self._risk, u, u, self._clock.now_ns(), self._latest_after_s)
+        near = not answer.doubt and answer.risk > self._threshold
+        return (answer.detail or "it is not known where") if near else ""
 
     def _tell_supervisor(self, decision: Decision, requested: RequestedStep, now_ns: int) -> None:
         """A step that was refused, or cut to nothing again and again, is a reason to hold."""

@@ -93,6 +93,7 @@ class Monitors:
         risk = self._risk
         watched.minute_risk = _beyond(loop.minute_risk, risk.most_in_a_minute)
         watched.path_risk = _beyond(loop.path_risk, risk.most_on_path)
+        watched.near_at_rest = loop.near_at_rest
         watched.obstacles_late = self._obstacles.late(now_ns)
         watched.tensions_n = [
             (channel.axis.name, channel.scale.force(channel.torque_permille), *limits)

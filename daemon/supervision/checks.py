@@ -89,6 +89,8 @@ class Watched:
     """How much more was risked in the last minute than may be; empty: it was not."""
     path_risk: str = ""
     """How much more is risked on the rest of a planned path than may be; empty: it is not."""
+    near_at_rest: str = ""
+    """Where something is too near to a body that stands; empty: nowhere, or it is not known."""
     recorder_failed: str = ""
     recording_lost: str = ""
     """Why nothing is recorded, and will not be; empty: it is, or will be in a moment."""
@@ -170,7 +172,9 @@ class Checks:
         self._set(Cause.LOOP_SLOW, watched.cycles_missed, t_ns, "loop")
         outside = energised and not homing and watched.outside_workspace
         self._set(Cause.OUT_OF_WORKSPACE, outside, t_ns, "tip")
+        near = watched.near_at_rest if energised and not (moving or homing) else ""
         for cause, words in (
+            (Cause.NEAR_AT_REST, near),
             (Cause.MINUTE_RISK_TOO_HIGH, watched.minute_risk if energised else ""),
             (Cause.PATH_RISK_TOO_HIGH, watched.path_risk if energised else ""),
         ):

@@ -61,6 +61,8 @@ NOT_FROM_OUTSIDE: Final = {
     "tests/daemon/service/test_risk_of_the_path.py has it",
     "giving_way": "the soft arm has no model of its body; "
     "tests/daemon/service/test_giving_way.py has it",
+    "near_at_rest": "the soft arm has no model of its body; "
+    "tests/daemon/service/test_giving_way.py has it",
     "kept_away": "the soft arm has no model of its body; "
     "tests/daemon/service/test_giving_way.py has it",
     "path_risk_too_high": "the soft arm has no model of its body; "

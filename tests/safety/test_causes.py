@@ -6,7 +6,7 @@ from safety.causes import Cause, ClearRule, Severity, cause, causes_as_markdown
 
 BY_SEVERITY = {
     Severity.WARNING: "tracker_warning bus_degraded drive_warning drive_limit loop_slow "
-    "giving_way kept_away real_time_degraded recording_dropped",
+    "giving_way near_at_rest kept_away real_time_degraded recording_dropped",
     Severity.NOT_READY: "tracker_not_ready node_not_ready not_referenced "
     "drive_settings_changed bus_not_open recorder_failed disk_low",
     Severity.HOLD: "tracker_late tracker_quality bus_queue_full drive_emergency loop_late "
@@ -81,6 +81,7 @@ def test_only_what_may_be_a_moment_of_noise_is_waited_for() -> None:
         "drive_limit": 0.2,
         "loop_slow": 1.0,
         "giving_way": 0.2,
+        "near_at_rest": 0.2,
         "kept_away": 2.0,
         "tracker_quality": 0.1,
         "bus_queue_full": 0.05,

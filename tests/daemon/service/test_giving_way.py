@@ -12,7 +12,7 @@ import yaml
 
 from config.loader import RobotFile, load_robot
 from daemon.loop.step_messages import SLIDING
-from daemon.messages import Hold, Load, MovingObstacle, Obstacles, Risk, Start, Surround
+from daemon.messages import Disarm, Hold, Load, MovingObstacle, Obstacles, Risk, Start, Surround
 from daemon.risk.body_risk_source import make_risk_source
 from daemon.risk.mesh_file import write_mesh
 from daemon.workbench.body_model.evaluation.shapes import ball
@@ -156,6 +156,36 @@ def test_that_something_comes_faster_than_the_arm_goes_is_told_before_it_touches
     ]
     if touched:
         assert seen.warned_ns < touched[0]
+
+
+def test_what_comes_onto_a_body_that_stands_energised_is_told(file: RobotFile) -> None:
+    place_mm = [FROM_MM, 0.0, MIDDLE_MM]
+
+    async def camera(rig: Rig) -> None:
+        for number in range(1, 1000):
+            balls = [MovingObstacle(centre_mm=place_mm, radius_mm=RADIUS_MM)]
+            rig.operator.obstacles("camera", Obstacles(sequence=number, balls=balls))
+            await asyncio.sleep(EVERY_S)
+
+    async def scene(rig: Rig) -> None:
+        streaming = asyncio.create_task(camera(rig))
+        await rig.armed()
+        await asyncio.sleep(1.0)
+        assert rig.causes == set(), "it is far away"
+        place_mm[0] = 10.0
+        await rig.until(lambda: "near_at_rest" in rig.causes, within_s=0.5)
+        assert rig.in_state(S.ARMED), "it is only told"
+        assert "along the body" in rig.events("cause", "near_at_rest")[0].detail
+        place_mm[0] = FROM_MM
+        await rig.until(lambda: rig.causes == set(), within_s=0.5)
+        place_mm[0] = 10.0
+        await rig.until(lambda: "near_at_rest" in rig.causes)
+        await rig.do(Disarm)
+        assert "near_at_rest" not in rig.causes, "nothing is energised"
+        streaming.cancel()
+        await asyncio.gather(streaming, return_exceptions=True)
+
+    on_a_rig(scene, path=file.path, risk=make_risk_source(file, StoppedClock()))
 
 
 def test_a_wall_between_the_tip_and_its_reference_is_told(file: RobotFile) -> None:
