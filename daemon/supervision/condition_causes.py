@@ -91,7 +91,13 @@ CAUSE_OF_CONDITION: Final[Mapping[Condition, Cause]] = {
     drive.UNWILLING: Cause.DRIVE_NOT_ENABLED,
     drive.LIMIT_ACTIVE: Cause.DRIVE_LIMIT,
     **dict.fromkeys(
-        (drive.WARNING, drive.SAFETY_MISSING, drive.CYCLIC_MODE_NOT_LISTED), Cause.DRIVE_WARNING
+        (
+            drive.WARNING,
+            drive.SAFETY_MISSING,
+            drive.EMERGENCIES_UNHEARD,
+            drive.CYCLIC_MODE_NOT_LISTED,
+        ),
+        Cause.DRIVE_WARNING,
     ),
 }
 

@@ -10,6 +10,7 @@ from typing import Final
 
 from config.axis import Axis
 from config.bus import Bus
+from drivers.canopen.codec import cob_ids
 from drivers.canopen.codec.abort_codes import AbortCode
 from drivers.canopen.codec.error import CodecError
 from drivers.canopen.codec.pdo import (
@@ -32,6 +33,7 @@ from drivers.cia402 import objects
 from drivers.cia402.conditions import (
     BAD_EDS,
     CYCLIC_MODE_NOT_LISTED,
+    EMERGENCIES_UNHEARD,
     NUMBER_TWICE,
     SAFETY_MISSING,
     SDO_SILENT,
@@ -46,6 +48,7 @@ from drivers.conditions import Condition
 _PDO_PARAMETERS: Final = RPDO_MAPPING - RPDO_COMMUNICATION
 _PDO_OBJECTS: Final = range(RPDO_COMMUNICATION, TPDO_COMMUNICATION + 2 * _PDO_PARAMETERS)
 _WHOLE_CONFIGURATION: Final = (objects.STORE_PARAMETERS, objects.RESTORE_DEFAULTS)
+_NOT_VALID: Final = 1 << 31
 _EVENT_TIMER: Final = 5
 _DEADLINE: Final = "time-out of the set-points"
 _ANSWERS_TWICE: Final = 2  # a single one may be left over from somebody who was here before
@@ -119,6 +122,7 @@ class NodeSetUp:
             await self._check_modes()
             for setting in node_settings(self._bus, self._axes):
                 await self._apply(setting)
+            await self._have_errors_told_here()
             await self._set_up_pdos()
         except SdoTimeoutError as error:
             raise BringUpError(SDO_SILENT, str(error)) from error
@@ -144,6 +148,10 @@ class NodeSetUp:
                 wanted = " or ".join(map(str, setting.values))
                 differences.append(f"{setting} reads {read}, not {wanted}")
         return differences
+
+    async def error_code(self, axis: Axis) -> int:
+        """Which error an axis had last; 0: none, or it does not say. Raises SdoError."""
+        return await self._number(objects.of_axis(objects.ERROR_CODE, axis.drive.axis), missing=0)
 
     async def mode_refusals(self) -> list[str]:
         """Axes that show another mode than they were told, a while after the node was started.
@@ -233,6 +241,27 @@ class NodeSetUp:
         if setting.need is Need.SAFETY:
             self._remark(SAFETY_MISSING, f"{setting}: {why}")
 
+    async def _have_errors_told_here(self) -> None:
+        """Emergencies are listened to where nodes send them unless they were told otherwise."""
+        index, wanted = objects.EMERGENCY_COB_ID, cob_ids.emergency(self._axes[0].drive.node)
+        read = await self._number(index, missing=-1) if self._dictionary.has(index) else -1
+        if read < 0:
+            return
+        refusal = ""
+        if read != wanted:
+            try:
+                await self._write(index, 0, _NOT_VALID | read)  # in use it takes no other place
+                await self._write(index, 0, wanted)
+            except SdoAbortedError as error:
+                refusal = f"; it refused: {error}"
+            read = await self._number(index)
+        setting = Setting(index, 0, (wanted,), "where it tells its errors", Need.SAFETY)
+        if read == wanted:
+            self._applied[index, 0] = setting
+        else:
+            detail = f"{setting} reads 0x{read:X}, not 0x{wanted:X}{refusal}"
+            self._remark(EMERGENCIES_UNHEARD, detail)
+
     async def _set_up_pdos(self) -> None:
         used = set()
         for axis in self._axes:
@@ -295,8 +324,8 @@ class NodeSetUp:
     async def _switch_off_pdo(self, index: int) -> None:
         try:
             cob_id = await self._number(index, 1)
-            if not cob_id >> 31:
-                await self._write(index, 1, cob_id | 1 << 31)
+            if not cob_id & _NOT_VALID:
+                await self._write(index, 1, cob_id | _NOT_VALID)
         except SdoAbortedError as error:
             if error.code not in _NO_OBJECT:
                 raise

@@ -70,6 +70,12 @@ PDO_MALFORMED: Final = Condition(
     "the node sends its state in another form than it was told to",
     "check that nobody else changes its PDOs",
 )
+EMERGENCIES_UNHEARD: Final = Condition(
+    "node_emergencies_unheard",
+    "the node tells its errors (EMCY) where nobody listens, or not at all",
+    "give 0x1014 its usual value, 0x80 and the node number, with the maker's software; which fault "
+    "it has is read from the drive all the same",
+)
 EMERGENCY: Final = Condition(
     "drive_emergency",
     "the drive reports an error",

@@ -6,6 +6,7 @@ from enum import Enum
 from typing import Final
 
 from config.bus import Bus
+from drivers.bounded import end_tasks
 from drivers.canopen.codec import cob_ids
 from drivers.canopen.codec.error import CodecError
 from drivers.canopen.codec.nmt import NmtCommand, NmtState, encode_nmt_command
@@ -29,9 +30,16 @@ _RESET_JUST_NOW_NS: Final = 3_000_000_000  # in this attempt: the last one began
 _SETTLE_S: Final = 0.1  # a boot loader announces itself first, then the drive does
 _OPERATIONAL_WITHIN_S: Final = 1.0  # ten heartbeats, which tell of it
 _TRY_AGAIN_S: Final = 0.5
+_ASK_EVERY_S: Final = 0.1
+_ASKING_ENDS_WITHIN_S: Final = 0.1
 _LIMIT_STAYS_NS: Final = 500_000_000  # longer than between two steps of the slowest tracker
 _PDO_SILENT_CYCLES: Final = 5  # one lost frame is common, five in a row are a drive that is silent
-_FOUND_WHILE_SET_UP: Final = (c.SAFETY_MISSING, c.CYCLIC_MODE_NOT_LISTED, c.MODE_REFUSED)
+_FOUND_WHILE_SET_UP: Final = (
+    c.SAFETY_MISSING,
+    c.EMERGENCIES_UNHEARD,
+    c.CYCLIC_MODE_NOT_LISTED,
+    c.MODE_REFUSED,
+)
 _KEPT_WHEN_SET_UP: Final = (*_FOUND_WHILE_SET_UP, c.EMERGENCY)
 _MALFORMED_STAYS_NS: Final = 500_000_000  # so that somebody can read it
 
@@ -241,7 +249,23 @@ class Node:
             for channel in self.channels:
                 self._status_changed(channel, now_ns)
             self._trouble.clear()
-            await self._trouble.wait()
+            asking = asyncio.create_task(self._ask_about_faults(self._set_up_by))
+            try:
+                await self._trouble.wait()
+            finally:
+                await end_tasks([asking], _ASKING_ENDS_WITHIN_S)
+
+    async def _ask_about_faults(self, set_up: NodeSetUp | None) -> None:
+        """Of faults that no error explains: the drive had them before anybody listened, or tells
+        its errors elsewhere. Until cancelled."""
+        while set_up is not None:
+            await asyncio.sleep(_ASK_EVERY_S)
+            for channel in self.emergencies.unexplained(self._clock.now_ns()):
+                try:
+                    code = await set_up.error_code(channel.axis)
+                except (SdoError, EdsError, CodecError):
+                    code = 0
+                self.emergencies.explained(channel, code, self._clock.now_ns())
 
     async def _set_up(self) -> None:
         """Take the node to pre-operational with its communication reset, and set it up."""

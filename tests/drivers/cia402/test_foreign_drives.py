@@ -19,7 +19,7 @@ from drivers.cia402 import objects
 from drivers.cia402.homing import HomingError
 from drivers.cia402.pdo_plan import TPDO_LAYOUT
 from drivers.cia402.power_state import PowerGoal, PowerState, StatuswordBit, power_state
-from sim_backends.devices.drive.node.object_dictionary import SdoAbortError
+from sim_backends.devices.drive.node.object_dictionary import Entry, SdoAbortError
 from tests.drivers.cia402.rig import Rig, axes, on_a_rig
 
 SDO_RESPONSE, STATE, EMCY = 0x581, 0x181, 0x81
@@ -154,6 +154,65 @@ def test_a_fault_is_explained_by_the_error_that_comes_with_it_and_by_no_older_on
         assert rig.detail_of("drive_fault") == explanation
 
     on_a_rig(test, robot_axes=axes(1))
+
+
+def stored(rig: Rig, value: int) -> Entry:
+    """Drive 1 comes up with another place for its errors, as somebody has stored it."""
+    entry = rig.drives[0].objects.look_up(objects.EMERGENCY_COB_ID, 0)
+    entry.deliver(value)
+    rig.drives[0].restart(rig.clock.now_ns())
+    return entry
+
+
+@pytest.mark.parametrize("value", [0xF5, 0x80000081])
+def test_a_drive_that_tells_its_errors_elsewhere_is_told_to_tell_them_here(value: int) -> None:
+    async def test(rig: Rig) -> None:
+        stored(rig, value)
+        await rig.operational()
+        assert rig.holding() == set()
+        rig.inject("drive.can0/1.emergency=0x2310")
+        await rig.until(lambda: ("drive_emergency", "can0/1") in rig.holding())
+        rig.inject("drive.can0/1.setting=0x1014,0,2147483777")
+        assert "where it tells its errors" in (await rig.master.check_settings(1.0))[0]
+
+    on_a_rig(test, robot_axes=axes(1))
+
+
+def test_a_drive_whose_errors_cannot_be_heard_is_used_and_its_fault_is_explained_all_the_same() -> (
+    None
+):
+    def read_only(_value: int) -> None:
+        raise SdoAbortError(AbortCode.READ_ONLY)
+
+    async def test(rig: Rig) -> None:
+        stored(rig, 0xF5).check = read_only
+        await rig.operational()
+        assert "reads 0xF5, not 0x81; it refused" in rig.detail_of("node_emergencies_unheard")
+        rig.inject("drive.can0/1.emergency=0x7305")
+        await asyncio.sleep(0.5)
+        assert "0x7305" in rig.detail_of("drive_fault")
+        assert rig.master.channels[0].zero_lost
+        assert "drive_emergency" not in rig.names()
+
+    on_a_rig(test, robot_axes=axes(1))
+
+
+def test_a_fault_that_came_while_nobody_listened_is_explained_by_what_the_drive_says_of_it() -> (
+    None
+):
+    async def test(rig: Rig) -> None:
+        await rig.operational()
+        rig.inject("drive.can0/2.dead=2s")
+        await asyncio.sleep(1.0)
+        rig.inject("drive.can0/2.emergency=0x2310")
+        await asyncio.sleep(1.5)
+        await rig.operational()
+        await asyncio.sleep(0.5)
+        assert "drive_emergency" not in rig.names()
+        assert "0x2310" in rig.detail_of("drive_fault")
+        assert ("drive_fault", "axis_1") in rig.holding()
+
+    on_a_rig(test)
 
 
 def test_a_drive_that_knows_no_remote_requests_is_not_told_to_allow_them() -> None:

@@ -79,6 +79,8 @@ def test_a_stopped_drive_tells_later() -> None:
 
 def test_another_identifier_or_none() -> None:
     rig = Rig()
+    assert rig.refused(0x1014, 0, 0x0F5) == 0x06090030, "it is in use"
+    rig.write(0x1014, 0, 0x80000080 | NODE)
     rig.write(0x1014, 0, 0x0F5)
     rig.fault("emergency=0x2310")
     rig.run(1)

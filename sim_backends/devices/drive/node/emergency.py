@@ -29,7 +29,7 @@ class EmergencyProducer:
         self._port = port
         default_id = cob_ids.emergency(node_id)
         self._cob_id = objects.own(0x1014, 0, DataType.UNSIGNED32, default_id)
-        self._cob_id.check = _check_cob_id
+        self._cob_id.check = self._check_cob_id
         self._register = objects.own(0x1001, 0, DataType.UNSIGNED8)
         self._inhibit = objects.own(0x1015, 0, DataType.UNSIGNED16)
         self._count = objects.own(0x1003, 0, DataType.UNSIGNED8)
@@ -82,6 +82,14 @@ class EmergencyProducer:
         if not self._cob_id.number & _NOT_VALID:
             self._port.send(self._cob_id.number, emergency.encode()[:length], t_ns)
 
+    def _check_cob_id(self, value: int) -> None:
+        """What 0x1014 takes: valid or not, an identifier of 11 bits below those of the PDOs, and
+        while it is valid no other one."""
+        before, wanted = self._cob_id.number, value & ~_NOT_VALID
+        moves = not before & _NOT_VALID and wanted != before
+        if moves or wanted not in range(0x081, 0x100):
+            raise SdoAbortError(AbortCode.VALUE_OUT_OF_RANGE)
+
     def _update_register(self) -> int:
         register = 0
         for bits in self._errors.values():
@@ -113,12 +121,6 @@ class EmergencyProducer:
         self._not_before_ns = t_ns + self._timers.host_ns(self._inhibit.number * 1e-4)
         if self._pending:
             self._timer.set(self._not_before_ns)
-
-
-def _check_cob_id(value: int) -> None:
-    """What 0x1014 takes: valid or not, an identifier of 11 bits below those of the PDOs."""
-    if value & ~_NOT_VALID not in range(0x081, 0x100):
-        raise SdoAbortError(AbortCode.VALUE_OUT_OF_RANGE)
 
 
 def _register_bits(code: int) -> int:
