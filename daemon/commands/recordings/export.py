@@ -61,12 +61,16 @@ def run(arguments: argparse.Namespace) -> Result:
     folder = arguments.out or run_folder / _FOLDER
     write = {"csv": write_csv, "parquet": write_parquet}[arguments.format]
     written = write(tables, folder)
-    for note in tables.notes:
+    possible = [folder / f"{name}.{arguments.format}" for name in TABLES]
+    older = [path for path in possible if path not in written and path.exists()]
+    stay = [f"{path} was there before, and is not of this export" for path in older]
+    notes = [*tables.notes, *stay]
+    for note in notes:
         print(note, file=sys.stderr)
     told = {
         "written": written,
         "rows": {name: table.rows for name, table in tables.tables.items()},
-        "notes": tables.notes,
+        "notes": notes,
     }
     return Result(told, "\n".join(map(str, written)))
 

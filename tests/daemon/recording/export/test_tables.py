@@ -214,3 +214,16 @@ def test_without_the_libraries_it_is_said_how_to_get_them_and_csv_goes_on(
     with pytest.raises(RuntimeError, match="needs pandas"):
         read_frame(run)
     assert main(words) == EXIT_OK
+
+
+def test_tables_that_were_in_the_folder_before_and_stay_are_named(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "risk.csv").write_text("of another run\n")
+    (tmp_path / "notes.csv").write_text("somebody's own\n")
+    words = ["export", str(run), "--out", str(tmp_path), "--table", STEPS]
+    assert main(words) == EXIT_OK
+    told = capsys.readouterr().err
+    assert f"{tmp_path / 'risk.csv'} was there before, and is not of this export" in told
+    assert "notes.csv" not in told
+    assert "steps.csv" not in told
