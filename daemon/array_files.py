@@ -117,11 +117,17 @@ def stripped(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> Arrays:
     }
 
 
-# Whether something learnt belongs to a robot: its name, its axes, how far they go, what they push.
+# Whether something learnt belongs to a robot: its name, its axes, how far they go, by which scale,
+# what they push.
 
 PISTONS: Final = "piston_area_mm2"
 """The same travel pushes more gas with a wider bore, and the body goes elsewhere. Files that do not
 say it are taken as they are."""
+_SCALES: Final = "counts_per_unit"
+"""Of each axis, as its lead, spool, gear and encoder make it, negative where it is inverted: where
+one of them is put right, a mm is another way than it was. Files that do not say it are taken as
+they are."""
+_NOT_IN_ALL: Final = (PISTONS, _SCALES)
 
 
 def whose(robot: Robot) -> dict[str, Any]:
@@ -130,6 +136,7 @@ def whose(robot: Robot) -> dict[str, Any]:
         "robot": robot.robot,
         "axes": [axis.name for axis in robot.axes],
         "travel": [list(axis.travel) for axis in robot.axes],
+        _SCALES: [float(f"{axis.counts_per_unit:.9g}") for axis in robot.axes],
         **_pistons(robot),
     }
 
@@ -147,7 +154,7 @@ def misfit_of(about: Mapping[str, Any], robot: Robot) -> str:
 def misfit(about: Mapping[str, Any], expected: Mapping[str, Any]) -> str:
     """What of all that is expected is something else, in words; empty: nothing."""
     for name, one in expected.items():
-        found = about.get(name, one if name == PISTONS else None)
+        found = about.get(name, one if name in _NOT_IN_ALL else None)
         if found != one:
             return f"its {name} is {found!r}, not {one!r}"
     return ""

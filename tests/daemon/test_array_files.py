@@ -130,10 +130,26 @@ def test_what_was_learnt_with_other_pistons_is_another_body_s(tmp_path: Path) ->
     assert misfit_of(older, ROBOT) == ""
 
 
+def test_what_was_learnt_with_another_transmission_is_not_taken_for_the_same_way(
+    tmp_path: Path,
+) -> None:
+    """As where a lead, a gear or a direction in the robot file was wrong, and is put right."""
+    path, first = tmp_path / "broyden.npz", ROBOT.axes[0]
+    save_model(path, WHOSE, {"jacobian": np.zeros((3, 6))})
+    turned = {"drive": first.drive.model_copy(update={"inverted": not first.drive.inverted})}
+    for change in ({"lead_mm": 4.0}, {"gear_ratio": 2.0}, turned):
+        axes = [first.model_copy(update=change), *ROBOT.axes[1:]]
+        other = ROBOT.model_copy(update={"axes": axes})
+        with pytest.raises(ModelError, match="its counts_per_unit is"):
+            load_model(path, model_metadata("broyden", other), SHAPES)
+    older = {name: one for name, one in whose(ROBOT).items() if name != "counts_per_unit"}
+    assert misfit_of(older, ROBOT) == ""
+
+
 def test_shipped_models_say_whose_they_are() -> None:
     for file in SHIPPED_ROBOTS.glob("*_arm.yaml"):
         path = SHIPPED_ROBOTS.parent / "models" / f"{file.stem}.npz"
         about = ArrayFile.load(path, None, "about").about
         robot = load_robot(file).robot
         assert misfit_of(about, robot) == ""
-        assert whose(robot).keys() <= about.keys()
+        assert whose(robot).keys() - {"counts_per_unit"} <= about.keys()
