@@ -26,6 +26,22 @@ def test_every_shipped_file_is_sound(path: Path, capsys: pytest.CaptureFixture[s
     assert "is sound" in out
 
 
+def test_several_files_are_checked_at_once_and_the_problems_of_all_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    broken = []
+    for name in ("one.yaml", "other.yaml"):
+        broken.append(tmp_path / name)
+        broken[-1].write_text(SOFT_ARM.read_text().replace("lead_mm", "leed_mm"))
+    code = main(["check", str(broken[0]), str(SOFT_ARM), str(broken[1])])
+    told = capsys.readouterr()
+    assert code == EXIT_CONFIGURATION
+    assert f"{SOFT_ARM}: soft_arm is sound" in told.out
+    assert all(str(path) in told.err for path in broken)
+    assert main(["check", str(SOFT_ARM), "builtin:chest_circle"]) == 0
+    assert capsys.readouterr().out.count("is sound") == 2
+
+
 def test_what_only_the_gate_keeps_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     _, out, _ = checked(SHIPPED_ROBOTS / "concentric_tubes.yaml", capsys)
     assert "collar_clearance: the gate keeps it; drives alone reach 0.5 mm beyond it" in out

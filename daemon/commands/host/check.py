@@ -1,4 +1,4 @@
-"""`tentacled check FILE`: every problem of a file at once, or what it describes.
+"""`tentacled check FILE …`: every problem of all files at once, or what they describe.
 
 Robots, experiments, scenarios and studies. What passes here can be emulated, run and carried out:
 it has been built once.
@@ -24,10 +24,11 @@ _KINDS: Final = ("robot", "experiment", "scenario", "study")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "file",
+        "files",
+        nargs="+",
         type=file_argument(*FOLDERS),
         metavar="FILE.yaml",
-        help="a robot, an experiment, a scenario or a study; builtin:NAME is one that is shipped",
+        help="robots, experiments, scenarios and studies; builtin:NAME is one that is shipped",
     )
     add_list_option(parser, *FOLDERS)
     parser.add_argument(
@@ -39,11 +40,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> Result:
-    if is_folder(arguments.file):
+    for path in filter(is_folder, arguments.files):
         text = "is a folder: name a file in it, such as robot.yaml"
-        raise UsageError(f"{arguments.file}: {text}", place=str(arguments.file))
-    lines = check(arguments.file, arguments.robot)
-    return Result({"file": arguments.file, "sound": True, "described": lines}, "\n".join(lines))
+        raise UsageError(f"{path}: {text}", place=str(path))
+    problems: list[Problem] = []
+    described: list[tuple[Path, list[str]]] = []
+    for path in arguments.files:
+        try:
+            described.append((path, check(path, arguments.robot)))
+        except ConfigError as error:
+            problems += error.problems
+    text = "\n".join(line for _, lines in described for line in lines)
+    if problems:
+        if text:
+            print(text)
+        raise ConfigError(problems)
+    files = [{"file": path, "sound": True, "described": lines} for path, lines in described]
+    return Result(files[0] if len(files) == 1 else {"sound": True, "files": files}, text)
 
 
 def check(path: Path, robot: Path | None = None) -> list[str]:
