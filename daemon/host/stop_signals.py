@@ -1,4 +1,4 @@
-"""Ctrl-C, SIGTERM and SIGHUP, so that there is one way down whoever wants it."""
+"""Ctrl-C, Ctrl-\\, SIGTERM and SIGHUP, so that there is one way down whoever wants it."""
 
 import asyncio
 import os
@@ -12,16 +12,22 @@ _STDERR: Final = 2
 
 
 class StopSignals:
-    """From its making on, these signals are remembered and no longer end the process."""
+    """From its making on, these signals are remembered and no longer end the process; but for a
+    second Ctrl-\\, for whoever does not wait for the way down."""
 
     def __init__(self) -> None:
         self._requested = asyncio.Event()
         loop = asyncio.get_running_loop()
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, self._requested.set)
+        loop.add_signal_handler(signal.SIGQUIT, self._quit)
         if _hang_ups_count():
             hang_up = _for_a_terminal_that_goes(self._requested.set)
             loop.add_signal_handler(signal.SIGHUP, hang_up)
+
+    def _quit(self) -> None:
+        self._requested.set()
+        asyncio.get_running_loop().remove_signal_handler(signal.SIGQUIT)
 
     async def wait(self, duration_s: float | None) -> None:
         """Wait for one of them, or the end of `duration_s`."""

@@ -82,6 +82,24 @@ def test_each_of_them_leads_down_in_order(
     assert kept.read_text() == "all was kept"
 
 
+def test_ctrl_backslash_leads_down_as_well_and_the_second_one_is_taken_as_it_is_meant(
+    tmp_path: Path,
+) -> None:
+    kept = tmp_path / "kept"
+    with _started(WAITS, kept) as process:
+        process.send_signal(signal.SIGQUIT)
+        process.communicate(timeout=PATIENCE_S)
+        assert process.returncode == 0
+    assert kept.read_text() == "all was kept"
+    hangs = WAITS.replace("for _ in range(3)", "await asyncio.sleep(60.0)\n    for _ in range(3)")
+    with _started(hangs, kept) as process:
+        process.send_signal(signal.SIGQUIT)
+        time.sleep(0.2)
+        process.send_signal(signal.SIGQUIT)
+        process.communicate(timeout=PATIENCE_S)
+        assert process.returncode == -signal.SIGQUIT
+
+
 def test_a_background_job_that_ignores_ctrl_c_can_still_be_told_to_end(tmp_path: Path) -> None:
     kept = tmp_path / "kept"
     ignoring = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
