@@ -277,8 +277,10 @@ class Cause(CauseRow):
     )
     NOT_RECORDED = (
         "not_recorded", _H, 0.0, _SELF,
-        "the motion is not recorded, and the recorder could not be started again",
-        "disarm, see to what the detail says, and arm: that begins a new recording",
+        "the motion is not recorded: the recorder could not be started again, or has not been able"
+        " to write for so long that parts are missing",
+        "see to what the detail says; then resume, or, where that is refused, disarm and arm: that"
+        " begins a new recording",
     )
     DISK_FULL = (
         "disk_full", _H, 0.0, _SELF,

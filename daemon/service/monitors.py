@@ -24,7 +24,7 @@ class RecordingTrouble(NamedTuple):
     failed: str = ""
     """What keeps it from being written at the moment; empty: nothing."""
     lost: str = ""
-    """Why it was given up; empty: it was not."""
+    """Why it was given up, or has a gap that goes on; empty: neither."""
 
 
 NO_TROUBLE: Final = RecordingTrouble()

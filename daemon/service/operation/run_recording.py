@@ -61,6 +61,7 @@ class RunRecording:
         self._restarts = self._segment = 0
         self._lost = ""
         """Why the recording was given up; empty: it was not."""
+        self._dropped_when_well = 0
         subscribers = service.dependencies.subscribers
         subscribers.add(self._hear)
         subscribers.add_for(Tip, self._hear_step)
@@ -76,6 +77,7 @@ class RunRecording:
         self._refused_before, self._held_before = self._service.loop.refusals, self._service.holds
         self._followed = ("", "")
         self._restarts, self._segment, self._lost = 0, 1, ""
+        self._dropped_when_well = 0
         try:
             self.folder = await self._make_folder()
         except OSError as error:
@@ -103,7 +105,11 @@ class RunRecording:
         if status.lost and not self._lost and self._restarting is None:
             task = asyncio.get_running_loop().create_task(self._restart(status.failed))
             self._restarting = task
-        return RecordingTrouble(status.failed or self._lost, self._lost)
+        if not status.failed:
+            self._dropped_when_well = status.dropped
+        # A disk that takes nothing may go on in a moment: until then a recorder keeps what it can.
+        missing = status.failed if status.dropped > self._dropped_when_well else ""
+        return RecordingTrouble(status.failed or self._lost, self._lost or missing)
 
     async def end(self) -> None:
         """Finish the recording, and write its result. Does nothing when there is none."""

@@ -28,6 +28,8 @@ class MortalRecorder(DirectRecorder):
         super().__init__()
         self.killed = False
         self.refuses = False
+        self.full = False
+        self.too_much = 0
         self.started: list[str] = []
 
     async def start(
@@ -59,6 +61,9 @@ class MortalRecorder(DirectRecorder):
         if self.killed:
             why = "the recorder process has ended by itself"
             return RecorderStatus(False, None, 0, why, None, 0, lost=True)
+        if self.full:
+            why = "No space left on device"
+            return super().status._replace(failed=why, dropped=self.too_much)
         return super().status
 
 
@@ -144,6 +149,27 @@ def test_where_recording_stays_impossible_the_robot_is_held_and_may_be_armed_aga
         assert "not_recorded" not in rig.causes
 
     on_a_rig(scene, folder=tmp_path)
+
+
+def test_the_robot_is_held_where_a_disk_takes_nothing_until_parts_are_missing() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.running()
+        recorder = recorder_of(rig)
+        recorder.full = True
+        await asyncio.sleep(2.0)
+        assert rig.in_state(S.RUNNING), "what comes waits, and nothing is missing"
+        assert rig.causes == {"recorder_failed"}
+        recorder.too_much = 1
+        await rig.until_state(S.HOLD, within_s=1.0)
+        assert "not_recorded" in rig.causes
+        await rig.refused(Resume)
+        recorder.full = False
+        await rig.until(lambda: "not_recorded" not in rig.causes, within_s=1.0)
+        await rig.do(Resume)
+        await asyncio.sleep(1.0)
+        assert rig.in_state(S.RUNNING)
+
+    on_a_rig(scene)
 
 
 def test_a_robot_file_may_say_that_motion_goes_on_unrecorded() -> None:
