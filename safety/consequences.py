@@ -44,6 +44,7 @@ _OF_LATE_CYCLES: Final = (
     Cause.TRACKER_WARNING,
     Cause.TRACKER_LATE,
     Cause.TRACKER_QUALITY,
+    Cause.TRACKER_GONE,
     Cause.SETPOINT_LATE,
     Cause.LEASE_LOST,
     Cause.LEASE_ABANDONED,

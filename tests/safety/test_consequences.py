@@ -49,6 +49,7 @@ def test_what_follows_comes_behind_what_it_follows_from() -> None:
         reason("loop_stalled", 10.0, latched=True),
         reason("drive_fault", 9.7, "a", latched=True),
         reason("tracker_late", 10.01),
+        reason("tracker_gone", 10.01),
         reason("node_lost", 10.02, "b", latched=True),
     )
     assert ordered[0] == ("loop_stalled", "", False)
