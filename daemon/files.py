@@ -4,7 +4,7 @@ import os
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
-from errno import EACCES, EFBIG, EINVAL, EISDIR, ENOTDIR
+from errno import EACCES, EFBIG, EINVAL, EISDIR, ENOTDIR, EROFS
 from pathlib import Path
 from threading import get_native_id
 from typing import BinaryIO, Final
@@ -77,8 +77,7 @@ def check_can_be_made(path: Path) -> None:
     folder = path.parent
     if not stat.S_ISDIR(folder.stat().st_mode):
         raise NotADirectoryError(ENOTDIR, os.strerror(ENOTDIR), str(folder))
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise PermissionError(EACCES, os.strerror(EACCES), str(folder))
+    _check_writable(folder)
 
 
 @_making()
@@ -90,8 +89,14 @@ def check_folder_can_be_made(path: Path) -> None:
         place = place.parent
     if not stat.S_ISDIR(place.stat().st_mode):
         raise NotADirectoryError(ENOTDIR, os.strerror(ENOTDIR), str(place))
-    if not os.access(place, os.W_OK | os.X_OK):
-        raise PermissionError(EACCES, os.strerror(EACCES), str(place))
+    _check_writable(place)
+
+
+def _check_writable(folder: Path) -> None:
+    if not os.access(folder, os.W_OK | os.X_OK):
+        read_only = os.statvfs(folder).f_flag & os.ST_RDONLY  # to which no rights would help
+        number = EROFS if read_only else EACCES
+        raise OSError(number, os.strerror(number), str(folder))
 
 
 def models_directory() -> Path:

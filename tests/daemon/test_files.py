@@ -4,10 +4,17 @@ import os
 import stat
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
-from daemon.files import read_regular, write_whole
+from daemon.files import (
+    CannotMakeError,
+    check_can_be_made,
+    check_folder_can_be_made,
+    read_regular,
+    write_whole,
+)
 
 
 def _mode(path: Path) -> int:
@@ -68,3 +75,17 @@ def test_however_many_write_it_a_reader_sees_one_whole(tmp_path: Path) -> None:
             job.result()
     assert set(seen) <= set(contents)
     assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    ("flag", "told"), [(os.ST_RDONLY, "Read-only file system"), (0, "Permission denied")]
+)
+def test_a_disk_that_is_read_only_is_not_taken_for_missing_rights(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, flag: int, told: str
+) -> None:
+    monkeypatch.setattr("daemon.files.os.access", lambda *_: False)
+    monkeypatch.setattr("daemon.files.os.statvfs", lambda _: SimpleNamespace(f_flag=flag))
+    with pytest.raises(CannotMakeError, match=told):
+        check_can_be_made(tmp_path / "report.html")
+    with pytest.raises(CannotMakeError, match=told):
+        check_folder_can_be_made(tmp_path / "runs" / "today")
