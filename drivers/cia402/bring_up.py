@@ -40,7 +40,7 @@ from drivers.cia402.conditions import (
     SETTING_REFUSED,
     WRONG_DEVICE,
 )
-from drivers.cia402.configuration import Need, Setting, node_settings
+from drivers.cia402.configuration import Need, Setting, node_settings, sync_settings
 from drivers.cia402.modes import MODES
 from drivers.cia402.pdo_plan import PdoPlan, axis_pdos
 from drivers.conditions import Condition
@@ -148,6 +148,11 @@ class NodeSetUp:
                 wanted = " or ".join(map(str, setting.values))
                 differences.append(f"{setting} reads {read}, not {wanted}")
         return differences
+
+    async def have_our_sync_taken(self) -> None:
+        """For a node that sends no state. Raises BringUpError, SdoError, EdsError, CodecError."""
+        for setting in sync_settings(self._bus):
+            await self._apply(setting)
 
     async def error_code(self, axis: Axis) -> int:
         """Which error an axis had last; 0: none, or it does not say. Raises SdoError."""

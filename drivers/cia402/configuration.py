@@ -1,7 +1,7 @@
 """What a node is told before it may run: one table, written and read back object by object."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from math import ceil
 from typing import Final, Protocol
@@ -9,6 +9,7 @@ from typing import Final, Protocol
 from config.axis import Axis
 from config.bus import Bus
 from drivers.axis_scale import axis_scale, count_limits
+from drivers.canopen.codec import cob_ids
 from drivers.cia402 import objects
 from drivers.cia402.modes import MODES
 from safety.limits import HIGHEST_COUNT, LOWEST_COUNT
@@ -49,6 +50,8 @@ _ON_FAULT: Final = {"off": 0, "ramp_then_off": 2}
 _RAMP_FIRST: Final = 1
 _LEEWAY: Final = 1.05
 """For a cycle longer than the last: on a good host SYNC is within a twentieth of its time."""
+_SYNC_IS_HEARD: Final = (cob_ids.SYNC, 1 << 31 | cob_ids.SYNC)
+"""As of CiA 301 bit 31 means nothing; some nodes show it."""
 _TO_PRE_OPERATIONAL: Final = 0
 _TO_STOPPED: Final = 2
 
@@ -67,13 +70,7 @@ def node_settings(bus: Bus, axes: Sequence[Axis]) -> list[Setting]:
             "leave operational when the master is lost",
             Need.SAFETY,
         ),
-        Setting(
-            objects.COMMUNICATION_CYCLE_PERIOD,
-            0,
-            (round(bus.cycle_period_s * _US),),
-            "SYNC period",
-            Need.OPTIONAL,
-        ),
+        _sync_period(bus),
         Setting(
             objects.PRODUCER_HEARTBEAT,
             0,
@@ -84,6 +81,23 @@ def node_settings(bus: Bus, axes: Sequence[Axis]) -> list[Setting]:
     for axis in axes:
         settings += _axis_settings(bus, axis)
     return settings
+
+
+def sync_settings(bus: Bus) -> list[Setting]:
+    """Which SYNC a node takes, for one that somebody else may have left with another one. The
+    counter cannot be changed while a period is set."""
+    return [
+        replace(_sync_period(bus), values=(0,)),
+        Setting(objects.SYNC_COUNTER, 0, (0,), "SYNC without a counter", Need.WHERE_PRESENT),
+        Setting(objects.SYNC_COB_ID, 0, _SYNC_IS_HEARD, "which SYNC it takes", Need.WHERE_PRESENT),
+        _sync_period(bus),
+    ]
+
+
+def _sync_period(bus: Bus) -> Setting:
+    period_us = round(bus.cycle_period_s * _US)
+    index = objects.COMMUNICATION_CYCLE_PERIOD
+    return Setting(index, 0, (period_us,), "SYNC period", Need.OPTIONAL)
 
 
 class _MakeSetting(Protocol):

@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from enum import Enum
 from typing import Final
 
@@ -358,7 +359,11 @@ class Node:
             return all(channel.received_ns is not None for channel in self.channels)
 
         if not await self._hears(sends_state, _OPERATIONAL_WITHIN_S):
-            raise BringUpError(c.PDO_SILENT, "no state since it was started")
+            assert self._set_up_by is not None
+            with suppress(SdoError, EdsError, CodecError):  # that it sends nothing says more
+                await self._set_up_by.have_our_sync_taken()
+            if not await self._hears(sends_state, _OPERATIONAL_WITHIN_S):
+                raise BringUpError(c.PDO_SILENT, "no state since it was started")
         await self._check_modes()
 
     async def _check_modes(self) -> None:

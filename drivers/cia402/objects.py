@@ -5,6 +5,7 @@ from typing import Final
 # Of the node.
 DEVICE_TYPE: Final = 0x1000
 ERROR_HISTORY: Final = 0x1003
+SYNC_COB_ID: Final = 0x1005
 COMMUNICATION_CYCLE_PERIOD: Final = 0x1006
 DEVICE_NAME: Final = 0x1008
 GUARD_TIME: Final = 0x100C
@@ -14,6 +15,7 @@ EMERGENCY_COB_ID: Final = 0x1014
 CONSUMER_HEARTBEAT: Final = 0x1016
 PRODUCER_HEARTBEAT: Final = 0x1017
 IDENTITY: Final = 0x1018
+SYNC_COUNTER: Final = 0x1019
 ERROR_BEHAVIOUR: Final = 0x1029
 
 # Of axis 0; those of axis k stand at +0x800 k.

@@ -156,9 +156,9 @@ def test_a_fault_is_explained_by_the_error_that_comes_with_it_and_by_no_older_on
     on_a_rig(test, robot_axes=axes(1))
 
 
-def stored(rig: Rig, value: int) -> Entry:
-    """Drive 1 comes up with another place for its errors, as somebody has stored it."""
-    entry = rig.drives[0].objects.look_up(objects.EMERGENCY_COB_ID, 0)
+def stored(rig: Rig, index: int, value: int) -> Entry:
+    """Drive 1 comes up with an object as somebody has stored it who was here before."""
+    entry = rig.drives[0].objects.look_up(index, 0)
     entry.deliver(value)
     rig.drives[0].restart(rig.clock.now_ns())
     return entry
@@ -167,7 +167,7 @@ def stored(rig: Rig, value: int) -> Entry:
 @pytest.mark.parametrize("value", [0xF5, 0x80000081])
 def test_a_drive_that_tells_its_errors_elsewhere_is_told_to_tell_them_here(value: int) -> None:
     async def test(rig: Rig) -> None:
-        stored(rig, value)
+        stored(rig, objects.EMERGENCY_COB_ID, value)
         await rig.operational()
         assert rig.holding() == set()
         rig.inject("drive.can0/1.emergency=0x2310")
@@ -185,7 +185,7 @@ def test_a_drive_whose_errors_cannot_be_heard_is_used_and_its_fault_is_explained
         raise SdoAbortError(AbortCode.READ_ONLY)
 
     async def test(rig: Rig) -> None:
-        stored(rig, 0xF5).check = read_only
+        stored(rig, objects.EMERGENCY_COB_ID, 0xF5).check = read_only
         await rig.operational()
         assert "reads 0xF5, not 0x81; it refused" in rig.detail_of("node_emergencies_unheard")
         rig.inject("drive.can0/1.emergency=0x7305")
@@ -213,6 +213,18 @@ def test_a_fault_that_came_while_nobody_listened_is_explained_by_what_the_drive_
         assert ("drive_fault", "axis_1") in rig.holding()
 
     on_a_rig(test)
+
+
+@pytest.mark.parametrize("index", [objects.SYNC_COB_ID, objects.SYNC_COUNTER])
+def test_a_drive_that_was_left_with_another_sync_takes_ours(index: int) -> None:
+    async def test(rig: Rig) -> None:
+        stored(rig, objects.COMMUNICATION_CYCLE_PERIOD, 5000)
+        entry = stored(rig, index, {objects.SYNC_COB_ID: 0x90, objects.SYNC_COUNTER: 10}[index])
+        await rig.enabled()
+        assert entry.number == {objects.SYNC_COB_ID: 0x80, objects.SYNC_COUNTER: 0}[index]
+        assert rig.holding() == set()
+
+    on_a_rig(test, robot_axes=axes(1))
 
 
 def test_a_drive_that_knows_no_remote_requests_is_not_told_to_allow_them() -> None:
