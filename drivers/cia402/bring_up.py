@@ -47,7 +47,13 @@ from drivers.conditions import Condition
 
 _PDO_PARAMETERS: Final = RPDO_MAPPING - RPDO_COMMUNICATION
 _PDO_OBJECTS: Final = range(RPDO_COMMUNICATION, TPDO_COMMUNICATION + 2 * _PDO_PARAMETERS)
-_WHOLE_CONFIGURATION: Final = (objects.STORE_PARAMETERS, objects.RESTORE_DEFAULTS)
+_NOT_FOR_OTHERS: Final = (
+    objects.STORE_PARAMETERS,
+    objects.RESTORE_DEFAULTS,
+    objects.EMERGENCY_COB_ID,
+    objects.SYNC_COB_ID,
+    objects.SYNC_COUNTER,
+)
 _NOT_VALID: Final = 1 << 31
 _EVENT_TIMER: Final = 5
 _DEADLINE: Final = "time-out of the set-points"
@@ -122,7 +128,6 @@ class NodeSetUp:
             await self._check_modes()
             for setting in node_settings(self._bus, self._axes):
                 await self._apply(setting)
-            await self._have_errors_told_here()
             await self._set_up_pdos()
         except SdoTimeoutError as error:
             raise BringUpError(SDO_SILENT, str(error)) from error
@@ -149,6 +154,40 @@ class NodeSetUp:
                 differences.append(f"{setting} reads {read}, not {wanted}")
         return differences
 
+    async def tells_errors_elsewhere(self) -> bool:
+        """Whether its emergencies do not come where they are listened to: where nodes send them
+        unless they were told otherwise."""
+        index = objects.EMERGENCY_COB_ID
+        if not self._dictionary.has(index):
+            return False
+        try:
+            return await self._number(index) not in self._errors_told_here.values
+        except (SdoError, EdsError, CodecError):
+            return False
+
+    async def have_errors_told_here(self) -> None:
+        """Of a node that is not operational: some take no other place meanwhile. Raises SdoError,
+        EdsError, CodecError."""
+        setting, index, refusal = self._errors_told_here, objects.EMERGENCY_COB_ID, ""
+        (wanted,) = setting.values
+        try:
+            # While it is in use it takes no other place either.
+            await self._write(index, 0, _NOT_VALID | await self._number(index))
+            await self._write(index, 0, wanted)
+        except SdoAbortedError as error:
+            refusal = f"; it refused: {error}"
+        read = await self._number(index)
+        if read == wanted:
+            self._applied[index, 0] = setting
+        else:
+            detail = f"{setting} reads 0x{read:X}, not 0x{wanted:X}{refusal}"
+            self._remark(EMERGENCIES_UNHEARD, detail)
+
+    @property
+    def _errors_told_here(self) -> Setting:
+        wanted = cob_ids.emergency(self._axes[0].drive.node)
+        return Setting(objects.EMERGENCY_COB_ID, 0, (wanted,), "where it tells its errors")
+
     async def have_our_sync_taken(self) -> None:
         """For a node that sends no state. Raises BringUpError, SdoError, EdsError, CodecError."""
         for setting in sync_settings(self._bus):
@@ -174,11 +213,11 @@ class NodeSetUp:
         return refusals
 
     def meaning_of(self, index: int, subindex: int) -> str | None:
-        """What an object is that we have set; None for one that we have not."""
+        """What an object is that is as we need it; None for one that may be anything."""
         setting = self._applied.get((index, subindex))
         if setting is not None:
             return str(setting)
-        if index in _PDO_OBJECTS or index in _WHOLE_CONFIGURATION:
+        if index in _PDO_OBJECTS or index in _NOT_FOR_OTHERS:
             return f"0x{index:04X}:{subindex:02X}"
         return None
 
@@ -245,27 +284,6 @@ class NodeSetUp:
             raise BringUpError(SETTING_REFUSED, f"{setting}: {why}")
         if setting.need is Need.SAFETY:
             self._remark(SAFETY_MISSING, f"{setting}: {why}")
-
-    async def _have_errors_told_here(self) -> None:
-        """Emergencies are listened to where nodes send them unless they were told otherwise."""
-        index, wanted = objects.EMERGENCY_COB_ID, cob_ids.emergency(self._axes[0].drive.node)
-        read = await self._number(index, missing=-1) if self._dictionary.has(index) else -1
-        if read < 0:
-            return
-        refusal = ""
-        if read != wanted:
-            try:
-                await self._write(index, 0, _NOT_VALID | read)  # in use it takes no other place
-                await self._write(index, 0, wanted)
-            except SdoAbortedError as error:
-                refusal = f"; it refused: {error}"
-            read = await self._number(index)
-        setting = Setting(index, 0, (wanted,), "where it tells its errors", Need.SAFETY)
-        if read == wanted:
-            self._applied[index, 0] = setting
-        else:
-            detail = f"{setting} reads 0x{read:X}, not 0x{wanted:X}{refusal}"
-            self._remark(EMERGENCIES_UNHEARD, detail)
 
     async def _set_up_pdos(self) -> None:
         used = set()

@@ -346,8 +346,16 @@ class Node:
 
     async def _start(self) -> None:
         """Take the node to operational and wait until it says so and sends its state."""
-        heartbeat = self.heartbeat
+        heartbeat, set_up = self.heartbeat, self._set_up_by
+        assert set_up is not None
         self._command(NmtCommand.START)
+        if await set_up.tells_errors_elsewhere():  # asked while its heartbeat has to be waited for
+            self._command(NmtCommand.ENTER_PRE_OPERATIONAL)
+            try:
+                await set_up.have_errors_told_here()
+            except (SdoError, EdsError, CodecError) as error:
+                raise BringUpError(c.SETTING_REFUSED, str(error)) from error
+            self._command(NmtCommand.START)
         if not await self._hears(
             lambda: heartbeat.state is NmtState.OPERATIONAL, _OPERATIONAL_WITHIN_S
         ):
@@ -359,9 +367,8 @@ class Node:
             return all(channel.received_ns is not None for channel in self.channels)
 
         if not await self._hears(sends_state, _OPERATIONAL_WITHIN_S):
-            assert self._set_up_by is not None
             with suppress(SdoError, EdsError, CodecError):  # that it sends nothing says more
-                await self._set_up_by.have_our_sync_taken()
+                await set_up.have_our_sync_taken()
             if not await self._hears(sends_state, _OPERATIONAL_WITHIN_S):
                 raise BringUpError(c.PDO_SILENT, "no state since it was started")
         await self._check_modes()
