@@ -198,12 +198,10 @@ def test_a_refusal_says_why(
 
 
 @pytest.mark.parametrize("state", OperatingState)
-@pytest.mark.parametrize("severity", Severity)
-@pytest.mark.parametrize("request_", COLUMNS)
-def test_a_fault_while_the_drives_come_to_rest_counts_as_one_before(
-    state: OperatingState, severity: Severity, request_: Request | None
-) -> None:
-    still = next_state(state, request_, severity, True)
-    if state is STANDBY and severity >= Severity.FAULT:
-        still = ESTOP if severity is Severity.ESTOP else FAULT
-    assert next_state(state, request_, severity, True, coming_to_rest=True) is still
+def test_a_fault_while_the_drives_come_to_rest_counts_as_one_before(state: OperatingState) -> None:
+    for severity, request in product(Severity, COLUMNS):
+        still = next_state(state, request, severity, True)
+        if state is STANDBY and severity >= Severity.FAULT:
+            still = ESTOP if severity is Severity.ESTOP else FAULT
+        found = next_state(state, request, severity, True, coming_to_rest=True)
+        assert found is still, (severity, request)

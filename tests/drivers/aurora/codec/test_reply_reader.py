@@ -86,19 +86,19 @@ def test_text_that_is_cut_off_by_a_binary_reply_is_dropped_as_noise() -> None:
     assert reader.noise_bytes == 3
 
 
-@pytest.mark.parametrize("cut", range(1, 94))
-def test_a_device_that_restarts_in_the_middle_of_a_binary_reply_is_heard(cut: int) -> None:
+def test_a_device_that_restarts_in_the_middle_of_a_binary_reply_is_heard() -> None:
     data = BX["both valid"][0]
-    found = ReplyReader().feed(data[:cut] + encode_text_reply("RESET"))
-    assert found[-1] == TextReply("RESET")
-    assert not any(isinstance(reply, BinaryReply) for reply in found)
+    for cut in range(1, 94):
+        found = ReplyReader().feed(data[:cut] + encode_text_reply("RESET"))
+        assert found[-1] == TextReply("RESET"), cut
+        assert not any(isinstance(reply, BinaryReply) for reply in found), cut
 
 
-@pytest.mark.parametrize("cut", range(1, 151))
-def test_a_device_that_restarts_in_the_middle_of_a_text_reply_is_heard(cut: int) -> None:
+def test_a_device_that_restarts_in_the_middle_of_a_text_reply_is_heard() -> None:
     data = TX["both valid"][0]
-    found = ReplyReader().feed(data[:cut] + encode_text_reply("RESET"))
-    assert found[-1] == TextReply("RESET")
+    for cut in range(1, 151):
+        found = ReplyReader().feed(data[:cut] + encode_text_reply("RESET"))
+        assert found[-1] == TextReply("RESET"), cut
 
 
 def test_a_wrong_checksum_gives_one_damaged_reply_and_the_next_reply_is_read() -> None:
