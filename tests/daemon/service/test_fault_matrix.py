@@ -107,7 +107,7 @@ async def recover(rig: Rig, row: Row) -> None:
 def test_a_fault_while_running(row: Row) -> None:
     async def scene(rig: Rig) -> None:
         await rig.running(SMALL_CIRCLE | {"radius_mm": 25.0})
-        await asyncio.sleep(4.0)
+        await asyncio.sleep(1.5)
         await rig.do(Inject, fault=row.fault)
         await rig.until(lambda: bool(rig.events("cause", row.cause)), row.within_s)
         told = rig.events("cause", row.cause)[0]
@@ -228,7 +228,7 @@ def test_a_controller_that_leads_the_tip_wrongly_holds_the_robot(
 ) -> None:
     async def scene(rig: Rig) -> None:
         await rig.running()
-        await asyncio.sleep(10.0)
+        await asyncio.sleep(4.0)
         controller = rig.service.loop.controller
         assert controller is not None
         propose = controller.propose
@@ -244,12 +244,12 @@ def test_a_controller_that_leads_the_tip_wrongly_holds_the_robot(
         assert told.detail.endswith(f"{says}; the controller is constant_curvature")
         worst_mm = max(tip.error_mm for tip in rig.tips if tip.error_mm is not None)
         assert worst_mm < within_mm
-        await asyncio.sleep(5.0)
+        await asyncio.sleep(2.0)
         assert rig.in_state(S.HOLD)
         assert "tracking_diverges" in {why.name for why in rig.status.stopped_by}
         controller.propose = propose  # type: ignore[method-assign]
         await rig.do(Resume)
-        await asyncio.sleep(10.0)
+        await asyncio.sleep(6.0)
         assert rig.in_state(S.RUNNING)
 
     on_a_rig(scene)

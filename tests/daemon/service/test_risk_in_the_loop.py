@@ -32,7 +32,7 @@ CIRCLE = {
     "center_mm": [0.0, 0.0, 197.5],
     "plane": "xy",
     "radius_mm": 34.0,
-    "cycle_s": 40.0,
+    "cycle_s": 25.0,
 }
 GRID_MM = 3.0
 IN_THE_PORT_MM = CHEST_PORT.depth_mm + 5.0
