@@ -92,7 +92,7 @@ def test_a_tree_that_cannot_be_run_is_still_measured_and_says_so(tree: Path) -> 
     assert any("LookupError" in line for line in lines(figures))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_of_this_tree_it_says_what_a_reply_and_a_start_pass_through() -> None:
     figures = measure(ROOT)
     reply, start = figures["passages"]["tracker_reply"], figures["passages"]["start"]

@@ -1,6 +1,7 @@
 """Paths round things, and the named reasons where there is none."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -32,7 +33,11 @@ from tests.daemon.workbench.planning.arms import (
 )
 
 
-def round_the_ball(planner: Planner) -> tuple[Plan, FloatArray, TipGoal]:
+@cache
+def round_the_ball(again: bool = False) -> tuple[Plan, FloatArray, TipGoal]:
+    """again: by a planner that has planned nothing before."""
+    planner = planner_beside_a_ball()
+    planner = Planner(planner.body, SMALL) if again else planner
     start, goal = posture_at(planner, bent_to(55.0, -60.0)), TipGoal(reachable(planner, 55.0, 60.0))
     found = planner.plan(start, [goal])
     assert isinstance(found, Plan), found.text
@@ -41,7 +46,7 @@ def round_the_ball(planner: Planner) -> tuple[Plan, FloatArray, TipGoal]:
 
 def test_a_path_goes_round_what_the_shortest_one_runs_into() -> None:
     planner = planner_beside_a_ball()
-    plan, start, goal = round_the_ball(planner)
+    plan, start, goal = round_the_ball()
     shortest = planner.figured(np.array([start, plan.u[-1]]), planner_nominal(planner, start, goal))
     assert shortest.risk.probability > 0.5
     assert plan.risk.upper_limit <= SMALL.most_risk
@@ -66,14 +71,14 @@ def planner_nominal(planner: Planner, start: FloatArray, goal: TipGoal):  # type
 
 
 def test_refining_raises_neither_risk() -> None:
-    plan, _, _ = round_the_ball(planner_beside_a_ball())
+    plan, _, _ = round_the_ball()
     assert plan.risk.upper_limit <= plan.before.upper_limit
     assert plan.risk.probability <= plan.before.probability
     assert plan.printed <= plan.printed_before + 1e-9
 
 
 def test_a_path_is_slow_enough_for_its_axes_and_its_tip() -> None:
-    plan, _, _ = round_the_ball(planner_beside_a_ball())
+    plan, _, _ = round_the_ball()
     axes = tendon_arm().robot.axes
     dt_s = np.diff(plan.t_s)
     speeds = np.abs(np.diff(plan.u, axis=0)) / dt_s[:, None]
@@ -85,9 +90,7 @@ def test_a_path_is_slow_enough_for_its_axes_and_its_tip() -> None:
 
 
 def test_the_same_seed_gives_the_same_bits() -> None:
-    first = planner_beside_a_ball()
-    again = Planner(first.body, SMALL)
-    one, other = (round_the_ball(planner)[0] for planner in (Planner(first.body, SMALL), again))
+    one, other = round_the_ball()[0], round_the_ball(again=True)[0]
     assert one.u.tobytes() == other.u.tobytes()
     assert one.t_s.tobytes() == other.t_s.tobytes()
     assert one.risk.by_place == other.risk.by_place

@@ -76,7 +76,7 @@ def test_two_cameras_that_do_not_agree_show_in_the_stated_error(
 @pytest.mark.parametrize("name", ["tendon_arm", "soft_arm"])
 def test_the_stated_error_is_about_the_true_one(name: str) -> None:
     """Of emulated bodies; and it is less than half of what it is with the cameras as they stand."""
-    seen = seen_bodies(name, 8)
+    seen = seen_bodies(name, 5)
     lines = seen.clouds["true_centrelines_mm"]
     nodes = lines.shape[2]
     lines = lines.reshape(-1, nodes, 3)

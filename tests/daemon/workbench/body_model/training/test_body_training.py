@@ -41,9 +41,9 @@ SETTINGS = BodySettings(
     points=NetworkShape(3, (32, 32)),
     shapes=NetworkShape(2, (32,)),
     coefficients=3,
-    training=TrainingSettings(steps=200, groups=32, samples=32, learning_rate=1e-2, check_every=50),
+    training=TrainingSettings(steps=160, groups=32, samples=32, learning_rate=1e-2, check_every=50),
     shapes_training=TrainingSettings(
-        steps=200, groups=32, learning_rate=1e-2, check_every=50, alone=0.5
+        steps=160, groups=32, learning_rate=1e-2, check_every=50, alone=0.5
     ),
 )
 
