@@ -7,6 +7,7 @@ the spelling that says what was meant, instead of being handed on as a surprise.
 import re
 from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 
 import yaml
@@ -71,7 +72,7 @@ def parse_yaml(text: str, file: str) -> YamlDocument:
     """Read one YAML document. Never raises for bad text: see `YamlDocument.problems`."""
     document = YamlDocument(file, None)
     try:
-        node = yaml.compose(text, Loader=yaml.SafeLoader)
+        node = _composed(text)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
@@ -91,6 +92,14 @@ def parse_yaml(text: str, file: str) -> YamlDocument:
         return document
     document.value = _Reader(document).read(node, (), node.start_mark)
     return document
+
+
+@lru_cache(maxsize=8)
+def _composed(text: str) -> yaml.Node | None:
+    """What is read again and again, as a robot's file by all that is done with the robot, is taken
+    apart once: that is nearly all of the time which reading it takes. Nobody changes a node."""
+    node: yaml.Node | None = yaml.compose(text, Loader=yaml.SafeLoader)
+    return node
 
 
 class _Reader:
