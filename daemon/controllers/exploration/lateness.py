@@ -53,10 +53,13 @@ class Lateness:
         while kept[0][0] < t_s - _KEPT_S:
             kept.popleft()
         times = np.array([one[0] for one in kept])
-        axes = np.array([one[1] for one in kept])
-        ends, begins = (np.searchsorted(times, t_s - _DELAYS_S - back) for back in (0.0, _SPAN_S))
-        told = axes[ends] - axes[begins]
-        came = tip_mm - kept[int(begins[0])][2]
+        ends, begins = (
+            np.searchsorted(times, t_s - _DELAYS_S - back).tolist() for back in (0.0, _SPAN_S)
+        )
+        told = np.array(
+            [kept[end][1] - kept[begin][1] for end, begin in zip(ends, begins, strict=True)]
+        )
+        came = tip_mm - kept[begins[0]][2]
         forget = exp(-dt_s / _MEMORY_S)
         self._squares = forget * self._squares + told[:, :, None] * told[:, None, :]
         self._products = forget * self._products + told[:, :, None] * came
