@@ -30,6 +30,8 @@ from tests.daemon.control.closed_loop import (
     pretrained,
 )
 
+pytestmark = pytest.mark.xdist_group("pretrained_arm")  # which is explored once for all tests
+
 AXES_AND_TRACKER_S = 0.05
 """Targets arrive a frame later, and the filter follows a jerk as much later."""
 

@@ -222,7 +222,7 @@ def test_a_line_that_something_stands_in_the_way_of_is_given_up_and_others_are_g
 
 def test_a_robot_without_a_workspace_uses_all_of_its_travel() -> None:
     free = ROBOT.model_copy(update={"workspace": None})
-    places = walked(controller(robot=free, waypoints=60, dither_share=0.0), frames=24_000)
+    places = walked(controller(robot=free, waypoints=50, dither_share=0.0), frames=20_000)
     assert (np.ptp(places, axis=0) > 0.8 * TRAVEL_MM).all()
 
 
