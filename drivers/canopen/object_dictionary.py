@@ -83,4 +83,5 @@ def _objects(path: Path, modified_ns: int) -> Any:
     """Nodes of one kind share a file, and reading it takes a while. Which node it is does not
     matter: that only changes default values."""
     del modified_ns
-    return eds_reader.import_od(str(path))
+    # The plain dictionary of it: the reader's own takes long to say what is not there.
+    return eds_reader.import_od(str(path)).indices
