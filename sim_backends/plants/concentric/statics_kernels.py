@@ -733,7 +733,8 @@ def settle(
         for a in range(count + 2):
             base[a] += share * step[a]
         if size <= _CLOSE_RAD:
-            march(layout, tubes, rotation, base, friction, drag, 0, room, residual, by_base)
+            no = 0 * count  # see `sweep`
+            march(layout, tubes, rotation, base, friction, drag, no, room, residual, by_base)
             return Settled(True, base, determinant, room)
     return Settled(False, base, 0.0, room)
 
@@ -820,14 +821,17 @@ def sweep(
     friction = Friction(np.zeros(tubes.end_mm.shape), 0.0, 0.0)
     drag = Drag(np.zeros((1, 3, 1)), 0.0)
     base, cold, came = np.zeros(count + 2), np.zeros(count + 2), np.zeros(count + 2)
+    # For a constant a kernel would be compiled once more: these are what any call has.
+    free, none_left = count > 0, 0 * count
+    few = none_left + _SWEPT
     for row in range(rotation_rad.shape[0]):
         angles = rotation_rad[row]
         layout = lay_out(tubes, collar_mm[row], twisting, none, down, interval_mm)
-        found = settle(layout, tubes, angles, base + came, friction, drag, True, 0, _SWEPT)
+        found = settle(layout, tubes, angles, base + came, friction, drag, free, none_left, few)
         if not (found.converged and found.determinant > 0.0) and came.any():
-            found = settle(layout, tubes, angles, base, friction, drag, True, 0, _SWEPT)
+            found = settle(layout, tubes, angles, base, friction, drag, free, none_left, few)
         if not (found.converged and found.determinant > 0.0):
-            found = settle(layout, tubes, angles, cold, friction, drag, True, _SWEPT, 3 * _SWEPT)
+            found = settle(layout, tubes, angles, cold, friction, drag, free, few, 3 * few)
         if not (found.converged and found.determinant > 0.0):
             came[:] = 0.0
             for a in range(3):
