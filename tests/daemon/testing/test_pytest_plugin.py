@@ -48,6 +48,46 @@ def test_real(rig):
 """
 
 
+THEIRS = """
+import pytest
+
+@pytest.fixture
+def seed():
+    return 77
+
+@pytest.fixture
+def followed(lab):
+    return lab.run("short.yaml", longest_s=2.0)
+
+def test_their_seed_with_our_lab(lab, seed):
+    assert seed == 77
+
+def test_followed(followed):
+    pass
+"""
+
+LOST = """
+import pytest
+
+LOST = [{"at_s": 1.0, "inject": "bus.can0.off"}]
+
+def test_fails(lab):
+    lab.run("short.yaml", happenings=LOST)
+
+def test_expects_it(lab):
+    result = lab.run("short.yaml", happenings=LOST, may_end_early=True)
+    assert "bus_off" in " ".join(result.faults) + result.problem
+    assert result.state_at(0.5) == "running"
+    with pytest.raises(LookupError, match="nothing is recorded"):
+        result.state_at(-1.0)
+
+def test_other_numbers(lab):
+    trajectory = {"radius_mm": 5.0, "cycle_s": 2.0}
+    result = lab.run("short.yaml", trajectory=trajectory)
+    assert result.result.duration_s < 2.5
+"""
+
+
 @pytest.fixture
 def suite(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> pytest.Pytester:
     """A suite with an experiment beside it."""
@@ -81,18 +121,26 @@ def run_here(suite: pytest.Pytester, *words: str) -> pytest.RunResult:
 def test_a_failing_test_is_explained_in_millimetres_and_kept(
     suite: pytest.Pytester, workers: tuple[str, ...]
 ) -> None:
+    """Beside others of their own, in one session: starting it takes longer than its runs."""
+    suite.makepyfile(test_theirs=THEIRS, test_lost=LOST)
     artifacts, junit = suite.path / "kept", suite.path / "junit.xml"
     result = run(suite, *workers, "--tentacled-artifacts", str(artifacts), f"--junitxml={junit}")
-    result.assert_outcomes(passed=5, failed=1, skipped=1)
+    result.assert_outcomes(passed=5 + 1 + 2, failed=1 + 1, errors=1, skipped=1)
     told = result.stdout.str()
     assert "where" in told and "= cycle 1 of run-0: mean " in told
     assert "run-0: circle, constant_curvature" in told
     assert f"kept in {artifacts}" in told
-    (kept,) = artifacts.iterdir()
+    kept, lost, followed = sorted(artifacts.iterdir(), key=lambda path: path.name)
     assert "test_too_good" in kept.name
     left = {path.name for path in (kept / "run-0").iterdir()}
     assert {"result.json", "report.html", "steps.npz"} <= left
     assert any(name.endswith(".mcap") for name in left)
+    # A fixture of theirs may run experiments and give seeds.
+    assert "test_followed" in followed.name
+    assert (followed / "run-0" / "result.json").is_file()
+    # A run that does not come to its end fails with the reason.
+    assert "test_fails" in lost.name
+    assert "did not come to its end: the robot is fault" in told
     cases = ET.parse(junit).getroot().iter("testcase")
     properties = {
         case.attrib["name"]: {
@@ -164,37 +212,6 @@ def test_the_marker_counts_by_place_or_name_and_what_it_cannot_count_is_told(
     assert "'0' is no number from 1 on" in refused
 
 
-THEIRS = """
-import pytest
-
-@pytest.fixture
-def seed():
-    return 77
-
-@pytest.fixture
-def followed(lab):
-    return lab.run("short.yaml", longest_s=2.0)
-
-def test_their_seed_with_our_lab(lab, seed):
-    assert seed == 77
-
-def test_followed(followed):
-    pass
-"""
-
-
-def test_a_fixture_of_theirs_may_run_experiments_and_give_seeds(suite: pytest.Pytester) -> None:
-    suite.makepyfile(test_theirs=THEIRS)
-    artifacts = suite.path / "kept"
-    result = run(suite, "test_theirs.py", "--tentacled-artifacts", str(artifacts))
-    result.assert_outcomes(passed=1, errors=1)
-    told = result.stdout.str()
-    assert "run-0: circle, constant_curvature" in told and f"kept in {artifacts}" in told
-    (kept,) = artifacts.iterdir()
-    assert "test_followed" in kept.name
-    assert (kept / "run-0" / "result.json").is_file()
-
-
 def test_runs_that_cannot_be_kept_end_no_session(suite: pytest.Pytester) -> None:
     no_folder = suite.path / "a file"
     no_folder.touch()
@@ -237,36 +254,6 @@ def test_nothing_of_ours_is_imported_before_a_fixture_is_used(suite: pytest.Pyte
         """
     )
     run(suite, "test_none.py").assert_outcomes(passed=1)
-
-
-def test_a_run_that_does_not_come_to_its_end_fails_with_the_reason(
-    suite: pytest.Pytester,
-) -> None:
-    suite.makepyfile(
-        test_lost="""
-        import pytest
-
-        LOST = [{"at_s": 1.0, "inject": "bus.can0.off"}]
-
-        def test_fails(lab):
-            lab.run("short.yaml", happenings=LOST)
-
-        def test_expects_it(lab):
-            result = lab.run("short.yaml", happenings=LOST, may_end_early=True)
-            assert "bus_off" in " ".join(result.faults) + result.problem
-            assert result.state_at(0.5) == "running"
-            with pytest.raises(LookupError, match="nothing is recorded"):
-                result.state_at(-1.0)
-
-        def test_other_numbers(lab):
-            trajectory = {"radius_mm": 5.0, "cycle_s": 2.0}
-            result = lab.run("short.yaml", trajectory=trajectory)
-            assert result.result.duration_s < 2.5
-        """
-    )
-    result = run(suite, "test_lost.py")
-    result.assert_outcomes(passed=2, failed=1)
-    assert "did not come to its end: the robot is fault" in result.stdout.str()
 
 
 @pytest.mark.long
