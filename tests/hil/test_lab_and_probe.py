@@ -12,6 +12,7 @@ import pytest
 
 from config.loader import load_robot
 from daemon.commands.outcome.exit_codes import EXIT_CONFIGURATION, EXIT_UNAVAILABLE, EXIT_USAGE
+from daemon.commands.terminal.command_line import main
 from daemon.robot.lab_connections import ask
 from daemon.workbench.pretraining.model_cache import pretrained
 from tests import SOFT_ARM
@@ -169,31 +170,21 @@ def test_a_shipped_scenario_is_understood(tmp_path: Path, scenario: Path) -> Non
         assert one.first_line.startswith("soft_arm, emulated")
 
 
-def test_a_wrong_scenario_is_explained_and_nothing_starts(tmp_path: Path) -> None:
+def test_a_wrong_scenario_is_explained_and_nothing_starts(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["emulate", str(SOFT_ARM), "--runtime-dir", str(tmp_path / "l")]
     scenario = tmp_path / "scenario.yaml"
     scenario.write_text(
         "scenario: wrong\nevents:\n  - {at_s: 1.0, inject: tracker.mising}\n  - {at: 3}\n"
     )
-    said = run(
-        "emulate",
-        str(SOFT_ARM),
-        "--runtime-dir",
-        str(tmp_path / "l"),
-        "--scenario",
-        str(scenario),
-    )
-    assert said.returncode == EXIT_CONFIGURATION
-    assert "events[1].at: unknown key" in said.stderr
+    assert main([*words, "--scenario", str(scenario)]) == EXIT_CONFIGURATION
+    assert "events[1].at: unknown key" in capsys.readouterr().err
     scenario.write_text("scenario: wrong\nevents:\n  - {at_s: 1.0, inject: tracker.mising}\n")
-    said = run(
-        "emulate",
-        str(SOFT_ARM),
-        "--runtime-dir",
-        str(tmp_path / "l"),
-        "--scenario",
-        str(scenario),
-    )
-    assert f"{scenario}:3:25: events[0].inject: 'tracker.mising'" in said.stderr
+    assert main([*words, "--scenario", str(scenario)]) == EXIT_CONFIGURATION
+    told = capsys.readouterr().err
+    assert f"{scenario}:3:25: events[0].inject: 'tracker.mising'" in told
+    assert not (tmp_path / "l").exists()
 
 
 @pytest.fixture(scope="module")

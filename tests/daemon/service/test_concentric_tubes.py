@@ -259,7 +259,7 @@ def test_without_a_limit_for_it_nobody_looks_whether_the_tip_jumps() -> None:
         return robot.model_copy(update={"supervision": supervision})
 
     async def scene(rig: Rig) -> None:
-        await going_round(rig)
+        await rig.armed()
         rig.service.loop.filter.jumped_mm = 100.0
         assert not rig.service.loop._jumped()
 
