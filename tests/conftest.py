@@ -50,6 +50,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.flaky(reruns=RERUNS))
 
 
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """All that was collected stays: nobody need look through it for garbage."""
+    if hasattr(session.config, "workerinput"):
+        gc.freeze()
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Workers share what they compile, and the cores."""
     if hasattr(config, "workerinput"):

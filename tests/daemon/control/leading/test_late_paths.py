@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from config.tasks.trajectory import Rectangle, Star
+from config.tasks.trajectory import Star
 from daemon.control.controller import Phase
 from daemon.control.leading import Leading
 from daemon.reference.trajectories import make_trajectory
@@ -109,40 +109,28 @@ def test_a_body_a_second_late_is_followed_as_well_after_some_cycles(
     assert means[-1] < 0.8
 
 
-CORNERS: dict[str, Rectangle | Star] = {
-    "rectangle": Rectangle(
-        kind="rectangle",
-        center_mm=(0.0, 0.0, 185.0),
-        width_mm=25.0,
-        height_mm=80.0,
-        cycle_s=10.5,
-        cycles=2,
-    ),
-    "star": Star(
-        kind="star",
-        center_mm=(0.0, 0.0, 185.0),
-        radius_mm=30.0,
-        inner_radius_mm=14.0,
-        cycle_s=10.9,
-        cycles=2,
-    ),
-}
+STAR = Star(
+    kind="star",
+    center_mm=(0.0, 0.0, 185.0),
+    radius_mm=30.0,
+    inner_radius_mm=14.0,
+    cycle_s=10.9,
+    cycles=2,
+)
 """At 20 mm/s."""
 
 
-@pytest.mark.parametrize("path", CORNERS)
 def test_a_late_body_is_slowed_where_it_would_be_off_too_far_and_not_once_it_has_learnt(
-    path: str, model: str, monkeypatch: pytest.MonkeyPatch
+    model: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    options = CORNERS[path]
     loop = loop_on("slow", model, monkeypatch)
-    cycles = loop.follow_at_its_pace(options)
-    lasted = [len(cycle.errors_mm) * DT_S / options.cycle_s for cycle in cycles]
+    cycles = loop.follow_at_its_pace(STAR)
+    lasted = [len(cycle.errors_mm) * DT_S / STAR.cycle_s for cycle in cycles]
     assert 1.1 < lasted[0] < 2.5
     assert lasted[-1] < 0.5 * (1.0 + lasted[0])
     assert all(cycle.errors_mm.mean() < 1.1 for cycle in cycles)
     hurried = loop_on("slow", model, monkeypatch)
-    first = hurried.follow(options.model_copy(update={"cycles": 1}))
+    first = hurried.follow(STAR.model_copy(update={"cycles": 1}))
     assert cycles[0].errors_mm.mean() < 0.75 * first.mean_mm
 
 

@@ -1,5 +1,6 @@
 """The compiled regression and its twin in plain numpy, over all that can be set."""
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,8 @@ import pytest
 from daemon.learning.lwpr.model import FloatArray, Lwpr
 from daemon.learning.lwpr.settings import LwprSettings
 from tests.daemon.learning.lwpr.lwpr_twin import Twin
+
+pytestmark = pytest.mark.xdist_group("lwpr_twin")  # which learns once for all tests
 
 SAMPLES = 700
 TOLERANCE = 1e-9
@@ -75,13 +78,21 @@ def _far_apart(ours: FloatArray, theirs: FloatArray) -> float:
     return float(np.abs(ours[known] - theirs[known]).max(initial=0.0) / largest)
 
 
+@cache
+def _twin(name: str) -> tuple[Twin, FloatArray]:
+    """Once it has learnt, and what it said of each sample before."""
+    settings = LwprSettings(**CONFIGURATIONS[name])
+    twin = Twin(settings)
+    said = [twin.update(*sample) for sample in zip(*_stream(settings), strict=True)]
+    return twin, np.array(said)
+
+
 @pytest.mark.parametrize("name", CONFIGURATIONS)
 def test_the_compiled_one_is_its_twin(name: str) -> None:
     settings = LwprSettings(**CONFIGURATIONS[name])
     x, y = _stream(settings)
-    model, twin = Lwpr(settings), Twin(settings)
+    model, (twin, theirs) = Lwpr(settings), _twin(name)
     ours = np.array([model.update(*sample) for sample in zip(x, y, strict=True)])
-    theirs = np.array([twin.update(*sample) for sample in zip(x, y, strict=True)])
     assert model.counts == (len(twin.fields),)
     assert model.pruned == (twin.pruned,)
     assert _far_apart(ours, theirs) < TOLERANCE
@@ -96,11 +107,7 @@ def test_the_compiled_one_is_its_twin(name: str) -> None:
 
 def test_the_configurations_reach_what_they_are_named_for() -> None:
     def twin(name: str) -> Twin:
-        settings = LwprSettings(**CONFIGURATIONS[name])
-        twin = Twin(settings)
-        for x, y in zip(*_stream(settings), strict=True):
-            twin.update(x, y)
-        return twin
+        return _twin(name)[0]
 
     assert twin("pruning").pruned > 3
     assert twin("compat, pruning").pruned > 3
