@@ -49,12 +49,15 @@ quick: $(DEVELOPMENT)
 WORKERS ?= 3
 
 # What numba compiles is kept: tests with a clock of their own must not wait for it. Types are
-# checked meanwhile, on the other core, and what the risk needs is compiled there.
+# checked meanwhile, on the other core, and what the risk needs is compiled there. Of a fresh clone
+# pytest rewrites all tests once; else each worker would, all of them at the same time.
 test: $(DEVELOPMENT)
 	@$(BIN)/ruff format --check .
 	@$(BIN)/ruff check .
 	@($(BIN)/mypy && $(BIN)/python -m daemon.commands.terminal.compiled risk) & types=$$!; \
 		$(BIN)/python -m daemon.commands.terminal.compiled; compiled=$$?; \
+		ls tests/__pycache__/test_floors.*-pytest-*.pyc >/dev/null 2>&1 || \
+			$(BIN)/pytest --collect-only >/dev/null; \
 		wait $$types && exit $$compiled
 	@$(BIN)/pytest -n $(WORKERS) --dist loadgroup -m "not long and not page"
 
