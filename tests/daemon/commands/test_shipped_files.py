@@ -39,7 +39,9 @@ def test_every_shipped_file_is_sound_by_its_name_from_an_empty_folder(
     ids=" ".join,
 )
 def test_it_is_understood_by_every_command(words: list[str]) -> None:
-    paths = [value for value in vars(parsed(words)).values() if isinstance(value, Path)]
+    values = vars(parsed(words)).values()
+    each = [one for value in values for one in (value if isinstance(value, list) else [value])]
+    paths = [one for one in each if isinstance(one, Path)]
     assert any(path.is_absolute() and path.is_file() for path in paths)
 
 
