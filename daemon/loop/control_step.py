@@ -413,7 +413,7 @@ class ControlLoop:
         supervisor = self._supervisor
         if supervisor.running or not supervisor.state.follows:
             return ""
-        u = [channel.scale.position(channel.position_counts) for channel in self.channels]
+        u = self._axis_targets.in_units(self._axis_targets.measured).tolist()
         answer = ask(self._risk, u, u, self._clock.now_ns(), self._latest_after_s)
         near = not answer.doubt and answer.risk > self._threshold
         return (answer.detail or "it is not known where") if near else ""

@@ -733,8 +733,8 @@ def settle(
         for a in range(count + 2):
             base[a] += share * step[a]
         if size <= _CLOSE_RAD:
-            no = 0 * count  # see `sweep`
-            march(layout, tubes, rotation, base, friction, drag, no, room, residual, by_base)
+            none = 0 * count  # no columns; why it is no constant, see `sweep`
+            march(layout, tubes, rotation, base, friction, drag, none, room, residual, by_base)
             return Settled(True, base, determinant, room)
     return Settled(False, base, 0.0, room)
 

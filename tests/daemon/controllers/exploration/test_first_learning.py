@@ -20,10 +20,8 @@ BENDS: Vector = 9.0 * np.array([np.cos(THIRDS), np.sin(THIRDS), np.zeros(3)])
 
 
 def test_what_all_tendons_do_together_is_not_learnt_from_the_little_of_it_that_was_done() -> None:
-    random, first = (
-        np.random.default_rng(3),
-        FirstLearning(RewardWeighted(kind="reward_weighted"), AXES, 1, 0.1),
-    )
+    random = np.random.default_rng(3)
+    first = FirstLearning(RewardWeighted(kind="reward_weighted"), AXES, 1, 0.1)
     for swing in random.normal(scale=0.3, size=(40, 3)):
         delta_u = AXES.less_together(swing, 0.05)
         rubs_mm = 2.0 * np.sign(swing[0]) * np.array([1.0, 0.0, 0.0])
