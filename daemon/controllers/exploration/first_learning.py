@@ -22,12 +22,18 @@ from drivers.pose import Vector
 
 _SAMPLES_PER_AXIS = 3
 """So many must babbling give before a Jacobian is fitted ..."""
-_WORTH_GOING_ON = 0.8
+_WORTH_GOING_ON, _WORTH_WHERE_VISIBLE = 0.8, 0.25
 """... and where it gave this share of them it goes on: a stiff body's tip goes less far. What comes
 of noise alone, in motions of a hundredth of a millimetre, is a third of them in 5 s."""
-_VISIBLY: Final = 0.5
+_VISIBLY: Final = 0.2
 """Share of the tip's motion that is the axes', from which on a tip that goes too little is of a
-stiff body and not held, and the motions go on wider: noise alone makes 0.02, 0.1 mm make 0.7."""
+stiff body and not held, and the motions go on wider: noise alone makes 0.02, 0.1 mm make 0.7, and
+a short arm three times as stiff as the shipped one 0.37."""
+_FEW_AFTER: Final = 0.25
+"""Of their time: where the motions have not given as large a share of the samples they go on wider
+at once ..."""
+_FRAMES_PER_AXIS: Final = 20
+"""... but not before so many: of fewer noise looks like the axes' motion."""
 _WIDER: Final = 2.0
 _WIDEST: Final = 0.25
 """Times, and up to which share of each axis' travel: as far as options let them be."""
@@ -65,6 +71,8 @@ class FirstLearning:
         self._calm = 1.0
         """Share of their reach and speed that motions have, so that the tip is calm."""
         self._babbling = self._new_babbling()
+        self._looked_early = False
+        """Whether these motions were looked at before they were over."""
         self._motions = None if options.lag_s is not None else FirstMotions(axes.scale, expected_s)
         """None: it is known how late the body is."""
         self._begun_mm: Vector | None = None
@@ -104,8 +112,9 @@ class FirstLearning:
         self._babbling = self._new_babbling()
 
     def go_on(self) -> None:
-        """More of them are needed."""
-        self._babbling = self._new_babbling()
+        """More of them are needed, round where they went."""
+        self._babbling = self._new_babbling(self._babbling.home)
+        self._looked_early = False
         if self._motions is not None:
             self._motions.go_on()
 
@@ -119,6 +128,7 @@ class FirstLearning:
             note = "works out how late the body follows"
             return Proposal(np.zeros(self._axes.count), note, 0)
         self._keep_calm(observation)
+        self._go_wider_early()
         return Proposal(self._babbling.propose(observation), self._babbling.note, 0)
 
     def _keep_calm(self, observation: Observation) -> None:
@@ -143,6 +153,25 @@ class FirstLearning:
         self.samples, self._samples_before = [], 0
         if self._motions is not None:
             self._motions = FirstMotions(self._axes.scale, self._expected_s)
+
+    def _go_wider_early(self) -> None:
+        """Of motions that show too little the rest would, too."""
+        babbling, motions = self._babbling, self._motions
+        enough = babbling.frames >= _FRAMES_PER_AXIS * self._axes.count
+        if self._looked_early or not enough or babbling.share_done < _FEW_AFTER:
+            return
+        self._looked_early = True
+        given = len(self.samples) - self._samples_before
+        few = given < _FEW_AFTER * self._needed
+        if few and motions is not None and motions.share_explained() > _VISIBLY and self._wider():
+            self.go_on()
+
+    def _wider(self) -> bool:
+        """Whether motions may be wider than they were, and then are from the next on."""
+        may_be = self._reach_share < _WIDEST and self._calm == 1.0
+        if may_be:
+            self._reach_share = min(_WIDER * self._reach_share, _WIDEST)
+        return may_be
 
     def see(self, observation: Observation) -> None:
         """Take a frame."""
@@ -178,21 +207,24 @@ class FirstLearning:
 
         Raises ControllerError where they were too few.
         """
-        samples, needed = self.samples, _SAMPLES_PER_AXIS * self._axes.count
-        if len(samples) >= needed:
+        samples = self.samples
+        if len(samples) >= self._needed:
             return _fitted_jacobian(samples, self._axes)
         before, self._samples_before = self._samples_before, len(samples)
         visibly = self._motions is not None and self._motions.explained > _VISIBLY
-        wider = visibly and self._reach_share < _WIDEST and self._calm == 1.0
-        if wider:
-            self._reach_share = min(_WIDER * self._reach_share, _WIDEST)
-        if wider or len(samples) - before >= _WORTH_GOING_ON * needed:
+        worth = _WORTH_WHERE_VISIBLE if visibly else _WORTH_GOING_ON
+        wider = visibly and self._wider()
+        if wider or len(samples) - before >= worth * self._needed:
             self.go_on()
             return None
         raise ControllerError(
             f"the first motions gave {len(samples)} samples: see what holds the tip, or let them "
             f"be longer or wider (babbling)"
         )
+
+    @property
+    def _needed(self) -> int:
+        return _SAMPLES_PER_AXIS * self._axes.count
 
     def _new_babbling(self, home: Vector | None = None) -> Babbling:
         options = self._options.babbling

@@ -117,6 +117,11 @@ class FirstMotions:
             self._shown.break_off()
         return not self.told
 
+    def share_explained(self) -> float:
+        """Of the tip's motion until now, squared, the axes' share."""
+        self._found()
+        return self.explained
+
     @property
     def asked(self) -> bool:
         """Whether they were asked since the last of them."""

@@ -34,10 +34,21 @@ class Babbling:
         """(m,) round which they go; None: motion has not begun."""
         self._goal = np.zeros(axes.count) if home is None else home
         self._elapsed_s = 0.0
+        self._frames = 0
 
     @property
     def done(self) -> bool:
         return self._elapsed_s >= self._options.duration_s
+
+    @property
+    def share_done(self) -> float:
+        """Of the time that it lasts."""
+        return self._elapsed_s / self._options.duration_s
+
+    @property
+    def frames(self) -> int:
+        """For which a step was proposed."""
+        return self._frames
 
     @property
     def note(self) -> str:
@@ -56,6 +67,7 @@ class Babbling:
         if self.done:
             return np.zeros(self._axes.count)
         self._elapsed_s += step_time(observation)
+        self._frames += 1
         if self.home is None:
             self.home = observation.targets.copy()
             self._goal = self._draw(self.home)

@@ -188,6 +188,14 @@ def test_first_motions_of_a_tip_that_goes_little_but_visibly_go_on_wider(
     assert body.off < 0.5
 
 
+def test_first_motions_that_show_hardly_anything_go_on_wider_before_they_are_over() -> None:
+    body = LateBody(0.1, made_learner("reward_weighted"))
+    body.true = 0.03 * body.true
+    body.babble()
+    assert len(body.told) * DT_S < 1.6 * body.learner._options.babbling.duration_s
+    assert body.off < 0.5
+
+
 def test_first_motions_of_a_supple_body_become_calmer_and_tell_as_much() -> None:
     """A tip that goes four times as far as a usual one would leave the tracker's sight."""
     body = LateBody(0.1, made_learner("reward_weighted"))
