@@ -247,11 +247,11 @@ def test_what_is_seen_while_it_is_held_is_not_kept() -> None:
     loop.controller.reset(loop.seen())
     for _ in range(16):
         loop.step()
-    before = sum(map(len, loop.controller._exploration._rests))
+    before = sum(map(len, loop.controller._excursions._rests))
     for _ in range(1000):
         loop.frames += 1
         loop.controller.observe(loop.seen())
-    assert sum(map(len, loop.controller._exploration._rests)) <= before + 1
+    assert sum(map(len, loop.controller._excursions._rests)) <= before + 1
 
 
 def test_the_tip_is_brought_to_the_reference() -> None:

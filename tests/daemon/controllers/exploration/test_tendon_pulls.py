@@ -5,11 +5,13 @@ import pytest
 
 from config.loader import load_robot
 from config.robot import Robot
-from config.tasks.controllers import TipFollowing
+from config.tasks.controllers import Broyden, TipFollowing
 from config.tasks.exploration import DesignedExploration, MotorBabbling
 from daemon.control.controller import Observation
 from daemon.control.tip_following import TipFollower
+from daemon.controllers.broyden import BroydenController
 from daemon.controllers.exploration.designed_exploration import DesignedExplorationController
+from daemon.controllers.exploration.excursions import Excursions
 from daemon.controllers.exploration.motor_babbling import Babbling
 from daemon.controllers.exploration.tendon_pulls import TendonPulls
 from daemon.robot.axes import AxisRanges
@@ -136,6 +138,28 @@ def test_an_exploration_of_many_tendons_pulls_first_and_has_all_of_its_time_then
         notes.append(proposal.note)
     assert notes[0] == "finds how tendon_1 strains the others"
     assert control.ready and moved == pytest.approx(4.0 / DT_S, abs=3)
+
+
+def test_what_a_controller_without_a_model_measures_of_many_tendons_slackens_none(
+    known: AxisRanges,
+) -> None:
+    excursions, targets = Excursions(Broyden(kind="broyden", lead=True), known), np.zeros(TENDONS)
+    truth = np.vstack([8.0 * BENDS.T, np.zeros(TENDONS)])
+    places: list[Vector] = []
+    while not excursions.done:
+        now = seen(targets)._replace(t_ns=round(len(places) * DT_S * 1e9))
+        excursions.observe(now._replace(tip_mm=TIP + truth @ now.u))
+        targets = targets + excursions.propose(now)
+        places.append(targets)
+    assert (STRUNG_N + np.array(places) @ STIFFNESS).min() > 1.0
+    found = excursions.jacobian / known.scale
+    np.testing.assert_allclose(found @ BENDS, truth @ BENDS, atol=0.3)
+
+
+def test_a_controller_without_a_model_pulls_many_tendons_first() -> None:
+    controller = BroydenController(Broyden(kind="broyden", lead=True), robot())
+    controller.reset(seen(np.zeros(TENDONS)))
+    assert "strains" in controller.propose(seen(np.zeros(TENDONS))).note
 
 
 def test_nothing_is_pulled_while_nobody_knows_the_tensions() -> None:
