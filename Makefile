@@ -95,6 +95,7 @@ experiments: $(DEVELOPMENT)
 	@$(BIN)/python -m tests.experiments.led_paths
 	@$(BIN)/python -m tests.experiments.led_tendons
 	@$(BIN)/python -m tests.experiments.led_designs
+	@$(BIN)/python -m tests.experiments.led_hard_designs
 	@$(BIN)/python -m tests.experiments.led_tubes
 	@$(BIN)/python -m tests.experiments.from_nothing
 	@$(BIN)/python -m tests.experiments.load_steps

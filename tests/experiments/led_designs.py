@@ -102,9 +102,10 @@ def case_of(number: int) -> tuple[dict[str, Any], dict[str, Any]]:
     }
 
 
-def carried_out(number: int) -> dict[str, Any]:
-    """One line for the file."""
-    robot, case = case_of(number)
+def line_of(
+    number: int, robot: dict[str, Any], case: dict[str, Any], more: dict[str, Any]
+) -> dict[str, Any]:
+    """What became of a case, as one line for the file. more: what the line says of it besides."""
     segments = robot["emulation"]["plant"]["segments"]
     known = "" if case["pretraining"] is None else ", with a model"
     what = {
@@ -115,7 +116,13 @@ def carried_out(number: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "robot.yaml"
         path.write_text(yaml.safe_dump(robot, sort_keys=False))
-        return {"case": number, **what, **came_of(SOFT_ARM, {"robot": str(path), **case}, number)}
+        came = came_of(SOFT_ARM, {"robot": str(path), **case}, number)
+    return {"case": number, **what, **more, **came}
+
+
+def carried_out(number: int) -> dict[str, Any]:
+    """One line for the file."""
+    return line_of(number, *case_of(number), {})
 
 
 def main() -> int:

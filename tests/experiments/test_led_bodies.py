@@ -11,6 +11,7 @@ import yaml
 from daemon.workbench.experiments.experiment_file import load_experiment
 from tests.experiments import (
     led_designs,
+    led_hard_designs,
     led_paths,
     led_tendon_designs,
     led_tendons,
@@ -114,6 +115,15 @@ def test_designs_are_sound_robots_with_a_drive_for_every_chamber(tmp_path: Path)
         assert len(file.robot.axes) == sum(one["chambers"] for one in segments)
         counts.add(len(segments))
     assert counts == {1, 2, 3}
+
+
+def test_hard_designs_are_late_loaded_bodies_of_designs_that_are_not() -> None:
+    robot, case = led_hard_designs.case_of(2)
+    assert (robot, case) == led_hard_designs.case_of(2)
+    easy, path = led_designs.case_of(102)
+    assert (robot, case["trajectory"]) == (easy, path["trajectory"])
+    assert len(case["plant"]["chamber_area_ratios"]) == len(robot["axes"])
+    assert 6.0 <= case["happenings"][0]["at_s"] <= 10.0
 
 
 def test_designs_of_other_kinds_are_sound_robots_on_paths_that_their_bodies_reach(

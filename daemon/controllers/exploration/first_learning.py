@@ -28,7 +28,7 @@ of noise alone, in motions of a hundredth of a millimetre, is a third of them in
 _VISIBLY: Final = 0.2
 """Share of the tip's motion that is the axes', from which on a tip that goes too little is of a
 stiff body and not held, and the motions go on wider: noise alone makes 0.02, 0.1 mm make 0.7, and
-a short arm three times as stiff as the shipped one 0.37."""
+a short arm twice as stiff as the shipped one 0.37."""
 _FEW_AFTER: Final = 0.25
 """Of their time: where the motions have not given as large a share of the samples they go on wider
 at once ..."""

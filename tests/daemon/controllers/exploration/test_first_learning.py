@@ -78,3 +78,18 @@ def places(speed_mm_s: float) -> Vector:
 
 def test_a_tip_that_only_noise_moves_fast_calms_no_motions() -> None:
     np.testing.assert_array_equal(places(140.0), places(0.0))
+
+
+def test_motions_that_are_gone_on_with_stay_round_the_place_where_they_began() -> None:
+    options = RewardWeighted(kind="reward_weighted", lag_s=0.1)
+    first, targets, farthest = FirstLearning(options, AXES, 0, 0.1), np.zeros(3), np.zeros(3)
+    tip, still = np.array([0.0, 0.0, 290.0]), np.zeros(3)
+    first.begin(enough=False)
+    for _ in range(4):
+        while not first.over:
+            seen = Observation(0, DT_S, targets, targets, tip, still, tip, still)
+            targets = targets + first.propose(seen).delta_u
+            farthest = np.maximum(farthest, np.abs(targets))
+        first.go_on()
+    reach = options.babbling.reach_share + options.babbling.dither_share
+    assert (farthest <= reach * AXES.scale).all()
