@@ -114,7 +114,9 @@ def _lowest(left: Vector) -> float:
 
 SAMPLES_PER_FIELD = 100
 """How many samples a field needs is found by trying: with less it learns their noise."""
-_SAMPLES_AT_LEAST = 50
+_SAMPLES_AT_LEAST, _SAMPLES_PER_COEFFICIENT = 50, 3
+"""The lesser of both: few motions are learnt by way of a quadratic, which has nine coefficients for
+three axes, and 39 motions of a short, stiff arm led it to 0.2 mm."""
 _LONG_S = 60.0
 """Of an exploration."""
 _FEW_MOTIONS, _IMAGINED = 2000, 4000
@@ -186,7 +188,7 @@ def pretrain(
     sampling = replace(settings.sampling, lag_s=lag_s)
     motions = _motions(dataset, sampling)
     test = _kept_back(motions.line, settings)
-    if len(motions) - test.sum() < _SAMPLES_AT_LEAST:
+    if len(motions) - test.sum() < _samples_at_least(motions.axes):
         raise PretrainingError(
             f"{len(motions) - int(test.sum())} motions are too few to learn from: take "
             f"shorter ones than {sampling.tip_mm:g} mm (`pretrain --sample`, or in an experiment "
@@ -199,6 +201,10 @@ def pretrain(
         learnt = imagined(smooth, learnt, _IMAGINED, settings.seed)
     model = _empty_model(learnt, dataset.travel, settings)
     return _learnt(model, learnt, motions, test, settings, sampling, tell)
+
+
+def _samples_at_least(axes: int) -> int:
+    return min(_SAMPLES_AT_LEAST, _SAMPLES_PER_COEFFICIENT * axes * (axes + 3) // 2)
 
 
 def _found_lag_s(dataset: Dataset) -> float:

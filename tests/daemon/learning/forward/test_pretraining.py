@@ -1,5 +1,6 @@
 """A forward model learnt from an exploration: how good, how large, and from what."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -18,9 +19,10 @@ from daemon.learning.forward.pretraining import (
     pretrain,
 )
 from daemon.learning.lwpr.model import Lwpr
+from daemon.learning.samples.dataset import Dataset
 from daemon.learning.samples.motion import MotionTable
 from daemon.learning.samples.motion_samples import SamplingSettings
-from tests.daemon.learning.frames_of_arm import ARM, arm_dataset
+from tests.daemon.learning.frames_of_arm import ARM, ROBOT, arm_dataset, arm_frames
 
 LINES = 30
 EPOCHS = 6
@@ -154,6 +156,25 @@ def test_too_few_motions_are_no_data() -> None:
         assert remedy in str(raised.value)
     with pytest.raises(PretrainingError, match="3 lines are too few"):
         pretrain(arm_dataset(3), PretrainingSettings())
+
+
+SHORT_ARM = np.array([[0.3, -0.15, -0.15], [0.0, 0.25, -0.25], [0.07, 0.07, 0.07]])
+"""(3, 3) mm per mm: its tip goes so little that 5 % of the axes' travel makes a sample."""
+
+
+def test_three_axes_need_fewer_motions_than_six() -> None:
+    def short_exploration(lines: int, axes: int) -> Dataset:
+        frames = arm_frames(lines)
+        frames = replace(frames, u=frames.u[:, :axes], tip_mm=frames.u[:, :3] @ SHORT_ARM.T)
+        return Dataset.of(frames, ROBOT.model_copy(update={"axes": ROBOT.axes[:axes]}), {})
+
+    settings = PretrainingSettings(test_share=0.0, lag_s=0.0)
+    learnt = pretrain(short_exploration(6, axes=3), settings)
+    assert 27 <= len(learnt.motions) < 50
+    middle = learnt.motions.tip_mm.mean(axis=0), learnt.motions.u.mean(axis=0)
+    np.testing.assert_allclose(slopes_by_step(learnt.model, *middle), SHORT_ARM, atol=0.03)
+    with pytest.raises(PretrainingError, match="39 motions are too few"):
+        pretrain(short_exploration(4, axes=6), settings)
 
 
 @pytest.mark.parametrize(
