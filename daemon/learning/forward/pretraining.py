@@ -115,9 +115,9 @@ def _lowest(left: Vector) -> float:
 SAMPLES_PER_FIELD = 100
 """How many samples a field needs is found by trying: with less it learns their noise."""
 _SAMPLES_AT_LEAST, _SAMPLES_PER_COEFFICIENT = 50, 2
-"""The lesser of both: few motions are learnt by way of a quadratic, which all frames tell, and which
-has nine coefficients for three axes and fourteen for four. 39 motions of a short, stiff arm of
-three chambers led it to 0.2 mm, 33 of one of four to 0.2 mm."""
+"""The lesser of both: few motions are learnt by way of a quadratic, which all frames tell, and has
+nine coefficients for three axes, fourteen for four. 39 motions of a short, stiff arm of three
+chambers led it to 0.2 mm, and 33 of one of four."""
 _LONG_S = 60.0
 """Of an exploration."""
 _FEW_MOTIONS, _IMAGINED = 2000, 4000
