@@ -9,6 +9,7 @@ from contextlib import suppress
 from itertools import chain
 from math import isfinite
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -22,12 +23,17 @@ from daemon.control.lag.lagged_axes import LaggedAxes
 from daemon.control.task import POSE, POSITION, points, task_of
 from daemon.control.tip_following import TipFollower
 from daemon.controllers.exploration.excursions import Excursions, Frame
+from daemon.controllers.exploration.first_motions import BodysLag, FirstMotions
 from daemon.controllers.exploration.tendon_pulls import TendonPulls
 from daemon.controllers.model_files import load_model, model_metadata, save_model
 from drivers.pose import Vector
 
 _LAG_FRAMES_AT_ONCE = 3
-"""In spare time, so that they are all told within a second or two."""
+"""Of the first motions, in spare time, so that they are all told within a second or two ..."""
+_SHOWN_AT_ONCE = 30
+"""... once they were looked at, within some tenths."""
+_COMES_IN_RESTS: Final = 0.5
+"""Lag, over the time in which the body settles: of a later one rests do not show all that comes."""
 _COUNTED = "pointing_mm_per_rad"
 """In a file: as how many mm a radian counts in its rows of the direction."""
 
@@ -50,17 +56,23 @@ class BroydenController:
         self._estimate: JacobianEstimate | None = None
         self._anchor: tuple[Vector, Vector] | None = None
         self._axes = LaggedAxes(self._scale)
+        self._motions = FirstMotions(self._scale, 0.0) if options.leads else None
+        """None: how late the body is, is known, or not asked."""
+        self._shown = LaggedAxes(self._scale)
+        self._axes_shown: list[Vector] = []
+        """Of the first motions, as the tip shows them."""
         self._seen: deque[Frame] = deque()
         """Frames of the first motions that have not told yet how late the body is."""
         self._first_lag = BodyLag()
         self._first = np.zeros((POSITION, len(self._scale)))
+        """(3, m) Jacobian that the first motions have shown."""
+        self._last_seen_s = 0.0
         self._points = False
         """Whether the reference has ever said where to point: a hand does so when it likes."""
-        self._last_seen_s = 0.0
 
     @property
     def ready(self) -> bool:
-        return self._tendon_pulls is None and self._estimate is not None and not self._seen
+        return self._tendon_pulls is None and self._estimate is not None and not self._looks_back
 
     @property
     def jacobian(self) -> Vector | None:
@@ -78,6 +90,8 @@ class BroydenController:
             self._tendon_pulls.begin()
         self._axes.break_off()
         self._anchor = None
+        if self._motions is not None:
+            self._motions.break_off()
 
     def observe(self, observation: Observation) -> None:
         measured = chain(observation.u.tolist(), observation.tip_mm.tolist())
@@ -89,13 +103,7 @@ class BroydenController:
         if self._options.leads:
             self._axes.see(t_s, u, observation.targets)
         if self._estimate is None:
-            self._excursions.observe(observation)
-            if self._excursions.done:
-                coordinates = POSE if self._points else POSITION
-                jacobian = self._excursions.jacobian[:coordinates]
-                self._begin(jacobian, np.eye(len(self._scale)) * FIRST_STD_MM**2)
-                if self._options.leads:
-                    self._seen = deque(self._excursions.all_frames)
+            self._see_excursions(observation)
             return
         if self._options.leads:
             lag = self._follower.leading.lag
@@ -116,6 +124,20 @@ class BroydenController:
             self._estimate.correct(moved, tip_moved)
             self._anchor = here
 
+    def _see_excursions(self, observation: Observation) -> None:
+        motions, excursions = self._motions, self._excursions
+        excursions.observe(observation)
+        if motions is not None:
+            motions.see(observation)
+        if not excursions.done:
+            return
+        self._show(excursions.jacobian)
+        if motions is None:
+            return
+        if not (motions.ask() and motions.lag.lag_s > _COMES_IN_RESTS * self._options.settle_s):
+            self._motions = None
+            self._seen = deque(excursions.all_frames)
+
     def propose(self, observation: Observation) -> Proposal:
         if (pulls := self._tendon_pulls) is not None:
             if not pulls.done:
@@ -124,7 +146,7 @@ class BroydenController:
             self._excursions = Excursions(self._options, pulls.axes)
         if self._estimate is None:
             return Proposal(self._excursions.propose(observation), self._excursions.note, 0)
-        if self._seen:
+        if self._looks_back:
             note = "works out how late the body follows"
             return Proposal(np.zeros(len(self._scale)), note, 0)
         jacobian = self._estimate.jacobian / self._scale
@@ -135,8 +157,11 @@ class BroydenController:
         )
 
     def learn(self) -> None:
-        """What motions tell of the body's lag, of the first ones a little at a time."""
+        """What the first motions tell of the body's lag, and of the Jacobian of so late a body, a
+        little at a time."""
         self._follower.work_off()
+        if self._motions is not None and self._motions.asked:
+            self._look_again(self._motions.lag)
         for _ in range(min(_LAG_FRAMES_AT_ONCE, len(self._seen))):
             t_s, u, seen = self._seen.popleft()
             told_mm = self._first[:POSITION] @ (u / self._scale)
@@ -148,7 +173,24 @@ class BroydenController:
                 self._follower.leading.lag.lag_s = late_s
                 better = self._first.copy()
                 better[:POSITION] *= self._first_lag.gains[:, None]
-                self._begin(better, np.eye(len(self._scale)) * FIRST_STD_MM**2)
+                self._show(better)
+
+    @property
+    def _looks_back(self) -> bool:
+        """Whether the first motions are over, and what they show is still to be looked at."""
+        return bool(self._seen) or (self._motions is not None and self._motions.asked)
+
+    def _look_again(self, lag: BodysLag) -> None:
+        """At the first motions, with the axes as the tip of so late a body shows them: then they
+        tell the Jacobian, and that how late it is, finer than they did without one."""
+        frames, shown = self._excursions.all_frames, self._axes_shown
+        for t_s, u, _ in frames[len(shown) : len(shown) + _SHOWN_AT_ONCE]:
+            shown.append(self._shown.after(t_s, u, *lag))
+        if len(shown) == len(frames):
+            self._motions = None
+            self._first_lag = BodyLag(lag.lag_s)
+            self._seen = deque(frames)
+            self._show(self._excursions.jacobian_of_late(np.array(shown)))
 
     def save(self, path: Path) -> None:
         if self._estimate is None:
@@ -195,12 +237,17 @@ class BroydenController:
             first = np.concatenate([estimate.jacobian, rows])
             self._begin(first, np.eye(len(self._scale)) * FIRST_STD_MM**2)
 
+    def _show(self, jacobian: Vector) -> None:
+        """The first motions have shown this one."""
+        self._first = jacobian
+        coordinates = POSE if self._points else POSITION
+        self._begin(jacobian[:coordinates], np.eye(len(self._scale)) * FIRST_STD_MM**2)
+
     def _begin(self, jacobian: Vector, covariance: Vector) -> None:
         self._estimate = JacobianEstimate(
             jacobian, covariance, self._options.sample_noise_mm, self._options.drift_mm
         )
         self._anchor = None
-        self._first = np.array(jacobian)
 
 
 def make(options: Broyden, robot: Robot, seed: int) -> BroydenController:

@@ -2,7 +2,9 @@
 
 Between the motions the body is given time to settle, and many frames are taken then. What an
 excursion does to the tip is the slope of a line through the frames before, at and after it; a
-drift that is even in time (creep) does not disturb it.
+drift that is even in time (creep) does not disturb it. Of a body that is late the rests are over
+before all of it has come: once that is known all frames tell it, with the axes as the tip shows
+them.
 
 At the end all axes go out together. Where each of them swings the tip aside a lot and lifts it
 a little, the swing lowers the tip too, and one by one they tell the lift badly. Of many tendons
@@ -52,11 +54,16 @@ class Excursions:
             self._plan.append(np.ones(axes.count))
         self._made: list[Vector] = []
         self._effects: list[Vector] = []
+        self._homes: list[Vector] = []
+        self._frames_of: list[slice] = []
+        """Which of `all_frames` are of each excursion that was made."""
         self._home: Vector | None = None
         self._left: Vector | None = None
         """The home of an excursion that was interrupted."""
         self._out = np.zeros(axes.count)
         self._rests: list[list[Frame]] = []
+        self._rests_begin: list[int] = []
+        """How many frames there were then."""
         self._moving = False
         self._asked = True
         """Whether a step was asked for since the last frame. A robot that is held is not asked, and
@@ -78,6 +85,18 @@ class Excursions:
         moved = np.array(self._made) / self._axes.scale
         return np.asarray(_fitted(moved, np.array(self._effects)).T)
 
+    def jacobian_of_late(self, shown: Vector) -> Vector:
+        """The same of a body that is late. shown: (n, m) axes of `all_frames` as their tips show
+        them."""
+        effects = list(self._effects)
+        for k, rows in enumerate(self._frames_of):
+            if rows.stop < _FRAMES_AT_MOST:
+                frames = zip(self.all_frames[rows], shown[rows], strict=True)
+                as_shown = [(t_s, u, seen) for (t_s, _, seen), u in frames]
+                effects[k] = _effect(as_shown, self._homes[k], self._made[k])
+        moved = np.array(self._made) / self._axes.scale
+        return np.asarray(_fitted(moved, np.array(effects)).T)
+
     @property
     def note(self) -> str:
         return "" if self.done else f"measures what {self._who} does to the tip"
@@ -86,7 +105,7 @@ class Excursions:
         """Motion begins again: so does the excursion that was interrupted."""
         if self._home is not None:
             self._home, self._left = None, self._home
-        self._rests = []
+        self._rests, self._rests_begin = [], []
         self._asked = True
         self._begin_rest()
 
@@ -161,10 +180,12 @@ class Excursions:
 
     def _come_inside(self) -> None:
         """Before the first rest: homing may leave an axis a little outside its travel."""
-        self._rests, self._moving, self._elapsed_s = [], True, 0.0
+        self._rests, self._rests_begin = [], []
+        self._moving, self._elapsed_s = True, 0.0
 
     def _begin_rest(self) -> None:
         self._rests.append([])
+        self._rests_begin.append(len(self.all_frames))
         self._moving = False
         self._elapsed_s = 0.0
 
@@ -174,8 +195,10 @@ class Excursions:
             frames = [frame for rest in self._rests for frame in rest]
             self._made.append(self._out)
             self._effects.append(_effect(frames, home, self._out))
+            self._homes.append(home)
+            self._frames_of.append(slice(self._rests_begin[0], len(self.all_frames)))
             self._home = None
-            self._rests = self._rests[-1:]
+            self._rests, self._rests_begin = self._rests[-1:], self._rests_begin[-1:]
             return
         self._moving, self._elapsed_s = True, 0.0
 
