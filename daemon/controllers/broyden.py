@@ -7,7 +7,7 @@ next there is mostly noise.
 from collections import deque
 from contextlib import suppress
 from itertools import chain
-from math import isfinite
+from math import isfinite, sqrt
 from pathlib import Path
 from typing import Final
 
@@ -34,6 +34,12 @@ _SHOWN_AT_ONCE = 30
 """... once they were looked at, within some tenths."""
 _COMES_IN_RESTS: Final = 0.5
 """Lag, over the time in which the body settles: of a later one rests do not show all that comes."""
+_WELL_SEEN: Final = 0.8
+"""Share of the tip's motion that is the axes': where less is, motions are made anew, so much wider
+that it should be. 3 mm of a piston move the tip of a short, stiff arm by 0.15 mm, which makes 0.13;
+of most arms it is above 0.9."""
+_WIDEST: Final = 0.25
+"""Of each axis' range."""
 _COUNTED = "pointing_mm_per_rad"
 """In a file: as how many mm a radian counts in its rows of the direction."""
 
@@ -58,6 +64,8 @@ class BroydenController:
         self._axes = LaggedAxes(self._scale)
         self._motions = FirstMotions(self._scale, 0.0) if options.leads else None
         """None: how late the body is, is known, or not asked."""
+        self._widened = False
+        """Whether the first motions were made anew, wider."""
         self._shown = LaggedAxes(self._scale)
         self._axes_shown: list[Vector] = []
         """Of the first motions, as the tip shows them."""
@@ -129,7 +137,7 @@ class BroydenController:
         excursions.observe(observation)
         if motions is not None:
             motions.see(observation)
-        if not excursions.done:
+        if not excursions.done or (motions is not None and self._goes_wider(motions)):
             return
         self._show(excursions.jacobian)
         if motions is None:
@@ -137,6 +145,21 @@ class BroydenController:
         if not (motions.ask() and motions.lag.lag_s > _COMES_IN_RESTS * self._options.settle_s):
             self._motions = None
             self._seen = deque(excursions.all_frames)
+
+    def _goes_wider(self, motions: FirstMotions) -> bool:
+        """Whether what came of the first motions is too much noise; then others are to be made.
+        Tendons would strain each other, or go slack."""
+        before, axes = self._options.explore_share, self._follower.axes
+        explained = motions.share_explained()
+        if explained >= _WELL_SEEN or self._widened or axes.opposed:
+            return False
+        times = sqrt(_WELL_SEEN / (1.0 - _WELL_SEEN) * (1.0 - explained) / max(explained, 0.01))
+        wider = min(times * before, _WIDEST)
+        self._widened = True
+        self._motions = FirstMotions(self._scale, 0.0)
+        options = self._options.model_copy(update={"explore_share": max(wider, before)})
+        self._excursions = Excursions(options, axes)
+        return True
 
     def propose(self, observation: Observation) -> Proposal:
         if (pulls := self._tendon_pulls) is not None:

@@ -30,8 +30,11 @@ _VISIBLY: Final = 0.2
 stiff body and not held, and the motions go on wider: noise alone makes 0.02, 0.1 mm make 0.7, and
 a short arm twice as stiff as the shipped one 0.37."""
 _FEW_AFTER: Final = 0.25
-"""Of their time: where the motions have not given as large a share of the samples they go on wider
-at once ..."""
+"""Of their time: where the motions have not given as large a share of the samples by then they go
+on wider at once ..."""
+_WELL_SEEN: Final = 0.6
+"""... or where less of what the tip does is theirs than this, so that they do not tell how late it
+is. Of most bodies it is above 0.9."""
 _FRAMES_PER_AXIS: Final = 20
 """... but not before so many: of fewer noise looks like the axes' motion."""
 _WIDER: Final = 2.0
@@ -155,7 +158,7 @@ class FirstLearning:
             self._motions = FirstMotions(self._axes.scale, self._expected_s)
 
     def _go_wider_early(self) -> None:
-        """Of motions that show too little the rest would, too."""
+        """Of motions that show too little, or too much noise, the rest would, too."""
         babbling, motions = self._babbling, self._motions
         enough = babbling.frames >= _FRAMES_PER_AXIS * self._axes.count
         if self._looked_early or not enough or babbling.share_done < _FEW_AFTER:
@@ -163,7 +166,10 @@ class FirstLearning:
         self._looked_early = True
         given = len(self.samples) - self._samples_before
         few = given < _FEW_AFTER * self._needed
-        if few and motions is not None and motions.share_explained() > _VISIBLY and self._wider():
+        if motions is None:
+            return
+        explained = motions.share_explained()
+        if explained > _VISIBLY and (few or explained < _WELL_SEEN) and self._wider():
             self.go_on()
 
     def _wider(self) -> bool:

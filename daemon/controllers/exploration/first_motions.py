@@ -25,7 +25,7 @@ _RIDGE: Final = 1e-6
 _CLEARLY: Final = 0.7
 """Share of what is left unexplained by as late a body as was expected, that is left by another
 before it is believed ..."""
-_EXPLAINED: Final = 0.5
+_EXPLAINED: Final = 0.6
 """... and of all motion, that may be left at most: a load or a push moves the tip as well."""
 _KEPT_AT_MOST: Final = 4000
 """Frames: the last forty seconds of a fast tracker's."""

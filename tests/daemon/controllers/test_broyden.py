@@ -244,6 +244,23 @@ def test_of_a_body_that_is_later_than_its_rests_all_that_comes_is_measured(seed:
     assert loop.error < 0.2
 
 
+@pytest.mark.parametrize(("stiffer", "widest"), [(1.0, 0.06), (30.0, 0.12), (100.0, 0.25)])
+def test_where_little_comes_of_first_motions_they_are_made_anew_and_wider(
+    stiffer: float, widest: float
+) -> None:
+    loop = LinearRobot(options=OPTIONS.model_copy(update={"lead": True}))
+    loop.jacobian = loop.jacobian / stiffer
+    loop.controller.reset(loop.seen())
+    farthest = np.zeros(loop.count)
+    while not loop.controller.ready:
+        loop.step()
+        loop.controller.learn()
+        farthest = np.maximum(farthest, np.abs(loop.targets - 10.0))
+    scale = loop.controller._scale
+    np.testing.assert_allclose(farthest, widest * scale, rtol=0.15)
+    assert loop.error < 0.4
+
+
 def test_how_late_the_body_is_is_kept_in_its_file(tmp_path: Path) -> None:
     """Nothing but first motions tells it at once, and who loads a file makes none: taken for prompt
     a body that is half a second late is swung up."""

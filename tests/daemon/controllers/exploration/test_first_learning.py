@@ -93,3 +93,25 @@ def test_motions_that_are_gone_on_with_stay_round_the_place_where_they_began() -
         first.go_on()
     reach = options.babbling.reach_share + options.babbling.dither_share
     assert (farthest <= reach * AXES.scale).all()
+
+
+@pytest.mark.parametrize(("noise_mm", "wider"), [(0.02, False), (0.4, True)])
+def test_motions_that_are_seen_in_much_noise_go_on_wider_although_there_are_samples(
+    noise_mm: float, wider: bool
+) -> None:
+    random = np.random.default_rng(2)
+    first = FirstLearning(RewardWeighted(kind="reward_weighted"), AXES, 1, 0.1)
+    first.begin(enough=False)
+    jacobian = 0.1 * BENDS
+    targets, farthest, still = np.zeros(3), np.zeros(3), np.zeros(3)
+    for frame in range(600):
+        tip = np.array([0.0, 0.0, 290.0]) + jacobian @ targets + noise_mm * random.normal(size=3)
+        seen = Observation(frame * 25_000_000, DT_S, targets, targets, tip, still, tip, still)
+        first.see(seen)
+        if frame % 4 == 0:
+            first.samples.append(MotionSample(tip, targets, still, still))
+        targets = targets + first.propose(seen).delta_u
+        farthest = np.maximum(farthest, np.abs(targets))
+    babbling = RewardWeighted(kind="reward_weighted").babbling
+    usual = (babbling.reach_share + babbling.dither_share) * AXES.scale
+    assert (farthest > usual).any() == wider
