@@ -34,9 +34,12 @@ $(RUNTIME): requirements.lock pyproject.toml
 	@$(PIP) install --no-deps --no-build-isolation --editable .
 	@touch $@
 
+# Most of what is installed is never imported, and need not become bytecode.
 $(DEVELOPMENT): $(RUNTIME) requirements-test.lock
-	@echo "installing what the tests need (once)"
-	@$(PIP) install -r requirements-test.lock
+	@echo "installing what the tests need, and compiling what a lab and a daemon need (once)"
+	@$(BIN)/python -m daemon.commands.terminal.compiled & compiled=$$!; \
+		$(PIP) install --no-compile -r requirements-test.lock; installed=$$?; \
+		wait $$compiled && exit $$installed
 	@touch $@
 
 run: $(RUNTIME)
@@ -49,13 +52,15 @@ quick: $(DEVELOPMENT)
 WORKERS ?= 3
 
 # What numba compiles is kept: tests with a clock of their own must not wait for it. Types are
-# checked meanwhile, on the other core, and what the risk needs is compiled there. Of a fresh clone
-# pytest rewrites all tests once; else each worker would, all of them at the same time.
+# checked meanwhile, on the other core. Of a fresh clone most is compiled while packages are
+# installed, and pytest rewrites all tests once here; else each worker would, all of them at the
+# same time.
 test: $(DEVELOPMENT)
 	@$(BIN)/ruff format --check .
 	@$(BIN)/ruff check .
-	@($(BIN)/mypy && $(BIN)/python -m daemon.commands.terminal.compiled risk) & types=$$!; \
-		$(BIN)/python -m daemon.commands.terminal.compiled; compiled=$$?; \
+	@$(BIN)/mypy & types=$$!; \
+		$(BIN)/python -m daemon.commands.terminal.compiled && \
+			$(BIN)/python -m daemon.commands.terminal.compiled risk; compiled=$$?; \
 		ls tests/__pycache__/test_floors.*-pytest-*.pyc >/dev/null 2>&1 || \
 			$(BIN)/pytest --collect-only >/dev/null; \
 		wait $$types && exit $$compiled
