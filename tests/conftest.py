@@ -4,11 +4,13 @@ import gc
 import os
 import signal
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
 
 from tests.compile_once import compile_once
+from tests.distribution import FileScheduling
 
 pytest_plugins = ["daemon.testing.pytest_plugin"]
 """As whoever installs us has it: `-p no:tentacled` keeps the installed one away, which comes before
@@ -48,6 +50,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         real_time = any(item.get_closest_marker(name) for name in _REAL_TIME)
         if real_time or _REMOTE & set(item.path.parents):
             item.add_marker(pytest.mark.flaky(reruns=RERUNS))
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Of `--dist loadgroup` ours; None: xdist's own."""
+    return FileScheduling(config, log) if config.getoption("dist") == "loadgroup" else None
 
 
 def pytest_collection_finish(session: pytest.Session) -> None:
