@@ -25,8 +25,8 @@ ROBOT = load_robot(TUBES).robot
 CIRCLE = {
     "kind": "circle",
     "center_mm": [36.0, 0.0, 179.0],
-    "radius_mm": 8.0,
-    "cycle_s": 20.0,
+    "radius_mm": 5.0,
+    "cycle_s": 8.0,
     "pointing": {"kind": "away_from", "point_mm": [-8.0, -12.0, 136.0]},
 }
 AT = np.array([0.0, 0.5, 1.0, 0.0, 0.0])
