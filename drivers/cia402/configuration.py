@@ -48,6 +48,8 @@ _ON_QUICK_STOP: Final = {"ramp_then_off": 2, "ramp_then_hold": 6}
 _ON_FAULT: Final = {"off": 0, "ramp_then_off": 2}
 
 _RAMP_FIRST: Final = 1
+_AS_THE_ENCODER: Final = 0
+"""Of 0x607E: bit 7 would turn positions round, bit 6 velocities."""
 _LEEWAY: Final = 1.05
 """For a cycle longer than the last: on a good host SYNC is within a twentieth of its time."""
 _SYNC_IS_HEARD: Final = (cob_ids.SYNC, 1 << 31 | cob_ids.SYNC)
@@ -133,6 +135,9 @@ def _axis_settings(bus: Bus, axis: Axis) -> Iterator[Setting]:
     ):
         yield setting(index, _RAMP_FIRST, purpose, Need.WHERE_PRESENT)
     yield setting(objects.FAULT_REACTION_OPTION, _ON_FAULT[safe.fault], "fault", Need.SAFETY)
+    # Which way an axis counts is the robot file's to say; turned round here too, it would run the
+    # other way. Before the limits, which are in counts that have their sign.
+    yield setting(objects.POLARITY, _AS_THE_ENCODER, "direction of counting", Need.WHERE_PRESENT)
     yield from _limits(bus, axis, setting)
     yield setting(objects.MODE, MODES[axis.drive.mode].number, "mode of operation")
 
