@@ -96,6 +96,7 @@ CAUSE_OF_CONDITION: Final[Mapping[Condition, Cause]] = {
             drive.SAFETY_MISSING,
             drive.EMERGENCIES_UNHEARD,
             drive.CYCLIC_MODE_NOT_LISTED,
+            drive.COUNTS_DIFFER,
         ),
         Cause.DRIVE_WARNING,
     ),

@@ -6,6 +6,7 @@ Nothing here energises a drive. A node whose settings are not what was written i
 import asyncio
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Final
 
 from config.axis import Axis
@@ -32,6 +33,7 @@ from drivers.canopen.sdo_client import (
 from drivers.cia402 import objects
 from drivers.cia402.conditions import (
     BAD_EDS,
+    COUNTS_DIFFER,
     CYCLIC_MODE_NOT_LISTED,
     EMERGENCIES_UNHEARD,
     NUMBER_TWICE,
@@ -44,6 +46,7 @@ from drivers.cia402.configuration import Need, Setting, node_settings, sync_sett
 from drivers.cia402.modes import MODES
 from drivers.cia402.pdo_plan import PdoPlan, axis_pdos
 from drivers.conditions import Condition
+from drivers.count_factors import CountFactors, count_differences
 
 _PDO_PARAMETERS: Final = RPDO_MAPPING - RPDO_COMMUNICATION
 _PDO_OBJECTS: Final = range(RPDO_COMMUNICATION, TPDO_COMMUNICATION + 2 * _PDO_PARAMETERS)
@@ -60,6 +63,7 @@ _DEADLINE: Final = "time-out of the set-points"
 _ANSWERS_TWICE: Final = 2  # a single one may be left over from somebody who was here before
 _MODE_WITHIN_S: Final = 1.0  # some drives take a mode up with the first SYNC, or later
 _POLL_S: Final = 0.02
+_FACTORS: Final = (objects.GEAR_RATIO, objects.FEED_CONSTANT, objects.VELOCITY_FACTOR)
 _NO_OBJECT: Final = (AbortCode.NO_OBJECT, AbortCode.NO_SUBINDEX)
 
 Remark = Callable[[Condition, str], None]
@@ -128,6 +132,7 @@ class NodeSetUp:
             await self._check_modes()
             for setting in node_settings(self._bus, self._axes):
                 await self._apply(setting)
+            await self._check_counts()
             await self._set_up_pdos()
         except SdoTimeoutError as error:
             raise BringUpError(SDO_SILENT, str(error)) from error
@@ -257,6 +262,28 @@ class NodeSetUp:
                 listed = await self._number(index, missing=-1)
                 if not listed >> (mode.number - 1) & 1:
                     self._remark(CYCLIC_MODE_NOT_LISTED, f"{axis.name}: {mode.text}")
+
+    async def _check_counts(self) -> None:
+        differences = []
+        for axis in self._axes:
+            factors = CountFactors(*[await self._ratio(index, axis) for index in _FACTORS])
+            found = count_differences(factors, axis.drive)
+            differences += [f"{axis.name}: {difference}" for difference in found]
+        if differences:
+            self._remark(COUNTS_DIFFER, "; ".join(differences))
+
+    async def _ratio(self, index: int, axis: Axis) -> Fraction | None:
+        """Numerator and divisor of a factor; None where the node does not show both."""
+        index = objects.of_axis(index, axis.drive.axis)
+        if not (self._dictionary.has(index, 1) and self._dictionary.has(index, 2)):
+            return None
+        try:
+            numerator, divisor = [await self._number(index, place) for place in (1, 2)]
+        except SdoViolatedError:
+            raise
+        except SdoAbortedError:
+            return None
+        return Fraction(numerator, divisor) if numerator and divisor else None
 
     async def _apply(self, setting: Setting) -> None:
         """Write a setting and read it back."""

@@ -121,3 +121,9 @@ CYCLIC_MODE_NOT_LISTED: Final = Condition(
     "the drive does not list the mode it was told to use",
     "some products do not list all they have; watch whether it follows",
 )
+COUNTS_DIFFER: Final = Condition(
+    "drive_counts_differ",
+    "the drive counts in other units than the robot file says",
+    "it goes further and faster, or less far, than it is told: correct 0x6091, 0x6092 and 0x6096 "
+    "with the maker's software, or counts_per_turn and velocity_unit_counts_s in the robot file",
+)

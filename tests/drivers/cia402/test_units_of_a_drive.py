@@ -1,6 +1,8 @@
-"""Drives that somebody has given another direction: they count as the robot file says."""
+"""Drives that somebody has given another direction, or other units: what the robot file says of
+their counts holds, or is told not to."""
 
 import asyncio
+from typing import Any
 
 import pytest
 
@@ -87,6 +89,81 @@ def test_a_drive_that_keeps_its_direction_turned_is_not_used() -> None:
         assert not rig.master.operational
 
     on_a_rig(test, robot_axes=axes(1))
+
+
+GEAR, FEED, VELOCITY = 0x6091, 0x6092, 0x6096
+
+
+@pytest.mark.parametrize(
+    ("factors", "told"),
+    [
+        ({(GEAR, 1): 5}, "0x6092 is 4000:1 and 0x6091 5:1, which are 800 counts per turn of"),
+        ({(FEED, 1): 1000}, "which are 1000 counts per turn of the motor, not 4000"),
+        ({(FEED, 1): 1, (GEAR, 2): 3}, "axis_0: 0x6091 is 1:3, not 1:1"),
+        ({(VELOCITY, 1): 60, (VELOCITY, 2): 4000}, "a velocity unit of 66.6667 counts/s, not 1"),
+    ],
+)
+def test_a_drive_that_counts_in_other_units_is_used_and_the_operator_is_told(
+    factors: dict[tuple[int, int], int], told: str
+) -> None:
+    async def test(rig: Rig) -> None:
+        for (index, subindex), value in factors.items():
+            left_with(rig, index, value, subindex)
+        await rig.operational()
+        assert rig.holding() == {("drive_counts_differ", "can0/1")}
+        assert told in rig.detail_of("drive_counts_differ")
+
+        for (index, subindex), value in AS_THE_ROBOT_FILE_SAYS.items():
+            left_with(rig, index, value, subindex)
+        await rig.until(lambda: not rig.master.operational)
+        await rig.operational()
+        assert ("drive_counts_differ", "can0/1") not in rig.holding(), "found anew at each set-up"
+
+    on_a_rig(test, robot_axes=axes(1))
+
+
+AS_THE_ROBOT_FILE_SAYS = {
+    (GEAR, 1): 1,
+    (GEAR, 2): 1,
+    (FEED, 1): 4000,
+    (VELOCITY, 1): 1,
+    (VELOCITY, 2): 1,
+}
+
+
+@pytest.mark.parametrize(
+    ("factors", "says"),
+    [
+        ({(GEAR, 1): 5, (FEED, 1): 20_000}, {}),
+        ({(FEED, 1): 1}, {}),
+        ({(FEED, 1): 0xFFFFFFFF, (FEED, 2): 0}, {}),
+        ({(VELOCITY, 1): 60, (VELOCITY, 2): 4000}, {"velocity_unit_counts_s": 4000 / 60}),
+    ],
+)
+def test_factors_that_come_to_what_the_robot_file_says_or_say_nothing_are_no_news(
+    factors: dict[tuple[int, int], int], says: dict[str, Any]
+) -> None:
+    async def test(rig: Rig) -> None:
+        for (index, subindex), value in factors.items():
+            left_with(rig, index, value, subindex)
+        await rig.operational()
+        assert rig.names() == set()
+
+    on_a_rig(test, robot_axes=axes(1, **says))
+
+
+def test_a_drive_that_does_not_show_its_factors_is_used_without_a_word() -> None:
+    async def test(rig: Rig) -> None:
+        for index in (GEAR, FEED, VELOCITY):
+            rig.drives[0].objects.look_up(index, 1).on_read = not_there
+        await rig.operational()
+        assert rig.names() == set()
+
+    on_a_rig(test, robot_axes=axes(1))
+
+
+def not_there(_t_ns: int) -> int:
+    raise SdoAbortError(AbortCode.NO_OBJECT)
 
 
 def refused(_value: int) -> None:
