@@ -2,13 +2,14 @@
 
 import argparse
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import hypot, sqrt
+from math import acos, degrees, dist, hypot, sqrt
 from pathlib import Path
 from typing import Final
 
 from config.documents.problems import ConfigError, Problem
+from config.emulation.lab import Emulation
 from config.loader import RobotFile, load_robot
 from config.robot import Robot
 from daemon.robot.shipped_files import add_list_option, file_argument
@@ -19,6 +20,9 @@ _FAST_TIMES: Final = 2.0
 """The noise at 66 Hz against that at 40 Hz."""
 _BORNE: Final = 2.0
 """Times the noise that the filter was told of. The shipped robots have up to 1.6 times as much."""
+_SAME_PLACE_MM: Final = 0.01
+_SAME_DIRECTION_DEG: Final = 0.1
+"""Both far below what a tracker tells; files are written with so many digits."""
 
 
 @dataclass(frozen=True)
@@ -58,15 +62,19 @@ def check_robot(path: Path) -> CheckedRobot:
             warned.append(file.problem(where, f"the bus will be busy: {budget}"))
     if refused:
         raise ConfigError(refused)
-    return CheckedRobot(file, budgets, [*warned, *noise_warnings(file)])
+    return CheckedRobot(file, budgets, [*warned, *tracker_warnings(file)])
 
 
-def noise_warnings(file: RobotFile) -> list[Problem]:
-    """Where the filter is told of less noise than the tracker has."""
-    noise = _untold_noise(file.robot)
-    if noise is None:
-        return []
-    return [file.problem(("pose_filter", "position_noise_mm"), noise)]
+def tracker_warnings(file: RobotFile) -> list[Problem]:
+    """Where the filter is told of less noise than the tracker has, and where the tip is followed in
+    another place than where its emulated sensor has it."""
+    noise, elsewhere = _untold_noise(file.robot), _sensor_elsewhere(file.robot)
+    found = []
+    if noise is not None:
+        found.append(file.problem(("pose_filter", "position_noise_mm"), noise))
+    if elsewhere is not None:
+        found.append(file.problem(("tracker", "tools", "tip"), elsewhere))
+    return found
 
 
 def _on_stderr(text: str) -> None:
@@ -106,11 +114,45 @@ def _untold_noise(robot: Robot) -> str | None:
     )
 
 
+def _sensor_elsewhere(robot: Robot) -> str | None:
+    """How far the tip that is followed is from the emulated one, as a sentence; None: it is the
+    same, or nobody can say."""
+    emulation, told = _emulation(robot), robot.tracker.tools["tip"]
+    if emulation is None:
+        return None
+    for there in emulation.tracker.tools:
+        same_port = (there.port, there.channel) == (told.port, told.channel)
+        if there.attached_to != "tip" or not (same_port or there.serial == told.serial):
+            continue
+        apart_mm = dist(there.position_mm, told.position_mm)
+        turned = _degrees_between(there.quaternion, told.quaternion)
+        if apart_mm < _SAME_PLACE_MM and turned < _SAME_DIRECTION_DEG:
+            return None
+        return (
+            f"the emulated sensor sits {apart_mm:.3g} mm from where this says that it does, and is "
+            f"turned by {turned:.3g}° from it, so what is followed is not the tip: say the same "
+            "position_mm and quaternion here and in emulation.tracker.tools"
+        )
+    return None
+
+
+def _degrees_between(one: Sequence[float], other: Sequence[float]) -> float:
+    """Of two rotations, as quaternions of any length."""
+    product = sum(a * b for a, b in zip(one, other, strict=True))
+    return degrees(2.0 * acos(min(1.0, abs(product) / (hypot(*one) * hypot(*other)))))
+
+
+def _emulation(robot: Robot) -> Emulation | None:
+    """None: on a rig it is not read."""
+    return robot.emulation if robot.tracker.port.startswith("lab:") else None
+
+
 def _emulated_noise_mm(robot: Robot) -> float | None:
     """Of one coordinate of the tip in the base's frame. None: on a rig nobody knows."""
-    if robot.emulation is None or not robot.tracker.port.startswith("lab:"):
+    emulation, workspace = _emulation(robot), robot.workspace
+    if emulation is None:
         return None
-    tracker, workspace = robot.emulation.tracker, robot.workspace
+    tracker = emulation.tracker
     times = _FAST_TIMES if robot.tracker.frame_rate == "fast" else 1.0
     if "base" not in robot.tracker.tools or robot.tracker.base_averaged_s is not None:
         return times * tracker.jitter_mm

@@ -42,13 +42,10 @@ def run(arguments: argparse.Namespace) -> Result:
 
 
 def _show_once(status: Status) -> None:
-    from rich.console import Console
-
-    from daemon.commands.views.page import Size
+    from daemon.commands.views.page import Size, print_page
     from daemon.commands.views.status_view import status_view
 
-    size = Size.of_terminal()
-    Console(width=size.width).print(status_view(status, size))
+    print_page(status_view(status, Size.of_terminal()))
 
 
 async def _write(client: RobotClient, every_s: float) -> None:

@@ -11,13 +11,10 @@ from collections import deque
 from pathlib import Path
 from typing import Final
 
-from rich.console import Console
-from rich.live import Live
-
 from daemon.commands.outcome.exit_codes import EXIT_FAILED, EXIT_OK
 from daemon.commands.outcome.result import Result, tell
 from daemon.commands.terminal.argument_types import seconds
-from daemon.commands.views.page import Size
+from daemon.commands.views.page import LivePage, Size
 from daemon.commands.views.probe_beside_daemon import folder_of_master, show_what_it_says
 from daemon.commands.views.probe_snapshot import Json, ProbeSession
 from daemon.commands.views.probe_view import event_line, view
@@ -125,16 +122,15 @@ class _LiveTable:
 
     def __init__(self) -> None:
         self._events: deque[Json] = deque(maxlen=_EVENTS_SHOWN)
-        self._console = Console()
+        self._page = LivePage(last_alone=True)
 
     def event(self, event_message: Json) -> None:
         self._events.append(event_message)
-        if not self._console.is_terminal:
+        if not self._page.in_place:
             print(event_line(event_message), flush=True)
 
     async def show(self, session: ProbeSession) -> None:
-        with Live(console=self._console, auto_refresh=False, transient=False) as live:
+        with self._page as page:
             while True:
                 await asyncio.sleep(_SHOW_EVERY_S)
-                shown = view(session.snapshot(), self._events, Size.of_terminal())
-                live.update(shown, refresh=True)
+                page.show(view(session.snapshot(), self._events, Size.of_terminal()))

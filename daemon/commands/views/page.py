@@ -24,41 +24,67 @@ _GAP: Final = 2
 
 
 class Size:
-    """Of the page: columns, and lines; None: as many as there are."""
+    """Of the page: columns, and lines; None: as many as there are.
 
-    def __init__(self, width: int, height: int | None = None) -> None:
+    endless_rows: nobody looks at it through a window: texts are broken at `width` all the same, and
+    rows of a table are as long as what is in them.
+    """
+
+    def __init__(
+        self, width: int, height: int | None = None, *, endless_rows: bool = False
+    ) -> None:
         self.width = max(width, _NARROWEST)
         self.height = height
+        self.row_width = sys.maxsize if endless_rows else self.width
+        """Of what cannot be broken between words, and is cut."""
 
     @classmethod
     def of_terminal(cls) -> "Size":
         """Of the one that stdout is, or of a page without an end."""
-        found = shutil.get_terminal_size((_PAGE_WIDTH, 0))
+        found = shutil.get_terminal_size((0, 0))  # which is what COLUMNS says, where it is set
+        columns, known = found.columns or _PAGE_WIDTH, bool(found.columns)
         if not sys.stdout.isatty():
-            return cls(found.columns)
-        return cls(found.columns, found.lines - _PROMPT if found.lines else None)
+            return cls(columns, endless_rows=not known)
+        return cls(columns, found.lines - _PROMPT if found.lines else None)
+
+
+def print_page(shown: RenderableType, console: Console | None = None) -> None:
+    """One page, whose lines are as long as they were made."""
+    (console or Console()).print(shown, soft_wrap=True)
 
 
 class LivePage:
     """A page that is shown again and again: in its place on a terminal, else one by one."""
 
-    def __init__(self) -> None:
-        self._console = Console(width=None if sys.stdout.isatty() else Size.of_terminal().width)
+    def __init__(self, *, last_alone: bool = False) -> None:
+        """last_alone: where there is no terminal, only the last one is printed, in the end."""
+        self._console = Console()
         self._live = Live(console=self._console, auto_refresh=False)
+        self._last_alone = last_alone
+        self._last: RenderableType | None = None
+
+    @property
+    def in_place(self) -> bool:
+        """Whether there is a terminal."""
+        return self._console.is_terminal
 
     def __enter__(self) -> Self:
-        if self._console.is_terminal:
+        if self.in_place:
             self._live.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._live.stop()
+        if self._last is not None:
+            print_page(self._last, self._console)
 
     def show(self, shown: RenderableType) -> None:
-        if self._console.is_terminal:
+        if self.in_place:
             self._live.update(shown, refresh=True)
+        elif self._last_alone:
+            self._last = shown
         else:
-            self._console.print(shown)
+            print_page(shown, self._console)
 
 
 def page(size: Size, kinds: Sequence[list[Text]]) -> Group:

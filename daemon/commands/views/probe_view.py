@@ -59,7 +59,8 @@ def _headline(state: Json, size: Size) -> list[Text]:
     first = Text(state["robot"], style="bold")
     first.append(f"   {state['t_s']:.1f} s   tracker ", style="not bold")
     first.append(tracker["state"], style=GOOD if tracker["state"] == "tracking" else BAD)
-    told = [f"{tracker['baud_rate']} baud", f"{tracker['rate_hz']:.1f} frames/s"]
+    frames = f"{tracker['rate_hz']:.1f} frames/s" if tracker["rate_hz"] else "no frames"
+    told = [f"{tracker['baud_rate']} baud", frames]
     if tracker["age_s"] is not None:
         told.append(f"newest {tracker['age_s'] * 1e3:.0f} ms old")
     if tracker["firmware"]:
@@ -87,7 +88,7 @@ def _tools(tracker: Json, size: Size) -> list[Text]:
     if tracker["tip_mm"] is not None:
         nothing = ("", "")
         rows.append([("tip in base", ""), *[nothing] * 3, *_place(tracker["tip_mm"]), nothing])
-    return table(head, rows, (4, 5, 6, 7), width=size.width)
+    return table(head, rows, (4, 5, 6, 7), width=size.row_width)
 
 
 def _place(place_mm: Sequence[float] | None) -> list[tuple[str, str]]:
@@ -111,7 +112,7 @@ def _axes(axes: Sequence[Json], size: Size) -> list[Text]:
     ]
     if all(axis["volume_ml"] is None for axis in axes):
         head, rows = [*head[:4], head[5]], [[*row[:4], row[5]] for row in rows]
-    return table(head, rows, (3, 4, 5), width=size.width)
+    return table(head, rows, (3, 4, 5), width=size.row_width)
 
 
 def _drive(axis: Json) -> tuple[str, str]:
@@ -150,7 +151,7 @@ def _buses(buses: Mapping[str, Json], size: Size) -> list[Text]:
         ]
         for name, bus in buses.items()
     ]
-    return table(head, rows, (4, 5, 6, 7), width=size.width)
+    return table(head, rows, (4, 5, 6, 7), width=size.row_width)
 
 
 def _conditions(conditions: Sequence[Json], size: Size, remedies: int | None = None) -> list[Text]:
@@ -164,7 +165,7 @@ def _conditions(conditions: Sequence[Json], size: Size, remedies: int | None = N
     for place, ((text, remedy), alike) in enumerate(_alike(conditions).items()):
         what = f"{_subjects(alike)}: {text}"
         if remedies is not None and place >= remedies:
-            lines.append(Text(cut(what, size.width), style=BAD))
+            lines.append(Text(cut(what, size.row_width), style=BAD))
             continue
         detail = alike[0]["detail"] if len(alike) == 1 else ""
         lines += paragraph(size, (what, BAD), (detail_of(text, detail), ""))
@@ -185,7 +186,7 @@ def _subjects(conditions: Sequence[Json]) -> str:
 
 
 def _events(events: Sequence[Json], size: Size) -> list[Text]:
-    return [Text(cut(event_line(event), size.width), style=DIM) for event in events]
+    return [Text(cut(event_line(event), size.row_width), style=DIM) for event in events]
 
 
 def _marked(text: str, good: bool) -> tuple[str, str]:

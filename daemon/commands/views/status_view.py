@@ -75,7 +75,8 @@ def _causes(status: Status, size: Size, *, brief: bool = False) -> list[Text]:
         lines += _group(group, size, over=over, brief=brief and place > 0)
     more = [group.lead.text for group, _ in told[_FEW:]] if brief else []
     if more:
-        lines.append(Text(cut(f"and {len(more)} more: {'; '.join(more)}", size.width), style=BAD))
+        text = f"and {len(more)} more: {'; '.join(more)}"
+        lines.append(Text(cut(text, size.row_width), style=BAD))
     return lines
 
 
@@ -86,7 +87,7 @@ def _group(group: ReasonGroup, size: Size, *, over: bool, brief: bool) -> list[T
     when = f"over, began {reason.since_s:.1f} s ago" if over else _since(reason)
     spans = ((what, "" if over else BAD), (detail, ""), (f"  {reason.severity}, {when}", DIM))
     if brief:
-        line = Text().append(cut(what, size.width), style="" if over else BAD)
+        line = Text().append(cut(what, size.row_width), style="" if over else BAD)
         return [line]
     lines = paragraph(size, *spans)
     lines += paragraph(size, (reason.remedy, DIM), first=4)
@@ -121,10 +122,9 @@ def _figures(status: Status, size: Size, *, brief: bool = False) -> list[Text]:
         rows = [("tip", f"{tip}    error {error}", "")]
     else:
         rows.append(("error", error, ""))
-    good = status.tracker.state == "tracking"
     rows += [
         ("following", _following(status), ""),
-        ("tracker", _tracker(status), GOOD if good else BAD),
+        ("tracker", _tracker(status), GOOD if _frames_come(status) else BAD),
         ("risk", _risk(status.risk), ""),
         ("loop", _loop(status), ""),
     ]
@@ -145,7 +145,7 @@ def _figures(status: Status, size: Size, *, brief: bool = False) -> list[Text]:
 
 
 def _row(label: str, value: str, style: str, size: Size, brief: bool) -> list[Text]:
-    room = size.width - _LABEL
+    room = size.row_width - _LABEL
     if label == "recording" or brief:
         value = cut(value, room, tail=label == "recording")
     head = label.ljust(_LABEL)
@@ -177,8 +177,17 @@ def _following(status: Status) -> str:
     )
 
 
+def _frames_come(status: Status) -> bool:
+    """A tracker that is closed has brought some of late, perhaps, and brings none any more."""
+    return status.tracker.state == "tracking" and status.tracker.rate_hz > 0.0
+
+
 def _tracker(status: Status) -> str:
     tracker = status.tracker
+    if not _frames_come(status):
+        why = "silent" if tracker.state == "tracking" else tracker.state
+        last = "" if tracker.age_s is None else f", the newest tip {_time(tracker.age_s)} old"
+        return f"no frames: it is {why}{last}"
     told = [tracker.state, f"{tracker.rate_hz:.1f} frames/s", f"{tracker.quality:.0%} good"]
     if tracker.age_s is not None:
         told.append(f"{_time(tracker.age_s)} old")
@@ -233,7 +242,7 @@ def _axes(axes: Sequence[AxisStatus], size: Size) -> list[Text]:
     ]
     if all(axis.volume_ml is None for axis in axes):
         head, rows = head[:-1], [row[:-1] for row in rows]
-    return table(head, rows, (2, 3, 5, 6), width=size.width)
+    return table(head, rows, (2, 3, 5, 6), width=size.row_width)
 
 
 def _drive(axis: AxisStatus) -> tuple[str, str]:

@@ -15,7 +15,7 @@ from daemon.host.real_time import imported_for_good
 from daemon.host.stop_signals import all_like_ctrl_c
 from daemon.recording.result import Result as RunResult
 from daemon.recording.result import pose_text, table_text
-from daemon.robot.checked_robot import noise_warnings
+from daemon.robot.checked_robot import tracker_warnings
 from daemon.robot.shipped_files import add_list_option, file_argument
 from daemon.workbench.experiments.construction import check_happenings
 from daemon.workbench.experiments.experiment_file import ExperimentFile, load_experiment
@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> Result:
     file = load_experiment(arguments.experiment)
     check_happenings(file)
-    for warning in noise_warnings(file.file):
+    for warning in tracker_warnings(file.file):
         print(f"{warning} (warning)", file=sys.stderr)
     seed = file.experiment.seed if arguments.seed is None else arguments.seed
     try:

@@ -1,6 +1,8 @@
 """What `status` and `probe` show in a window of 80 columns and 24 lines: nothing is lost."""
 
 import asyncio
+import sys
+from collections.abc import Callable
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -10,7 +12,7 @@ from msgspec.structs import replace
 from rich.console import Console, RenderableType
 
 from daemon.commands.terminal.tour import _line
-from daemon.commands.views.page import Size, cut, grid, paragraph, table
+from daemon.commands.views.page import LivePage, Size, cut, grid, paragraph, print_page, table
 from daemon.commands.views.probe_snapshot import Observer, event, snapshot
 from daemon.commands.views.probe_view import view
 from daemon.commands.views.status_view import status_view
@@ -148,6 +150,22 @@ def test_no_model_of_the_risk_is_called_that_and_has_no_figure(healthy: Status) 
     shown = joined(printed(status_view(replace(healthy, risk=known), SMALL)))
     assert "contact 0.0312 (most 0.05), 50% of the step let through, by soft_arm.npz" in shown
     assert "14.2 mm room" in shown
+
+
+@pytest.mark.parametrize(
+    ("state", "rate_hz", "told"),
+    [
+        ("closed", 0.0, "no frames: it is closed, the newest tip 12.3 s old"),
+        ("setting up", 38.0, "no frames: it is setting up, the newest tip 12.3 s old"),
+        ("tracking", 0.0, "no frames: it is silent, the newest tip 12.3 s old"),
+    ],
+)
+def test_a_tracker_that_brings_no_frames_is_told_so(
+    healthy: Status, state: str, rate_hz: float, told: str
+) -> None:
+    tracker = replace(healthy.tracker, state=state, rate_hz=rate_hz, age_s=12.3)
+    lines = printed(status_view(replace(healthy, tracker=tracker), SMALL))
+    assert f"tracker    {told}" in lines
 
 
 def test_several_causes_leave_room_for_the_robot(broken: Status) -> None:
@@ -310,6 +328,59 @@ def test_a_bus_that_is_gone_makes_one_condition_of_many_drives() -> None:
     text = joined(printed(view(told, [], SMALL)))
     for condition in told["conditions"]:
         assert condition["text"] in text
+
+
+# Into a pipe.
+
+
+LONG = "a_very_long_name_of_an_axis_that_nobody_has_to_type_again_and_again_but_reads_in_a_table"
+
+
+Written = Callable[[], str]
+
+
+@pytest.fixture
+def into_a_pipe(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Written:
+    """Which has no columns, and nobody says how many there are. What was written since."""
+    monkeypatch.delenv("COLUMNS", raising=False)
+    monkeypatch.setattr(sys, "__stdout__", None)
+    return lambda: capsys.readouterr().out
+
+
+def test_nothing_that_goes_into_a_pipe_is_cut(healthy: Status, into_a_pipe: Written) -> None:
+    named = replace(healthy, axes=[replace(healthy.axes[0], name=LONG)])
+    with LivePage() as live:
+        for _ in range(2):
+            live.show(status_view(named, Size.of_terminal()))
+    text = into_a_pipe()
+    rows = [line for line in text.splitlines() if line.startswith(LONG)]
+    assert len(rows) == 2
+    assert all(row.endswith(" mL") for row in rows)
+    assert "…" not in text
+
+
+def test_the_last_page_of_a_probe_into_a_pipe_is_written_whole_and_alone(
+    into_a_pipe: Written,
+) -> None:
+    told, events = probed(SOFT_ARM, "drive.can0/3.emergency=0x8611")
+    last = {**events[-1], "detail": LONG, "present": True}
+    with LivePage(last_alone=True) as live:
+        for t_s in (1.0, 2.0):
+            live.show(view({**told, "t_s": t_s}, [last], Size.of_terminal()))
+        assert not into_a_pipe()
+    text = into_a_pipe()
+    lines = text.splitlines()
+    assert lines[0].startswith("soft_arm   2.0 s")
+    assert lines[-1].endswith(LONG)
+    assert "…" not in text
+
+
+def test_who_says_how_many_columns_there_are_gets_no_more(
+    into_a_pipe: Written, monkeypatch: pytest.MonkeyPatch, healthy: Status
+) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
+    print_page(status_view(healthy, Size.of_terminal()))
+    assert max(map(len, into_a_pipe().splitlines())) <= 60
 
 
 # The lines themselves.

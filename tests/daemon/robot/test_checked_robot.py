@@ -40,3 +40,30 @@ def test_who_has_told_the_filter_of_the_noise_is_not_warned(
     change: tuple[str, str], tmp_path: Path
 ) -> None:
     assert warnings_of(tmp_path, change, more=TOLD) == []
+
+
+MOUNTED = "serial: 3C112801, position_mm: [0.0, 0.0, -1.5], quaternion: [1.0, 0.01, 0.0, 0.0]"
+SENSOR = ("attached_to: tip, port: 1, serial: 3C112801", f"attached_to: tip, port: 1, {MOUNTED}")
+TOLD_PLACE = "position_mm: [0.0, 0.0, -1.5], quaternion: [-2.0, -0.02, 0.0, 0.0]"
+BY_PORT = ("tip: {port: 1}", f"tip: {{port: 1, {TOLD_PLACE}}}")
+BY_SERIAL = ("tip: {port: 1}", f"tip: {{serial: 3C112801, {TOLD_PLACE}}}")
+ON_A_RIG = ("port: lab:aurora", "port: /dev/ttyUSB0")
+
+
+@pytest.mark.parametrize("way", [("tip: {port: 1}", "tip: {serial: 3C112801}"), None])
+def test_an_emulated_sensor_that_sits_elsewhere_than_the_tracker_is_told_is_warned_of(
+    way: tuple[str, str] | None, tmp_path: Path
+) -> None:
+    (warning,) = warnings_of(tmp_path, SENSOR, *([way] if way else []))
+    assert "sits 1.5 mm from where this says that it does, and is turned by 1.15°" in warning
+
+
+@pytest.mark.parametrize("told", [BY_PORT, BY_SERIAL], ids=["port", "serial"])
+def test_an_emulated_sensor_that_sits_where_the_tracker_is_told_is_not_warned_of(
+    told: tuple[str, str], tmp_path: Path
+) -> None:
+    assert warnings_of(tmp_path, SENSOR, told) == []
+
+
+def test_where_the_emulated_sensor_sits_says_nothing_of_a_rig(tmp_path: Path) -> None:
+    assert warnings_of(tmp_path, SENSOR, ON_A_RIG) == []
