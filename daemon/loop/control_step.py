@@ -14,6 +14,7 @@ from daemon.estimation.pose_filter import PoseFilter, TipEstimate
 from daemon.loop.actuation_history import ActuationHistory
 from daemon.loop.axis_targets import AxisTargets
 from daemon.loop.frame_statistics import FrameStatistics, StepPeriod
+from daemon.loop.reasons_to_hold import Followed, ReasonsToHold
 from daemon.loop.step_messages import (
     RequestedStep,
     RiskAsked,
@@ -29,24 +30,19 @@ from daemon.loop.timekeeping import Timekeeping
 from daemon.messages import Message
 from daemon.reference.reference import Aim, Reference
 from daemon.robot.axes import AxisRanges
-from daemon.supervision.checks import NOTHING_REFUSED, GateReport, in_order
+from daemon.supervision.checks import in_order
 from daemon.supervision.supervisor import Supervisor
-from daemon.supervision.tracking_error import TrackingError
 from drivers.aurora.frame import TrackerFrame
 from drivers.cia402.drive_bus import DriveBus
 from drivers.clock import Clock
-from safety.coupled_shaping import COUPLED
 from safety.gate import RISK, RISK_UNAVAILABLE, Decision, Gate, Measured
 from safety.permit import PermittedStep
 from safety.risk_source import (
     Clearance,
     RiskSource,
-    TipComparing,
-    TipComparison,
     WayCounting,
     ask,
     clearance_of,
-    compared,
     count_way,
     minute_risk_of,
     name_of,
@@ -57,19 +53,6 @@ FRAME_PERIOD_NS: Final = {"normal": 25_000_000, "fast": 15_151_515}
 _LONGEST_DT_S: Final = 0.1
 """Four frames of 25 ms, or two of a slow tracker's: after a longer gap the reference goes on as if
 there had been so much."""
-_REQUESTED_ABOVE: Final = 1e-3
-"""mm or rad: a micrometre is a third of a count of the shipped arms' drives to 33 of them, and less
-than any tracker shows."""
-_LATELY_NS: Final = (0, 100_000_000, 200_000_000, 300_000_000)
-"""Before a frame: a body follows its axes late, one of gas by 0.05 to 0.2 s."""
-_STUCK_BELOW: Final = 0.02
-"""Share of a proposal under which the gate lets practically nothing through. Chosen: of a tip's 15
-to 25 mm/s it is 0.3 to 0.5 mm in the second that its cause waits, as little as a frame's noise."""
-
-_LITTLE_BELOW: Final = 0.5
-"""... and under which a tip cannot be expected to get anywhere in time. Chosen: at half the speed
-the way to a reference takes twice as long."""
-_FROM_OUTSIDE: Final = (RISK, "tension", COUPLED)
 
 
 class ControlLoop:
@@ -89,10 +72,11 @@ class ControlLoop:
         """publish: hears of every step. risk: whom the gate asks too."""
         self.filter = PoseFilter(robot.pose_filter)
         self.history = ActuationHistory(len(robot.axes))
+        self.reasons = ReasonsToHold(robot, risk, self.history, supervisor.checks, clock)
         self.frames = FrameStatistics()
         self.controller: Controller | None = None
         self.reference: Reference | None = None
-        self.steps = self.refusals = 0
+        self.steps = 0
         self.tip: TipEstimate | None = None
         self.outside_workspace = False
         """Whether the tip is where no reference may lead it."""
@@ -120,8 +104,6 @@ class ControlLoop:
         self._step_period = StepPeriod(FRAME_PERIOD_NS[robot.tracker.frame_rate])
         self._threshold = robot.risk.threshold
         self._latest_after_s = robot.risk.latest_after_s
-        most_mm = robot.supervision.tip_jump_mm
-        self._tip_jump_mm = math.inf if most_mm is None else most_mm
         self._slide = robot.risk.slide
         self._looks_round = robot.risk.model is not None
         tensions = [axis.tension_range_n for axis in robot.axes]
@@ -134,14 +116,9 @@ class ControlLoop:
         self._workspace = () if box is None else (box.x_mm, box.y_mm, box.z_mm)
         self._tendons = [axis.tension_range_n is not None for axis in robot.axes]
         self._risk = risk
-        self._limit_reasons = {COUPLED + one.name: one.reason for one in robot.coupled_limits}
-        self._tip_comparing = risk if isinstance(risk, TipComparing) else None
         self._way_counting = risk if isinstance(risk, WayCounting) else None
-        self._compared: TipComparison | None = None
-        """The last word on whether the tip is where the model of the body has it."""
         self._last_frame_ns: int | None = None
         self._begun = False
-        self._tracking_error = TrackingError.of(robot)
 
     def step(self, frame: TrackerFrame) -> None:
         """Sense, estimate, decide, gate, act, publish."""
@@ -151,12 +128,12 @@ class ControlLoop:
             return
         believed = self._estimate(sensed)
         if believed:
-            self._compare(sensed)
+            self.reasons.compare(self.tip, frame.t_ns)
         requested = self._turned_aside(self._decide(sensed, believed), sensed)
         decision = self._pass_the_gate(sensed, requested)
         self._act(decision)
         on_bus_ns = self._clock.now_ns()
-        self._judge(sensed, believed, requested, decision)
+        self.reasons.judge_tip(frame.t_ns, believed, self._followed, requested, decision)
         self._publish(sensed, believed, requested, decision)
         self._timekeeping.step_ended(frame.received_ns, on_bus_ns, self._clock.now_ns())
 
@@ -188,14 +165,10 @@ class ControlLoop:
         """What was known of the room round the body is of other surroundings."""
         self._clearance = None
 
-    def withdraw_refusals(self, t_ns: int) -> None:
-        """Nothing is asked of the gate, and so nothing is refused, even if no more frames come."""
-        self._supervisor.checks.gate(t_ns, NOTHING_REFUSED)
-
     def begin(self) -> None:
         """Follow the reference from here with the next step."""
         self._begun = False
-        self._tracking_error.begin()
+        self.reasons.begin()
 
     def commanded_counts(self, now_ns: int) -> Sequence[int] | None:
         """Where each axis is told to be; None while they are told nothing."""
@@ -217,6 +190,10 @@ class ControlLoop:
     def error_rad(self) -> float | None:
         """Of the tip's direction from its reference, at the last step; None: it may be any."""
         return angle_rad(self.tip, self.aim)
+
+    @property
+    def _followed(self) -> Followed:
+        return Followed(self.controller, self.tip, self.aim)
 
     # The parts of a step, in their order.
 
@@ -248,30 +225,7 @@ class ControlLoop:
     def _estimate(self, sensed: Sensed) -> bool:
         believed = self.filter.update(sensed.frame.t_ns, sensed.frame.tip)
         self._believe(self.filter.estimate(sensed.frame.t_ns))
-        return believed and not self._jumped()
-
-    def _jumped(self) -> bool:
-        """Whether the tip has. The controller must not take that for what its axes have done."""
-        jumped_mm = self.filter.jumped_mm
-        if not jumped_mm > self._tip_jump_mm:
-            return False
-        now_ns = self._clock.now_ns()
-        self._supervisor.checks.tip_jumped(now_ns, f"{jumped_mm:.0f} mm from one frame to the next")
-        return True
-
-    def _compare(self, sensed: Sensed) -> None:
-        """Whether the tip is where the model of the body has it: energised or not."""
-        tip, t_ns = self.tip, sensed.frame.t_ns
-        if tip is None or self._tip_comparing is None:
-            return
-        lately = [self.history.about(t_ns - ago_ns).tolist() for ago_ns in _LATELY_NS]
-        at_mm, along = tip.position_mm.tolist(), tip_axis(tip.quaternion).tolist()
-        found = compared(self._tip_comparing, lately, at_mm, t_ns, along)
-        if found is None:
-            return
-        self._compared = found
-        now_ns = self._clock.now_ns()
-        self._supervisor.checks.body_not_as_modelled(bool(found.doubt), now_ns)
+        return believed and not self.reasons.jumps(self.filter.jumped_mm)
 
     def _believe(self, tip: TipEstimate | None) -> None:
         self.tip = tip
@@ -367,12 +321,12 @@ class ControlLoop:
         now_ns = self._clock.now_ns()
         if requested is None:
             self._axis_targets.drop_rest()
-            self.withdraw_refusals(now_ns)
+            self.reasons.withdraw_refusals(now_ns)
             return self._gate.hold(sensed.measured, now_ns, self._step_period.period_ns)
         asked = self._axis_targets.asked(sensed.targets + requested.delta_u)
         decision = self._gate.decide(asked, sensed.measured, now_ns, self._step_period.period_ns)
         self._axis_targets.keep_rest(asked, None if decision.refused else decision.step)
-        self._tell_supervisor(decision, requested, now_ns)
+        self.reasons.judge_gate(decision, requested, self._followed, now_ns)
         if decision.risk is not None and decision.refused != RISK_UNAVAILABLE:
             self._avoidance.take_judgement(decision.risk, self._threshold, RISK in decision.limits)
         if self._way_counting is not None and decision.step is not None and not decision.refused:
@@ -418,56 +372,6 @@ class ControlLoop:
         near = not answer.doubt and answer.risk > self._threshold
         return (answer.detail or "it is not known where") if near else ""
 
-    def _tell_supervisor(self, decision: Decision, requested: RequestedStep, now_ns: int) -> None:
-        """A step that was refused, or cut to nothing again and again, is a reason to hold."""
-        supervisor = self._supervisor
-        self.refusals += bool(decision.refused)
-        too_high, unknown = decision.refused == RISK, decision.refused == RISK_UNAVAILABLE
-        if self._compared is not None and self._compared.doubt:
-            unknown = False  # that follows from a cause which is told by itself
-        moves = any(abs(change) > _REQUESTED_ABOVE for change in requested.delta_u.tolist())
-        stuck = moves and not (too_high or unknown) and decision.kept < _STUCK_BELOW
-        limits = decision.refused or self._in_words(decision.limits) if stuck else ""
-        risk = 0.0 if decision.risk is None or decision.refused else decision.risk
-        leaving = risk > self._threshold
-        detail = decision.risk_detail
-        kept_away = requested.aside is not None and self._is_off()
-        report = GateReport(too_high, unknown, detail, stuck, limits, leaving, kept_away)
-        supervisor.checks.gate(now_ns, report)
-
-    def _is_off(self) -> bool:
-        """Whether the tip is farther from what it follows than it should be."""
-        error_mm, controller = self.error_mm, self.controller
-        far = error_mm is not None and error_mm > self._tracking_error.allowed_mm
-        return far and controller is not None and controller.ready
-
-    def _in_words(self, limits: Sequence[str]) -> str:
-        """What made a step another, with the reason where the robot file gives one."""
-        reasons = self._limit_reasons
-        return ", ".join([f"{one} ({reasons[one]})" if one in reasons else one for one in limits])
-
-    def _judge(
-        self,
-        sensed: Sensed,
-        believed: bool,
-        requested: RequestedStep | None,
-        decision: Decision | None,
-    ) -> None:
-        """Hold where the tip does not get nearer to its reference although it could."""
-        controller, tip, aim = self.controller, self.tip, self.aim
-        if not (controller and controller.ready and requested and decision and tip and aim):
-            self._tracking_error.begin()
-        elif requested.aside is not None or _hinders(decision):
-            self._tracking_error.hinder()
-        elif believed:
-            detail = self._tracking_error.look(
-                sensed.frame.t_ns, tip.position_mm.tolist(), aim.position_mm.tolist()
-            )
-            if detail:
-                self._tracking_error.begin()
-                detail = f"{detail}; the controller is {controller.name}"
-                self._supervisor.checks.tracking_diverges(self._clock.now_ns(), detail)
-
     def _publish(
         self,
         sensed: Sensed,
@@ -485,15 +389,8 @@ class ControlLoop:
             about = RiskAsked(
                 name_of(self._risk),
                 self._threshold,
-                self._compared,
+                self.reasons.compared,
                 self.minute_risk,
                 self.path_risk,
             )
             tell(risk_message(sequence, sensed.frame.t_ns, requested, decision, about))
-
-
-def _hinders(decision: Decision) -> bool:
-    """Whether what is near, a tendon or a coupled limit leaves little of a step. What the axes' own
-    speed and acceleration leave is still the controller's."""
-    outside = any(limit.startswith(_FROM_OUTSIDE) for limit in decision.limits)
-    return bool(decision.refused) or (outside and decision.scale < _LITTLE_BELOW)

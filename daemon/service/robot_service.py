@@ -307,7 +307,7 @@ class RobotService:
         if after is OperatingState.RUNNING:
             self.loop.begin()
         else:
-            self.loop.withdraw_refusals(t_ns)
+            self.loop.reasons.withdraw_refusals(t_ns)
         worst = self.supervisor.reasons[0] if self.supervisor.reasons else None
         if after is OperatingState.HOLD and worst is not None:
             self.holds += worst.cause is not Cause.OPERATOR_HOLD

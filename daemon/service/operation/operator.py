@@ -2,15 +2,12 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from config.tasks.controllers import ControllerOptions
-from config.tasks.planned_path import PlannedPath
-from daemon.control.controller import Controller
 from daemon.control.guarded_controller import at_once as answers_at_once
 from daemon.control.guarded_controller import in_a_thread
-from daemon.control.reachability import Bounds, looks, too_fast
 from daemon.messages import (
     Acquire,
     Answer,
@@ -40,14 +37,10 @@ from daemon.messages import (
     verb,
 )
 from daemon.recording.flight_recorder import RecordingError
-from daemon.reference.planned_path import misfit
-from daemon.reference.trajectories import Trajectory
-from daemon.risk.body_risk_source import BodyRiskSource, identity_of
-from daemon.risk.path_ahead import PathAhead
-from daemon.service.following import Loaded
 from daemon.service.motion_loader import CommandRefusedError, MotionLoader, OffTheLoop, at_once
 from daemon.service.operation.clearing import Clearing
 from daemon.service.operation.homing import RobotHoming
+from daemon.service.operation.loading import Loading
 from daemon.service.operation.planning import Planning, PlanPath
 from daemon.service.operation.run_recording import RunRecording
 from daemon.service.operation.surrounding import Surrounding
@@ -89,7 +82,8 @@ class Operator:
         self._recording = recording
         timed = off_the_loop is not at_once or service.dependencies.real_time is not None
         answering = in_a_thread if timed else answers_at_once
-        self._loader = MotionLoader(service.robot, seed, files, off_the_loop, answering)
+        loader = MotionLoader(service.robot, seed, files, off_the_loop, answering)
+        self.loading = Loading(service, loader)
         self._inject_fault = inject
         self._homing = RobotHoming(service)
         self._clearing = Clearing(service)
@@ -101,8 +95,6 @@ class Operator:
         )
         self._preparing = False
         """An `arm` or `home` is under way, and nothing is energised yet."""
-        self._loading = False
-        """A `load` is under way: what comes meanwhile could overtake it."""
         self._stops = 0
         self._waiting: set[str] = set()
         """Users of whom it was told that they want the lease, since somebody has it."""
@@ -161,62 +153,6 @@ class Operator:
 
     def status(self) -> Status:
         return self._service.status()
-
-    async def load(self, trajectory: Trajectory, options: ControllerOptions) -> None:
-        """Make ready what `start` will follow. Raises CommandRefusedError."""
-        controller = self._loader.make_controller(options)
-        bounds = self._loader.bounds(options, controller)
-        await self._load_checked(trajectory, controller, bounds, lambda: None)
-
-    async def _load_checked(
-        self,
-        trajectory: Trajectory,
-        controller: Controller,
-        bounds: Bounds,
-        still_allowed: Callable[[], None],
-    ) -> None:
-        """still_allowed: raises CommandRefusedError once the command would be refused."""
-        self._check_path(trajectory.path)
-        asked = (("unreachable", looks), ("axis_too_slow", too_fast))
-        for refusal, look in asked:
-            for why in look(trajectory, bounds):
-                if why is not None:
-                    raise CommandRefusedError(refusal, why)
-                await asyncio.sleep(0)  # the bus cycle goes on in between
-        ahead = await self._look_ahead(trajectory.path)
-        # Who has the lease by now must not start what somebody else has asked for before.
-        still_allowed()
-        if self._service.supervisor.running:
-            raise CommandRefusedError("wrong_state", "the robot was started meanwhile")
-        self._check_path(trajectory.path)  # the surroundings may have changed meanwhile
-        self._following.loaded = Loaded(trajectory, controller, ahead)
-
-    async def _look_ahead(self, path: PlannedPath | None) -> PathAhead | None:
-        """Along all of a planned path, before it is gone. Raises CommandRefusedError."""
-        source = self._service.dependencies.risk
-        if path is None or not isinstance(source, BodyRiskSource):
-            return None
-        ahead = source.path_ahead(path.t_s, path.u)
-        for _ in range(ahead.pieces):
-            ahead.look()
-            await asyncio.sleep(0)  # the bus cycle goes on in between
-        most, risk = self._service.robot.risk.most_on_path, ahead.left(0.0)
-        if most is not None and risk > most:
-            raise CommandRefusedError(
-                "path_risk",
-                f"the risk of touching something on the path is {risk:.3g}, and {most:g} is "
-                f"allowed (risk.most_on_path): {ahead.worst()}",
-            )
-        return ahead
-
-    def _check_path(self, path: PlannedPath | None) -> None:
-        """A planned path is gone only as it was planned. Raises CommandRefusedError."""
-        if path is None:
-            return
-        identity = identity_of(self._service.dependencies.risk)
-        wrong = misfit(path, self._service.robot, *(identity or (None, None)))
-        if wrong is not None:
-            raise CommandRefusedError(*wrong)
 
     # The verbs.
 
@@ -291,10 +227,6 @@ class Operator:
         if why:
             raise CommandRefusedError("contact", f"{why}. {_CONTACT_REMEDY}")
 
-    def _check_not_loading(self) -> None:
-        if self._loading:
-            raise CommandRefusedError("busy", "something is being loaded: wait for its answer")
-
     def _check_can_begin(self, request: Request) -> None:
         if self._preparing:
             raise CommandRefusedError("wrong_state", "the robot is being armed or homed already")
@@ -309,17 +241,8 @@ class Operator:
         return await self._bring_to_rest(Request.STOP, command)
 
     async def _load(self, user: str, command: Load) -> Answer:
-        if self._service.supervisor.running:
-            raise CommandRefusedError("wrong_state", "the robot is moving: hold or stop it first")
-        self._check_not_loading()
-        self._loading = True
-        try:
-            trajectory, controller, bounds = await self._loader.to_follow(command)
-            await self._load_checked(
-                trajectory, controller, bounds, lambda: self._check_lease(user, command)
-            )
-        finally:
-            self._loading = False
+        still_allowed = partial(self._check_lease, user, command)
+        trajectory = await self.loading.carry_out(command, still_allowed)
         return self._answer(command, text=f"{trajectory.kind}, {trajectory.duration_s:g} s")
 
     async def _plan(self, user: str, command: Plan) -> Answer:
@@ -336,7 +259,7 @@ class Operator:
     async def _start(self, user: str, command: Start) -> Answer:
         del user
         supervisor = self._service.supervisor
-        self._check_not_loading()
+        self.loading.check_not_busy()
         if self._following.loaded is None:
             raise CommandRefusedError("nothing_loaded", "load a trajectory first")
         self.start()
@@ -353,14 +276,14 @@ class Operator:
         request = Request.RESUME if anew else Request.START
         self._check_possible(request)
         assert self._following.loaded is not None
-        self._check_path(self._following.loaded.trajectory.path)
+        self.loading.check_path(self._following.loaded.trajectory.path)
         self._following.follow_loaded(blend_speed_mm_s)
         self._service.supervisor.request(request, self._service.clock.now_ns())
 
     async def _teleoperate(self, user: str, command: Teleoperate) -> Answer:
         self._check_possible(Request.START)
         stops_before = self._stops
-        controller = await self._loader.controller(command.controller)
+        controller = await self.loading.controller(command.controller)
         # Reading a model takes a while, in which anything may have happened.
         if self._stops != stops_before:
             raise CommandRefusedError("stopped", "it was stopped meanwhile")
@@ -383,7 +306,7 @@ class Operator:
         self._check_possible(Request.RESUME)
         if not self._following.can_go_on:
             raise CommandRefusedError("nothing_to_resume", "nothing was held: load and start")
-        self._check_path(self._following.followed_path)
+        self.loading.check_path(self._following.followed_path)
         self.try_to_resume()
         if not supervisor.running:
             raise CommandRefusedError(

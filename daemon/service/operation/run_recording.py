@@ -74,7 +74,8 @@ class RunRecording:
         await self.end()
         self.table = ErrorTable()
         self._faults, self._steps, self._times_ns = [], 0, None
-        self._refused_before, self._held_before = self._service.loop.refusals, self._service.holds
+        self._refused_before = self._service.loop.reasons.refusals
+        self._held_before = self._service.holds
         self._followed = ("", "")
         self._restarts, self._segment, self._lost = 0, 1, ""
         self._dropped_when_well = 0
@@ -133,7 +134,7 @@ class RunRecording:
             cycles=self.table.rows(),
             steps=self._steps,
             holds=service.holds - self._held_before,
-            refusals=service.loop.refusals - self._refused_before,
+            refusals=service.loop.reasons.refusals - self._refused_before,
             recordings_dropped=self._recorder.status.dropped,
             final_state=service.supervisor.state.value,
             faults=self._faults,

@@ -114,7 +114,7 @@ class Trial:
         self._token = answer.token
 
     async def _load(self) -> None:
-        await self._operator.load(self._trajectory, self._experiment.controller)
+        await self._operator.loading.load(self._trajectory, self._experiment.controller)
         following = self._service.following
         assert following.loaded is not None
         timed = TimedController(following.loaded.controller, self._stopwatch)

@@ -130,7 +130,7 @@ def test_a_step_that_is_none_holds_the_robot(
     late = f"if self.asked > 20:\n    {propose}\nelse:\n    return Proposal(np.zeros(self.axes))"
 
     async def story(rig: Rig) -> None:
-        rig.operator._loader._answering = getattr(guarded_controller, answering)
+        rig.operator.loading.loader._answering = getattr(guarded_controller, answering)
         await rig.running(controller=MINE)
         await _holds(rig, told)
 
@@ -158,7 +158,7 @@ def test_one_that_sleeps_holds_the_robot_and_not_the_loop(what: str, tmp_path: P
     """Virtual time passes meanwhile, so it is late by the clock of the thread that waits."""
 
     async def story(rig: Rig) -> None:
-        rig.operator._loader._answering = guarded_controller.in_a_thread
+        rig.operator.loading.loader._answering = guarded_controller.in_a_thread
         await rig.running(controller=MINE)
         await _holds(rig, "gave no answer within 6 ms: ")
 

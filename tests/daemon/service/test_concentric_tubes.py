@@ -260,8 +260,7 @@ def test_without_a_limit_for_it_nobody_looks_whether_the_tip_jumps() -> None:
 
     async def scene(rig: Rig) -> None:
         await rig.armed()
-        rig.service.loop.filter.jumped_mm = 100.0
-        assert not rig.service.loop._jumped()
+        assert not rig.service.loop.reasons.jumps(100.0)
 
     on_a_rig(scene, path=TUBES, change=change)
 
