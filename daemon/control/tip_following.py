@@ -20,6 +20,7 @@ from daemon.control.lag import body_lag
 from daemon.control.lag.hysteresis import Hysteresis
 from daemon.control.lag.probing import ProbedMotion, Probing
 from daemon.control.leading import Leading
+from daemon.control.posture import Posture
 from daemon.control.redundancy import (
     Redundancy,
     TensionKeeping,
@@ -36,15 +37,6 @@ from drivers.pose import Vector
 LONGEST_STEP_S = 0.2
 """A step that took longer counts as this long, however slow the tracker: the tip does not leap
 after a gap."""
-
-_FURTHER, _FURTHER_PER_S = 4.0, 0.4
-"""Times the posture's gain, and per second at most, to draw the axes of a body with that is led. On
-a repeated path their way is soon the same in every cycle, and what one teaches holds for the next:
-a slow body's rectangle settles at 1.1 mm without, at 0.84 with twice as much, at 0.75 with four
-times. On the way to a path an arm that rests with its axes at their ends comes to its posture
-before it is there: else those that stay behind bend it into an S, along which its model is wrong.
-Of thirty arms with lags of 0.35 to 1 s one never came to its path without, and one was held on it
-again and again."""
 
 _DOUBTED = 0.5
 """Of what the motions of a body tell that is led by prediction alone. On sixty slow bodies that the
@@ -69,13 +61,8 @@ class TipFollower:
         self.redundancy = Redundancy(options, self.axes)
         self._tension_keeping = TensionKeeping(robot, self.axes) if self.axes.opposed else None
         self._coupled_keeping = CoupledKeeping(self.axes) if self.axes.coupled.limits else None
-        self._posture = self.redundancy.posture
-        self._rotations = self.axes.period > 0.0
-        self._turns = bool(self._rotations.any())
-        """Whether axes turn round: then far ways come of little, the body can snap on them, and the
-        middle of their travel is no better than another place."""
+        self._posture = Posture(options, self.redundancy, self.axes)
         self._leads = options.leads
-        self._further_per_s = self._drawn_further_per_s()
         self._probing = Probing() if self._leads and options.probe else None
         self._probed = ProbedMotion()
         probes = self._probing is not None
@@ -83,26 +70,22 @@ class TipFollower:
         self.leading = Leading(options.gain_per_s, options.by_cycles, probes, slow_above_mm)
         self._told: tuple[Matrix, Vector] | None = None
         """The last Jacobian, and the targets that it was used at."""
-        self._home = self._posture
+        self._home = self._posture.at
         """Where small motions began."""
         self._hysteresis: Hysteresis | None = None
         self._jumps = 0
         """Of the tip, before motion began."""
         self._put_off: tuple[Observation, float] | None = None
         """The last step, from which hysteresis is still to be learnt."""
-        self._turned_together: float | None = None
-        """The mean of axes that come round, as a path began; None: it has not."""
 
     @property
     def posture(self) -> Vector:
         """(m,) that the axes are drawn to."""
-        return self._posture.copy()
+        return self._posture.at
 
     def set_posture(self, posture: Vector) -> None:
         """Draw to (m,) another one, as far as the axes go. Raises ValueError for no numbers."""
-        if np.shape(posture) != (self.axes.count,) or not np.isfinite(posture).all():
-            raise ValueError(f"a posture is {self.axes.count} finite numbers, not {posture}")
-        self._posture = np.clip(posture, self.axes.lowest, self.axes.highest)
+        self._posture.set(posture)
 
     def reset(self, observation: Observation) -> None:
         """Motion begins: the posture may be the one of this moment."""
@@ -112,20 +95,19 @@ class TipFollower:
         if (np.abs(observation.targets) <= _AT_ZERO * self.axes.scale).all():
             self.leading.load.rest_mm = observation.tip_mm
         self._jumps = self.leading.jumps
-        self._told = self._put_off = self._turned_together = None
+        self._told = self._put_off = None
         if self._hysteresis is not None:
             self._hysteresis.break_off()
         if self._probing is not None:
             self._probing.begin()
             self._probed = ProbedMotion()
-        if self._options.posture == "start":
-            self._posture = np.clip(observation.targets, self.axes.lowest, self.axes.highest)
+        self._posture.begin(observation.targets)
 
     def expect_hysteresis(self, held_back: HeldBack | None) -> None:
         """A model's body holds so much back where axes turn. If nobody knows, play alone is looked
         for. It counts where the body is led, and no axis turns round."""
         self._hysteresis = self._put_off = None
-        if held_back is not None and self._leads and not self._turns:
+        if held_back is not None and self._leads and not self._posture.turns:
             self._hysteresis = Hysteresis(held_back)
 
     def free(self, u: Vector) -> Vector:
@@ -189,7 +171,7 @@ class TipFollower:
         """Whether axes at their ends come back where the others alone cannot move the tip. Across a
         long lag the tip shows too late where that takes it: so two of a slow body's twelve load
         steps would not be made up for."""
-        return not (self._turns or self.predicts)
+        return not (self._posture.turns or self.predicts)
 
     @property
     def learnable(self) -> float:
@@ -302,37 +284,11 @@ class TipFollower:
 
     def drawn(self, observation: Observation, times: float = 1.0) -> Vector:
         """(m,) change of the targets that the posture asks for, with so many times its gain."""
-        share = min(times * self.redundancy.posture_gain_per_s * step_time(observation), 1.0)
-        return np.asarray(share * self._to_posture(observation))
+        return self._posture.drawn(observation, step_time(observation), times)
 
     def drawn_further(self, observation: Observation) -> Vector:
         """(m,) that the posture asks for besides, of a body that is led."""
-        share = min(self._further_per_s * step_time(observation), 1.0)
-        return np.asarray(share * self._to_posture(observation))
-
-    def _to_posture(self, observation: Observation) -> Vector:
-        """(m,) from where the axes are told to be to the posture, on a path with all tubes turned
-        together as they were when it began: so they come back to what was learnt of them."""
-        targets = observation.targets
-        way = self._shaped_as_posture(targets)
-        if self._turns:
-            together = float(targets[self._rotations].mean())
-            if not observation.on_path:
-                self._turned_together = None
-            elif self._turned_together is None:
-                self._turned_together = together
-            else:
-                way[self._rotations] += self._turned_together - together
-        return way
-
-    def _shaped_as_posture(self, u: Vector) -> Vector:
-        """(m,) from (m,) axes to where the body has the posture's shape. How tubes are turned all
-        together is none of it: to draw that to a place, too, would turn them against each other
-        where a tip is on the other side, and a body that is folded back reaches less far."""
-        way = self._posture - u
-        if self._turns:
-            way[self._rotations] -= way[self._rotations].mean()
-        return way
+        return self._posture.drawn_further(observation, step_time(observation))
 
     def axis_step(
         self,
@@ -401,7 +357,7 @@ class TipFollower:
         unit, damping = self.redundancy.unit, self.redundancy.damping_mm(jacobian)
         scaled = in_rows(jacobian * unit)
         lowest, highest = self.axes.step_range(u)
-        drawn = self.redundancy.posture_gain_per_s * _FORESEEN_S * self._shaped_as_posture(u) / unit
+        drawn = self.redundancy.posture_gain_per_s * _FORESEEN_S * self._posture.shaped_as(u) / unit
         lowest, highest = lowest / unit, highest / unit
         wanted = _FORESEEN_S * tip_velocity
         step = bounded_step(scaled, wanted, drawn, lowest, highest, damping, self._lets_go)
@@ -422,7 +378,7 @@ class TipFollower:
         """(m,) lowest and highest step. Late bodies' axes leave their ends on the way to a path."""
         axes, targets = self.axes, observation.targets
         bounds = axes.step_range(targets)
-        drawn = self.redundancy.posture_gain_per_s > 0.0 and not self._turns
+        drawn = self.redundancy.posture_gain_per_s > 0.0 and not self._posture.turns
         on_the_way = observation.ahead is not None and not observation.on_path and self.probed
         if drawn and on_the_way and self.predicts:
             return leaving_ends(axes, targets, bounds, step_time(observation))
@@ -446,12 +402,6 @@ class TipFollower:
         """(m,) a step as far as travel and speed of each axis let it be."""
         lowest, highest = self.axes.step_range(observation.targets)
         return self.axes.slowed(np.clip(step, lowest, highest), step_time(observation))
-
-    def _drawn_further_per_s(self) -> float:
-        gain_per_s = self.redundancy.posture_gain_per_s
-        if self._turns or not self._leads:
-            return 0.0
-        return max(min(_FURTHER * gain_per_s, _FURTHER_PER_S) - gain_per_s, 0.0)
 
 
 def step_time(observation: Observation) -> float:
