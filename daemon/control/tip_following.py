@@ -20,8 +20,8 @@ from daemon.control.lag import body_lag
 from daemon.control.lag.hysteresis import Hysteresis
 from daemon.control.lag.probing import ProbedMotion, Probing
 from daemon.control.leading import Leading
-from daemon.control.posture import Posture
 from daemon.control.redundancy import (
+    Posture,
     Redundancy,
     TensionKeeping,
     bounded_step,

@@ -11,6 +11,7 @@ from typing import Final
 
 from config.axis import Axis
 from config.bus import Bus
+from drivers.axis_scale import CountFactors, count_differences
 from drivers.canopen.codec import cob_ids
 from drivers.canopen.codec.abort_codes import AbortCode
 from drivers.canopen.codec.error import CodecError
@@ -46,7 +47,6 @@ from drivers.cia402.configuration import Need, Setting, node_settings, sync_sett
 from drivers.cia402.modes import MODES
 from drivers.cia402.pdo_plan import PdoPlan, axis_pdos
 from drivers.conditions import Condition
-from drivers.count_factors import CountFactors, count_differences
 
 _PDO_PARAMETERS: Final = RPDO_MAPPING - RPDO_COMMUNICATION
 _PDO_OBJECTS: Final = range(RPDO_COMMUNICATION, TPDO_COMMUNICATION + 2 * _PDO_PARAMETERS)
