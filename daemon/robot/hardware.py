@@ -92,7 +92,7 @@ class Hardware:
         ]
         channels = [channel for bus in self.buses for channel in bus.channels]
         for bus in self.buses:
-            bus.enabled_together = channels
+            bus.targets.enabled_together = channels
         self._connections = connections
         self._clock = clock
         self._on_cycle = to.on_cycle or self._plain_cycle

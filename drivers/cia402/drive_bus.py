@@ -16,11 +16,10 @@ from drivers.canopen.codec import cob_ids
 from drivers.canopen.codec.nmt import NmtCommand, NmtState, encode_heartbeat, encode_nmt_command
 from drivers.canopen.object_dictionary import ObjectDictionary
 from drivers.cia402.axis_channel import AxisChannel
+from drivers.cia402.cycle_targets import CycleTargets
 from drivers.cia402.foreign_frames import ForeignFrames
 from drivers.cia402.homing import HomingError, HomingProcedure, ModeLeftError
-from drivers.cia402.modes import CYCLIC_MODES
 from drivers.cia402.node import Node, NodeState
-from drivers.cia402.pdo_plan import RPDO_LAYOUT, TPDO_LAYOUT, sends_steps_at_once
 from drivers.cia402.power_state import PowerGoal, PowerState
 from drivers.clock import Clock
 from drivers.conditions import Condition, ConditionChange, Conditions
@@ -37,7 +36,6 @@ _SYNC: Final = (cob_ids.SYNC, b"")
 _OPEN_AGAIN_S: Final = 0.1  # as soon as an operator notices, and no load on a port that is gone
 _LIVES_END_WITHIN_S: Final = 1.0  # an SDO request gives up after three times 0.2 s
 _WATCH_EVERY_NS: Final = 10_000_000  # a tenth of 0.1 s, the shortest time-out that is watched
-_LATE: Final = 1.5  # periods since the last cycle
 _LAST_FRAMES_S: Final = 0.01  # until what was sent has left the interface's queue
 _BITS: Final = tuple(worst_case_bits(length) for length in range(9))
 
@@ -86,9 +84,7 @@ class DriveBus:
         self.traffic = Traffic()
         self.conditions = Conditions(on_change)
         self.channels = [AxisChannel(axis, index) for index, axis in axes]
-        self.enabled_together: Sequence[AxisChannel] = self.channels
-        """None of ours is enabled before all of these can be. Of all buses, where there are more.
-        """
+        self.targets = CycleTargets(bus, self.channels)
         self._foreign_frames = ForeignFrames(
             name,
             bus.master_node,
@@ -103,31 +99,13 @@ class DriveBus:
         self._tap = tap
         self._link: CanLink | None = None
         self._lost = asyncio.Event()
-        self._step: PermittedStep | None = None
-        self._alone = False
-        """Whether an axis is to be enabled that cannot be yet."""
         self._reads_in_cycle = False
         self._heartbeat = (
             cob_ids.heartbeat(bus.master_node),
             encode_heartbeat(NmtState.OPERATIONAL),
         )
         self._heartbeat_period_ns = round(bus.master_heartbeat_period_s * 1e9)
-        self._heartbeat_due_ns = self._watch_due_ns = self._next_sync_ns = 0
-        self._period_ns = round(bus.cycle_period_s * 1e9)
-        self._ticked_ns = 0
-        self._catches_up = False
-        """A cycle came late, or a step was taken away: targets are further away than axes go in
-        one."""
-        self._goes_on_s = bus.cycle_period_s
-        """For how long axes have gone on since the last cycle, which is a period at the most."""
-        self._targets_for_ns = 0
-        self._is_slow = sends_steps_at_once(bus)
-        self._sends_steps_at_once = self._is_slow and all(
-            axis.drive.mode in CYCLIC_MODES for _, axis in axes
-        )
-        # Their states, which go before them after a SYNC, and their targets.
-        bits = len(self.channels) * (_BITS[TPDO_LAYOUT.size] + _BITS[RPDO_LAYOUT.size])
-        self._all_sent_within_ns = bits * 1_000_000_000 // bus.bitrate_bit_s
+        self._heartbeat_due_ns = self._watch_due_ns = 0
         self._handlers = self._make_handlers()
 
     # The cycle.
@@ -142,16 +120,8 @@ class DriveBus:
         link = self._link
         if link is None:
             return
-        since_ns = t_ns - self._ticked_ns
-        self._catches_up |= since_ns > _LATE * self._period_ns
-        # A late cycle is followed by one in time: sooner than a period.
-        self._goes_on_s = min(since_ns, self._period_ns) * 1e-9
-        self._ticked_ns = t_ns
-        self._next_sync_ns = t_ns + self._period_ns
-        # Drives take what they are sent now with the next SYNC, which it is meant for where a step
-        # that comes until then is sent at once. Elsewhere it would not begin with what they took.
-        self._targets_for_ns = self._next_sync_ns if self._is_slow else t_ns
-        frames = [_SYNC, *self._outputs(self._current_step())]
+        self.targets.begin_cycle(t_ns)
+        frames = [_SYNC, *self.targets.frames()]
         if healthy and t_ns >= self._heartbeat_due_ns:
             self._heartbeat_due_ns = t_ns + self._heartbeat_period_ns
             frames.append(self._heartbeat)
@@ -172,17 +142,14 @@ class DriveBus:
         """
         if not is_genuine(step):
             raise TypeError("only what the gate has permitted moves drives")
-        self._step = step
-        # Axes that turn together start with one SYNC: it must not come between their targets.
-        in_time = self._clock.now_ns() + self._all_sent_within_ns <= self._next_sync_ns
-        at_once = self._sends_steps_at_once and in_time and not self._catches_up
+        at_once = self.targets.take(step, self._clock.now_ns())
         if at_once and self._link is not None:
-            frames = self._outputs(step)
+            frames = self.targets.frames_at_once()
             self._sent(frames, self._link.send_all(frames))
 
     def set_goal(self, goal: PowerGoal | None) -> None:
         """What all drives of this bus shall do; those that are not operational are left out."""
-        self._step = None
+        self.targets.drop()
         now_ns = self._clock.now_ns()
         for node in self.nodes.values():
             for channel in node.channels:
@@ -195,7 +162,7 @@ class DriveBus:
         if self._link is None:
             return
         # Drives act on a new controlword at the SYNC that follows it.
-        frames = [*self._outputs(None), _SYNC]
+        frames = [*self.targets.frames_at_rest(), _SYNC]
         self._sent(frames, self._link.send_all(frames))
 
     def reset_faults(self) -> None:
@@ -259,7 +226,7 @@ class DriveBus:
     @property
     def following(self) -> bool:
         """Whether every axis is enabled and moves when its target moves."""
-        return all(channel.following for channel in self.channels)
+        return self.targets.following
 
     @property
     def operational(self) -> bool:
@@ -347,27 +314,6 @@ class DriveBus:
         self.conditions.set(GONE, self.name, now_ns, str(error))
         self._lost.set()
 
-    def _outputs(self, step: PermittedStep | None) -> list[tuple[int, bytes]]:
-        """What all axes are sent for the next SYNC."""
-        frames: list[tuple[int, bytes]] = []
-        at_ns = self._targets_for_ns
-        share = self._share(step) if self._catches_up else 1.0
-        for channel in self.channels:
-            output = channel.output(at_ns, step, share)
-            if output is not None:
-                frames.append((channel.rpdo_id, output))
-        return frames
-
-    def _share(self, step: PermittedStep | None) -> float:
-        """Of the ways to their targets, what all axes go, on their line: none faster than it may,
-        whatever time was lost."""
-        if step is None:
-            return 1.0
-        at_ns, goes_on_s = self._targets_for_ns, self._goes_on_s
-        share = min([one.share_in_a_cycle(at_ns, step, goes_on_s) for one in self.channels])
-        self._catches_up = share < 1.0
-        return share
-
     def _sent(self, frames: Sequence[tuple[int, bytes]], taken: int) -> None:
         traffic = self.traffic
         traffic.sent += taken
@@ -399,19 +345,6 @@ class DriveBus:
     def _written_by_others(self, node: int, index: int, subindex: int) -> None:
         if node in self.nodes:
             self.nodes[node].written(index, subindex)
-
-    def _current_step(self) -> PermittedStep | None:
-        """The step, unless an axis has stopped following: none may move on without the others."""
-        alone = False
-        if not self.following:
-            self._catches_up |= self._step is not None
-            self._step = None
-            alone = any(channel.keeps_others_waiting for channel in self.enabled_together)
-        if alone is not self._alone:
-            self._alone = alone
-            for channel in self.channels:
-                channel.waits_for_others = alone
-        return self._step
 
     async def _open(self) -> bool:
         self._lost.clear()

@@ -284,7 +284,7 @@ def test_tubes_that_are_told_velocities_go_round_and_stand_when_they_are_told_no
         await rig.do(Start)
         await asyncio.sleep(3.0)
         for bus in rig.service.hardware.buses:  # nothing is said to the drives any more
-            bus._outputs = lambda step: []  # type: ignore[method-assign]
+            bus.targets._frames_of = lambda step: []  # type: ignore[method-assign]
         await asyncio.sleep(1.0)
         await stands(rig)
         assert not rig.in_state(S.RUNNING)

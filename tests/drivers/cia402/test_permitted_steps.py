@@ -80,7 +80,7 @@ def test_axes_that_turn_together_are_told_so_with_one_sync(mode: str) -> None:
         await rig.enabled()
         syncs_ns.clear()  # nodes that are being set up have the bus to themselves
         for after_ms in (0.05, 2.0, 7.0, 8.5, 9.0, 9.3, 9.5, 9.7, 9.9, 9.99):
-            tick_ns = rig.master._next_sync_ns
+            tick_ns = rig.master.targets.next_sync_ns
             await asyncio.sleep((tick_ns - rig.clock.now_ns()) * 1e-9 + after_ms * 1e-3)
             rig.master.write(rig.step(500, 0.1))
             heard.clear()

@@ -85,7 +85,7 @@ def test_a_stopped_stream_of_velocities_stops_the_axis_and_holds_it(
         if all_is_silent:
             rig.timer.stop()
         else:
-            rig.master._outputs = lambda step: []  # type: ignore[method-assign]
+            rig.master.targets._frames_of = lambda step: []  # type: ignore[method-assign]
         await asyncio.sleep(0.1)
         moved = [now - then for now, then in zip(real_positions(rig), before, strict=True)]
         assert min(moved) > 1000, "it goes on until the time is over"
@@ -107,8 +107,8 @@ def test_the_master_hears_why_an_axis_stopped_and_moves_none_without_it(mode: st
     async def test(rig: Rig) -> None:
         await rig.enabled()
         await led(rig, gate_of(rig), [60_000.0, 60_000.0], 1.0)
-        outputs = rig.master._outputs
-        rig.master._outputs = lambda step: outputs(step)[:1]  # type: ignore[method-assign]
+        outputs = rig.master.targets._frames_of
+        rig.master.targets._frames_of = lambda step: outputs(step)[:1]  # type: ignore[method-assign]
         await asyncio.sleep(0.6)
         first, second = rig.master.channels
         assert second.state is PowerState.QUICK_STOP_ACTIVE
@@ -117,7 +117,7 @@ def test_the_master_hears_why_an_axis_stopped_and_moves_none_without_it(mode: st
         await asyncio.sleep(0.5)
         assert real_positions(rig) == pytest.approx(stopped, abs=20)
         assert first.following
-        rig.master._outputs = outputs  # type: ignore[method-assign]
+        rig.master.targets._frames_of = outputs  # type: ignore[method-assign]
         rig.master.set_goal(PowerGoal.OFF)
         await rig.until(lambda: rig.master.known_unpowered)
         await rig.enabled()
