@@ -12,6 +12,7 @@ from daemon.robot.checked_robot import CheckedRobot
 from daemon.robot.connections import RealConnections
 from daemon.robot.hardware import Hardware, Listeners
 from daemon.robot.runtime_directory import with_lab_ports
+from daemon.service.telemetry.flapping import Changes, Key, Words
 from drivers.aurora.frame import ToolSample, TrackerFrame
 from drivers.aurora.tools import Tool
 from drivers.aurora.tracker import TrackerState
@@ -191,6 +192,7 @@ def _rounded(values: Any, digits: int = 3) -> list[float]:
 # One probing: the hardware with an observer, from connecting to letting go.
 
 
+_CATCH_UP_EVERY_S: Final = 0.25
 _ENDS_WITHIN_S: Final = 8.0
 """Longer than hardware takes at the most."""
 
@@ -206,12 +208,14 @@ class ProbeSession:
         on_event: Callable[[Json], None],
         capture: CanCapture | None,
     ) -> None:
-        """on_event: hears at once of every condition that comes or goes. Raises EdsError."""
+        """on_event: hears at once of every condition that comes or goes, and once a second of one
+        that flaps. Raises EdsError."""
         robot = with_lab_ports(checked.file.robot, lab)
         self._robot = robot.robot
         self._clock = clock
         self._started_ns = clock.now_ns()
         self._on_event = on_event
+        self._changes = Changes(clock, self._tell)
         self._observer = Observer(clock)
         taps = {} if capture is None else {next(iter(robot.buses)): capture}
         listeners = Listeners(self._observer.on_frame, self._changed, can_taps=dict(taps))
@@ -220,11 +224,11 @@ class ProbeSession:
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
         """Connected while the context lasts."""
-        task = asyncio.create_task(self._hardware.run())
+        tasks = [asyncio.create_task(one) for one in (self._hardware.run(), self._catch_up())]
         try:
             yield
         finally:
-            await end_tasks([task], _ENDS_WITHIN_S)
+            await end_tasks(tasks, _ENDS_WITHIN_S)
 
     def snapshot(self) -> Json:
         """Everything as it is now."""
@@ -238,7 +242,17 @@ class ProbeSession:
         return tracking and operational and not conditions_of(self._hardware)
 
     def _changed(self, change: ConditionChange) -> None:
-        self._on_event(event(change, self._since(change.t_ns)))
+        active = change.active
+        told = event(change, self._since(change.t_ns))
+        self._changes.add((active.condition.name, active.subject), change.present, told)
+
+    def _tell(self, _key: Key, present: bool, words: Words) -> None:
+        self._on_event({**words, "present": present})
+
+    async def _catch_up(self) -> None:
+        while True:
+            await asyncio.sleep(_CATCH_UP_EVERY_S)
+            self._changes.catch_up()
 
     def _since(self, t_ns: int | None) -> float:
         return ((self._clock.now_ns() if t_ns is None else t_ns) - self._started_ns) * 1e-9

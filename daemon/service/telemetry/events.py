@@ -1,41 +1,14 @@
 """What happens, told to everybody: states, causes, conditions, commands."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 from daemon.messages import Event, Message
+from daemon.service.telemetry.flapping import Changes, Key, Words
 from drivers.clock import Clock
 from drivers.conditions import ConditionChange
 from safety.failsafe import ActiveReason
 from safety.states import OperatingState
-
-_AT_ONCE: Final = 16
-"""So many changes of one condition or cause are told as they come, ..."""
-_EVERY_NS: Final = 1_000_000_000
-"""... and where it flaps, one in that time: a tracker that sees a sensor in every other frame would
-fill log and recording. Chosen."""
-
-
-@dataclass(slots=True)
-class _Flapping:
-    """How often a condition or cause has changed lately, and what is not told of it yet."""
-
-    present: bool = False
-    """As told last."""
-    told: int = 0
-    """Changes, less one for each `_EVERY_NS` since."""
-    since_ns: int = 0
-    untold: int = 0
-
-    def may_be_told(self, t_ns: int) -> bool:
-        """Whether one more change may be told now, which is counted then."""
-        gone = (t_ns - self.since_ns) // _EVERY_NS
-        self.told, self.since_ns = max(0, self.told - gone), self.since_ns + gone * _EVERY_NS
-        if self.told >= _AT_ONCE:
-            return False
-        self.told += 1
-        return True
 
 
 class EventHistory:
@@ -46,9 +19,7 @@ class EventHistory:
         self._publish = publish
         self._count = 0
         self._reasons: tuple[ActiveReason, ...] = ()
-        self._flapping: dict[tuple[str, ...], _Flapping] = {}
-        self._untold: dict[tuple[str, ...], dict[str, Any]] = {}
-        """The newest change of each, where it is another than was told last."""
+        self._changes = Changes(clock, self._tell_change)
 
     def tell(
         self,
@@ -103,8 +74,7 @@ class EventHistory:
 
     def reasons(self, reasons: tuple[ActiveReason, ...]) -> None:
         """These hold now: tell what has gone and what has come. Called every cycle."""
-        if self._untold:
-            self._catch_up()
+        self._changes.catch_up()
         if reasons is self._reasons:
             return
         before = {(reason.cause.value, reason.subject): reason for reason in self._reasons}
@@ -123,30 +93,9 @@ class EventHistory:
                 follows_from=reason.follows_from,
             )
 
-    def _change(self, key: tuple[str, ...], present: bool, **more: Any) -> None:
-        flapping = self._flapping.setdefault(key, _Flapping())
-        if not flapping.untold and flapping.may_be_told(self._clock.now_ns()):
-            self._tell_change(key, present, more)
-            return
-        flapping.untold += 1
-        if present == flapping.present:
-            self._untold.pop(key, None)
-        else:
-            self._untold[key] = more
+    def _change(self, key: Key, present: bool, **words: Any) -> None:
+        self._changes.add(key, present, words)
 
-    def _catch_up(self) -> None:
-        now_ns = self._clock.now_ns()
-        for key, more in tuple(self._untold.items()):
-            flapping = self._flapping[key]
-            if flapping.may_be_told(now_ns):
-                del self._untold[key]
-                lost = flapping.untold - 1
-                words = f"it comes and goes: {lost} changes were not told" if lost else ""
-                detail = "; ".join(filter(None, (more.get("detail"), words)))
-                flapping.untold = 0
-                self._tell_change(key, not flapping.present, more | {"detail": detail})
-
-    def _tell_change(self, key: tuple[str, ...], present: bool, more: dict[str, Any]) -> None:
-        self._flapping[key].present = present
+    def _tell_change(self, key: Key, present: bool, words: Words) -> None:
         kind, name, subject = key
-        self.tell(kind, name, subject=subject, present=present, **more)
+        self.tell(kind, name, subject=subject, present=present, **words)

@@ -1,13 +1,19 @@
 """What comes and goes with every frame is told, and does not fill log and recording."""
 
+import asyncio
 from itertools import pairwise
+from pathlib import Path
 
+from daemon.commands.views.probe_snapshot import Json, ProbeSession
 from daemon.messages import Event, Message
+from daemon.robot.checked_robot import check_robot
 from daemon.service.telemetry.events import EventHistory
 from drivers.aurora.conditions import TOOL_DISABLED, TOOL_MISSING
 from drivers.conditions import Conditions
 from safety.causes import Cause
 from safety.failsafe import ActiveReason
+from sim_backends.virtual_time import run_in_virtual_time, virtual_clock
+from tests import SOFT_ARM
 
 FRAME_NS = 25_000_000
 
@@ -78,3 +84,26 @@ def test_a_cause_that_flaps_is_told_as_it_is_in_the_end() -> None:
     told.now += 2_000_000_000
     told.history.reasons((slack,))
     assert [event.present for event in told.events[before:]] == [True]
+
+
+def test_what_flaps_while_a_robot_is_probed_is_told_once_a_second_too(tmp_path: Path) -> None:
+    told: list[Json] = []
+
+    async def scene() -> None:
+        clock = virtual_clock()
+        session = ProbeSession(check_robot(SOFT_ARM), tmp_path, clock, told.append, None)
+        conditions = Conditions(session._changed)
+        catching_up = asyncio.create_task(session._catch_up())
+        for frame in range(401):
+            change = conditions.clear if frame % 2 else conditions.set
+            change(TOOL_MISSING, "tracker/tip", clock.now_ns())
+            await asyncio.sleep(FRAME_NS * 1e-9)
+        await asyncio.sleep(2.0)
+        catching_up.cancel()
+
+    run_in_virtual_time(scene())
+    assert 16 < len(told) < 30, "in ten seconds"
+    assert all(one["present"] != other["present"] for one, other in pairwise(told))
+    assert told[-1]["present"], "what holds in the end is told"
+    assert {event["name"] for event in told} == {"tool_missing"}
+    assert "changes were not told" in told[-1]["detail"]
