@@ -21,6 +21,9 @@ from typing import Final
 import numpy as np
 
 from daemon.control.controller import Observation, Phase
+from daemon.control.lag import answer as answers
+from daemon.control.lag import body_lag
+from daemon.control.lag import lag_kernels as kernels
 from daemon.control.lag.answer import ON_A_PATH_S, ON_THE_WAY_BACK_S, Answer
 from daemon.control.lag.body_lag import DEAD_SHARES, BodyLag, Underway, parts
 from daemon.control.lag.disturbance import Disturbance, Jump
@@ -62,6 +65,7 @@ sooner. With half of it the way back takes 0.2 to 0.3 s longer."""
 _UNMADE_SHARE: Final = 0.1
 """Of a wanted motion: so much that axes do not make of it, at their ends or in a direction in which
 they hardly move the tip, is more than rounding."""
+_ONE: Final = np.eye(3)
 _GAIN_APPROACH_S: Final = 1.0
 """Time constant of the way to the gains that were found: nothing jumps."""
 
@@ -262,7 +266,7 @@ class Leading:
             gain *= 1.0 + max(1.0 - 2.0 * self.late, 0.0) * _CATCHING
             hurry = max(2.0 * self.late - 1.0, 0.0) * _HURRY
             share = 1.0
-        answer = np.eye(3) + answered * (self._answer.matrix - np.eye(3))
+        answer = _ONE + answered * (self._answer.matrix - _ONE)
         left = answer @ self._underway.left_mm
         predicted_gain = min(gain, _GAIN_BY_LAG / max(lag_s, _SHORTEST_LAG_S))
         gain = min(gain, _UNPREDICTED_GAIN_BY_LAG / max(lag_s, _SHORTEST_LAG_S))
@@ -281,7 +285,7 @@ class Leading:
         wanted = min(gain * dt_s, 1.0) * error + velocity * dt_s
         self._expect(observation, dt_s)
         self._loaded = self.load.matrix_at(observation.tip_mm + left)  # where it is to come
-        return np.asarray(np.linalg.solve(answer * self.gains @ self._loaded, wanted))
+        return kernels.to_tell(answer, self.gains, self._loaded, wanted)
 
     def _expect(self, observation: Observation, dt_s: float) -> None:
         """What the tip is off by tells of what it will be; what takes it off at once does not."""
@@ -379,3 +383,10 @@ class Leading:
         velocity = following[1] + first_order_s * acceleration
         velocity = told[1] + self.predicted * (velocity - told[1])
         return velocity, due[0], first_order_s * mean_velocity
+
+
+def warm_up() -> None:
+    """Compile the kernels, or load them from numba's cache: a second once, then hundredths."""
+    body_lag.warm_up()
+    answers.warm_up()
+    kernels.to_tell(_ONE, np.ones(3), _ONE, np.ones(3))

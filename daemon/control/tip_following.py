@@ -13,10 +13,10 @@ import numpy as np
 from config.robot import Robot
 from config.tasks.controllers import TipFollowing
 from daemon.control import jacobian_kernels as kernels
+from daemon.control import leading
 from daemon.control.avoidance import CoupledKeeping
 from daemon.control.controller import ControllerError, Observation, Proposal
 from daemon.control.jacobian_kernels import in_rows
-from daemon.control.lag import body_lag
 from daemon.control.lag.hysteresis import Hysteresis
 from daemon.control.lag.probing import ProbedMotion, Probing
 from daemon.control.leading import Leading
@@ -421,7 +421,7 @@ def warm_up() -> None:
     bounded_step(jacobian, axes, axes, axes, axes, 1.0)
     ranges = AxisRanges(tuple("xyz"), axes, ones, ones, ones, axes)
     CoupledKeeping(ranges).kept(axes, axes, jacobian, 1.0)
-    body_lag.warm_up()
+    leading.warm_up()
     stop_operators.warm_up()
 
 

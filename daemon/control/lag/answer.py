@@ -26,6 +26,7 @@ from typing import Final
 
 import numpy as np
 
+from daemon.control.lag import lag_kernels as kernels
 from drivers.pose import Vector
 
 _SPAN_S: Final = 0.2
@@ -42,6 +43,7 @@ _ANSWERS: Final = 0.6, 1.8
 _SURELY_WITHIN: Final = min(1.0 - _ANSWERS[0], _ANSWERS[1] - 1.0)
 """No singular value is further from one than the matrix is from the identity (Weyl)."""
 _ONE: Final = np.eye(3)
+_PRIOR: Final = _ONE_MM2 * _ONE
 _JUDGED_S: Final = 6.0
 """Then a third is left of what M was right and wrong about. Half as long is as good."""
 _DOUBT: Final = 0.5
@@ -96,10 +98,7 @@ class Answer:
         _, then_mm, arrived_then_mm, _ = lately[begin]
         came, due = tip_mm - then_mm, arrived_mm - arrived_then_mm
         kept = exp(-dt_s / memory_s)
-        self._told = kept * self._told + np.outer(due, due)
-        self._made = kept * self._made + np.outer(came, due)
-        one = _ONE_MM2 * _ONE
-        self.matrix = _limited((self._made + one) @ np.linalg.inv(self._told + one))
+        self.matrix = _limited(kernels.add_answer(self._told, self._made, kept, due, came, _PRIOR))
 
     def _judge(
         self, t_s: float, dt_s: float, tip_mm: Vector, arrived_mm: Vector, within_s: float
@@ -111,11 +110,10 @@ class Answer:
         if not lately or lately[0][0] > t_s - within_s:
             return
         _, then_mm, arrived_then_mm, matrix = lately[0]
-        due = arrived_mm - arrived_then_mm
-        said, lacked = (matrix - _ONE) @ due, tip_mm - then_mm - due
+        due, came = arrived_mm - arrived_then_mm, tip_mm - then_mm
         # Motions overlap: only one in each lag tells something of its own.
-        seen = np.array([said @ lacked, said @ said, lacked @ lacked, len(lacked)])
-        self._foretold = exp(-dt_s / _JUDGED_S) * self._foretold + dt_s / within_s * seen
+        kept, weight = exp(-dt_s / _JUDGED_S), dt_s / within_s
+        kernels.add_foretold(self._foretold, kept, weight, matrix, due, came)
 
 
 def _limited(matrix: Vector) -> Vector:
@@ -143,3 +141,10 @@ def surely_right(foretold: Vector, doubt: float) -> float:
         return 0.0
     left = max(lacked - agreed * agreed / said, 0.0) / (count - 1.0)
     return float((agreed - doubt * sqrt(left * said)) / said)
+
+
+def warm_up() -> None:
+    """Compile the kernels, or load them from numba's cache: a second once, then hundredths."""
+    answer = Answer()
+    for k in range(3):
+        answer.add(_SPAN_S * k, _SPAN_S, float(k) * np.ones(3), np.zeros(3), 0.0, ON_A_PATH_S)

@@ -187,11 +187,8 @@ class BodyLag:
         clear."""
         if self._seen_s < _SEEN_AT_LEAST_S:
             return np.ones(3)
-        here = int(np.argmin(np.abs(self._delays - self.lag_s)))
-        xx, xy = self._gain_sums[:, here]
-        whole = (xy.sum() + _ONE_MM2) / (xx.sum() + _ONE_MM2)
-        alike = _ONE_MM2 + _ALIKE * xx.sum()
-        return np.asarray(np.clip((xy + alike * whole) / (xx + alike), *_GAINS))
+        gains = kernels.gains(self._delays, self.lag_s, self._gain_sums, _ONE_MM2, _ALIKE)
+        return np.asarray(np.clip(gains, *_GAINS))
 
     def gain_memory(self) -> Vector:
         """What the gains are told from, for `recall_gains`."""
@@ -391,3 +388,4 @@ def warm_up() -> None:
     lag = BodyLag()
     for k in range(4):
         lag.add(0.5 * _SPAN_S * k, 0.5 * _SPAN_S, np.array([float(k), 0.0, 0.0]), np.zeros(3))
+    kernels.gains(np.zeros(1), 0.0, np.zeros((2, 1, 3)), _ONE_MM2, _ALIKE)

@@ -1,5 +1,5 @@
-"""What has arrived of a told motion by many delays at once, compiled: numpy's own overhead would be
-most of it.
+"""What has arrived of a told motion by many delays at once, and what small matrices tell of how a
+tip answers, compiled: numpy's own overhead would be most of it.
 
 Every function that is cached on disk stands in this one file: numba notices a change only in the
 file of the cached function itself.
@@ -78,3 +78,78 @@ def add_span(
             gain_sums[0, k, i] = kept[1] * gain_sums[0, k, i] + weight * x * x
             gain_sums[1, k, i] = kept[1] * gain_sums[1, k, i] + weight * x * y
     return True
+
+
+@_kernel
+def gains(
+    delays: FloatArray, lag_s: float, gain_sums: FloatArray, one_mm2: float, alike: float
+) -> FloatArray:
+    """(3,) gains that explain (2, k, 3) xx and xy best of the one of (k,) delays that is nearest to
+    the lag: as much motion as `one_mm2` has a gain of 1, and a share `alike` of all motion has the
+    gain of all of it."""
+    here = 0
+    for k in range(delays.shape[0]):
+        if abs(delays[k] - lag_s) < abs(delays[here] - lag_s):
+            here = k
+    xx, xy = gain_sums[0, here], gain_sums[1, here]
+    told, came = xx[0] + xx[1] + xx[2], xy[0] + xy[1] + xy[2]
+    whole, weight = (came + one_mm2) / (told + one_mm2), one_mm2 + alike * told
+    out = np.empty(3)
+    for i in range(3):
+        out[i] = (xy[i] + weight * whole) / (xx[i] + weight)
+    return out
+
+
+@_kernel
+def add_answer(
+    told: FloatArray,
+    made: FloatArray,
+    kept: float,
+    due: FloatArray,
+    came: FloatArray,
+    prior: FloatArray,
+) -> FloatArray:
+    """(3, 3) matrix that explains best that (3,) `came` of (3,) `due`, and those before: of their
+    sums, (3, 3) `told` and `made`, the share `kept` is left. prior: (3, 3) that is taken for seen.
+    """
+    for i in range(3):
+        for j in range(3):
+            told[i, j] = kept * told[i, j] + due[i] * due[j]
+            made[i, j] = kept * made[i, j] + came[i] * due[j]
+    inverse = np.ascontiguousarray(_solved(told + prior, np.eye(3)))
+    return np.asarray(np.dot(made + prior, inverse))
+
+
+@_kernel
+def add_foretold(
+    foretold: FloatArray,
+    kept: float,
+    weight: float,
+    matrix: FloatArray,
+    due: FloatArray,
+    came: FloatArray,
+) -> None:
+    """What (3, 3) `matrix` said of a motion, of which (3,) `came` where (3,) were `due`, goes into
+    (4,) `foretold`, of which the share `kept` is left."""
+    said, lacked = np.dot(matrix - np.eye(3), due), came - due
+    foretold[0] = kept * foretold[0] + weight * np.dot(said, lacked)
+    foretold[1] = kept * foretold[1] + weight * np.dot(said, said)
+    foretold[2] = kept * foretold[2] + weight * np.dot(lacked, lacked)
+    foretold[3] = kept * foretold[3] + weight * 3.0
+
+
+@_kernel
+def to_tell(
+    answer: FloatArray, times: FloatArray, loaded: FloatArray, wanted: FloatArray
+) -> FloatArray:
+    """(3,) motion to be told for (3,) `wanted`, of a tip that goes on as (3, 3) `answer` has it, by
+    (3,) `times` along each axis of space, and with a load by (3, 3) `loaded`."""
+    return _solved(np.dot(answer * times, loaded), wanted)
+
+
+@_kernel
+def _solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
+    """What (3, 3) `matrix` makes `right` of; of what is no number, no numbers."""
+    if not np.isfinite(matrix).all():
+        return np.full_like(right, np.nan)
+    return np.asarray(np.linalg.solve(matrix, right))
