@@ -6,7 +6,7 @@ body touches something. The body_point_risk of the paper, its printed bound, is 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil
+from math import ceil, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -292,6 +292,7 @@ class BodyRisk:
 
     def warm_up(self) -> None:
         """Compile what is only needed near to something, or load it from numba's cache."""
+        self._contact.warm_up()
         mixture = self._model.shapes.mixture(self._model.known[0])
         if mixture is not None:
             self._fewer.part_slopes(mixture, 0.0, self._part_ends, np.inf)
@@ -371,8 +372,8 @@ class BodyRisk:
         """Over the shape's coefficients, along the way."""
         begin, end = np.asarray(u_from, np.float64), np.asarray(u_to, np.float64)
         first = self._first(tuple(u_from))
-        length = float(np.linalg.norm((end - begin) * self._model.scale))
-        segments = min(max(1, ceil(length / _LONGEST_SEGMENT)), _MOST_SEGMENTS)
+        way = (end - begin) * self._model.scale
+        segments = min(max(1, ceil(sqrt(way @ way) / _LONGEST_SEGMENT)), _MOST_SEGMENTS)
         shares = [k / segments for k in range(1, segments + 1)]
         along = [self._model.shapes.mixture(begin + share * (end - begin)) for share in shares]
         mixtures = [mixture for mixture in (first, *along) if mixture is not None]

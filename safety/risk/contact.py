@@ -31,7 +31,10 @@ from safety.risk.shape_kernels import (
     Shapes,
     Skin,
     SolidArrays,
+    exchange,
     fall_to,
+    find_changed,
+    lower,
     place_shapes,
     worst_place,
 )
@@ -95,6 +98,8 @@ class ContactModel:
         """Of how many shapes, those with the least, the clearance has to be exact."""
         nowhere = np.zeros(samples, np.int64)
         self._now, self._next = (_Measured(self._buffers(samples), nowhere) for _ in range(2))
+        self._arriving, self._changed = self._buffers(samples), np.empty(samples, np.int64)
+        """Room for draws that fall to another component on a way: as they arrive; and which."""
 
     @property
     def basis(self) -> ShapeBasis:
@@ -197,6 +202,13 @@ class ContactModel:
         figures, touching = ContactRisk.of(swept, surely, worst), ~(surely > 0.0)
         return PathContactRisk(figures, tuple(estimates), leaving, touching)
 
+    def warm_up(self) -> None:
+        """Compile what only draws need that fall to another component, or load it from numba's
+        cache."""
+        shapes, none = self._now.shapes, self._changed[:0]
+        exchange(shapes, none, shapes)
+        lower(shapes.clearance, shapes.surely, shapes, none)
+
     def _measure(self, mixture: Mixture) -> None:
         """Have the mixture's shapes now, looked at. Those of the last two mixtures are kept."""
         if self._next.mixture is mixture:
@@ -246,16 +258,16 @@ class ContactModel:
     ) -> None:
         """Lower `swept` and `surely` by the way from the one's shapes to the other's."""
         surroundings, skin = self._surroundings, self._skin
-        changed = np.flatnonzero(start.component != end.component)
-        if changed.size == 0 or end.mixture is None:
+        count = find_changed(start.component, end.component, self._changed)
+        if count == 0 or end.mixture is None:
             sweep(surroundings, skin, start.shapes, end.shapes, swept, surely)
             self._pass_moving(start, end.shapes, end.moving, surely)
             return
-        arriving = self._buffers(changed.size)
+        changed, arriving = self._changed[:count], Shapes(*[one[:count] for one in self._arriving])
         component, normal = start.component[changed], self._normal[changed]
         self._place(end.mixture, component, normal, arriving.positions)
         there = self._look(arriving)
-        _exchange(end.shapes, changed, arriving)
+        exchange(end.shapes, changed, arriving)
         sweep(surroundings, skin, start.shapes, end.shapes, swept, surely)
         moving = end.moving
         if moving is not None or there is not None:
@@ -263,9 +275,8 @@ class ContactModel:
             moving = np.full(surely.size, far_mm, np.float32) if moving is None else moving.copy()
             moving[changed] = far_mm if there is None else there
         self._pass_moving(start, end.shapes, moving, surely)
-        _exchange(end.shapes, changed, arriving)
-        swept[changed] = np.minimum(swept[changed], end.shapes.clearance[changed])
-        surely[changed] = np.minimum(surely[changed], end.shapes.surely[changed])
+        exchange(end.shapes, changed, arriving)
+        lower(swept, surely, end.shapes, changed)
 
     def _pass_moving(
         self, start: _Measured, end: Shapes, after: SingleArray | None, surely: SingleArray
@@ -299,16 +310,6 @@ class ContactModel:
             np.empty(samples, np.float32),
             np.empty(samples, np.float32),
         )
-
-
-def _exchange(shapes: Shapes, rows: IndexArray, others: Shapes) -> None:
-    """What a way is swept with: put that of others in place of rows, and of rows in others."""
-    for one, other in (
-        (shapes.positions, others.positions),
-        (shapes.clearance, others.clearance),
-        (shapes.surely, others.surely),
-    ):
-        one[rows], other[:] = other, one[rows]
 
 
 def surroundings_of(grid: DistanceGrid, port: InsertionPort | None) -> SolidArrays:

@@ -8,7 +8,7 @@ the tip counts as less accurately known by a share of the way that the model has
 """
 
 from dataclasses import dataclass
-from math import isfinite
+from math import isfinite, sqrt
 from typing import Final
 
 import numpy as np
@@ -105,7 +105,7 @@ class TipConditioning:
             return seen
         along = self._offset[_PLACE:] + self._direction @ _mean(given)
         # Longer than one where the body is longer than usual: that is no turn.
-        as_long = float(np.linalg.norm(along)) * direction
+        as_long = sqrt(along @ along) * direction
         turned = as_long - along
         variance = 3.0 * self._direction_variance + _spread(given, self._direction)
         near = float(turned @ turned) <= _ASKEW**2 * variance  # never of no number

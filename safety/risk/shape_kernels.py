@@ -153,6 +153,45 @@ def fall_to(weights, uniform, component):  # type: ignore[no-untyped-def]
 
 
 @_kernel
+def find_changed(before, now, rows):  # type: ignore[no-untyped-def]
+    """Write the numbers of draws that have fallen to another component, (S,) `before` and `now`,
+    first into (S,) rows; return how many they are."""
+    count = 0
+    for s in range(now.size):
+        if now[s] != before[s]:
+            rows[count] = s
+            count += 1
+    return count
+
+
+@_kernel
+def exchange(shapes, rows, others):  # type: ignore[no-untyped-def]
+    """What a way is swept with: put that of (R,) others in place of (R,) rows, and of rows in
+    others."""
+    for r in range(rows.size):
+        s = rows[r]
+        for c in range(shapes.positions.shape[1]):
+            position = shapes.positions[s, c]
+            shapes.positions[s, c], others.positions[r, c] = others.positions[r, c], position
+        clearance, surely = shapes.clearance[s], shapes.surely[s]
+        shapes.clearance[s], others.clearance[r] = others.clearance[r], clearance
+        shapes.surely[s], others.surely[r] = others.surely[r], surely
+
+
+@_kernel
+def lower(swept, surely, shapes, rows):  # type: ignore[no-untyped-def]
+    """Lower (S,) `swept` and `surely` of (R,) rows to what the shapes have; of no number, no
+    number."""
+    for r in range(rows.size):
+        s = rows[r]
+        clearance, sure = shapes.clearance[s], shapes.surely[s]
+        if not clearance >= swept[s]:
+            swept[s] = swept[s] if np.isnan(swept[s]) else clearance
+        if not sure >= surely[s]:
+            surely[s] = surely[s] if np.isnan(surely[s]) else sure
+
+
+@_kernel
 def worst_place(surroundings, shapes, threshold, place, nearest):  # type: ignore[no-untyped-def]
     """The node where most of the shapes have their clearance that have no more than `threshold`.
 

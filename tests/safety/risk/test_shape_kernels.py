@@ -7,7 +7,16 @@ from numpy.typing import NDArray
 from daemon.workbench.body_model.evaluation.shapes import box
 from safety.risk.contact import ContactModel
 from safety.risk.model.mixture import Mixture
-from safety.risk.shape_kernels import Shapes, fall_to, farthest_mm, place_shapes, worst_place
+from safety.risk.shape_kernels import (
+    Shapes,
+    exchange,
+    fall_to,
+    farthest_mm,
+    find_changed,
+    lower,
+    place_shapes,
+    worst_place,
+)
 from safety.risk.surroundings.distance_grid import distance_grid
 from safety.risk.surroundings.environment import environment
 from tests.safety.risk.arms import Pose, shape_mixture
@@ -119,3 +128,39 @@ def test_a_shape_is_placed_where_its_draw_has_it_whoever_is_beside_it(
     for s, k in enumerate(component):
         coefficients = among.means_mm[k] + np.linalg.solve(among.factors_per_mm[k], normal[s])
         np.testing.assert_allclose(positions[s], base + coefficients @ modes, atol=2e-4)
+
+
+def copied(shapes: Shapes) -> Shapes:
+    return Shapes(*[part.copy() for part in shapes])
+
+
+def test_draws_that_fall_to_another_component_are_found_in_their_order() -> None:
+    before, now = np.array([0, 0, 1, 2, 2]), np.array([0, 1, 1, 2, 3])
+    rows = np.full(5, -1)
+    assert find_changed(before, now, rows) == 2
+    assert rows.tolist() == [1, 4, -1, -1, -1]
+    assert find_changed(now, now, rows) == 0
+
+
+def test_exchanged_shapes_have_what_the_others_had_and_the_others_theirs() -> None:
+    shapes, others, rows = drawn(1), drawn(2, 3), np.array([4, 9, 30])
+    others.surely[:] = 1.0, 2.0, 3.0
+    before, arriving = copied(shapes), copied(others)
+    exchange(shapes, rows, others)
+    for name in ("positions", "clearance", "surely"):
+        whole, part = getattr(before, name).copy(), getattr(arriving, name)
+        left = whole[rows]
+        whole[rows] = part
+        np.testing.assert_array_equal(getattr(shapes, name), whole)
+        np.testing.assert_array_equal(getattr(others, name), left)
+
+
+def test_only_the_rows_are_lowered_and_what_is_no_number_stays_none() -> None:
+    shapes = drawn(3, 6)
+    shapes.clearance[:] = 1.0, 5.0, np.nan, 0.0, 1.0, 1.0
+    shapes.surely[:] = 2.0, 0.5, np.nan, 0.5, 1.0, 1.0
+    swept = np.array([3.0, 3.0, 3.0, np.nan, 3.0, 3.0], np.float32)
+    surely = np.array([1.0, 1.0, 1.0, np.nan, 3.0, 3.0], np.float32)
+    lower(swept, surely, shapes, np.array([0, 1, 2, 3]))
+    np.testing.assert_array_equal(swept, [1.0, 3.0, np.nan, np.nan, 3.0, 3.0])
+    np.testing.assert_array_equal(surely, [1.0, 0.5, np.nan, np.nan, 3.0, 3.0])
