@@ -133,6 +133,9 @@ class ControlLoop:
         decision = self._pass_the_gate(sensed, requested)
         self._act(decision)
         on_bus_ns = self._clock.now_ns()
+        # The targets are on their way: what is made of them has to keep none of them waiting.
+        self._judge(decision, requested, on_bus_ns)
+        self._finish(on_bus_ns)
         self.reasons.judge_tip(frame.t_ns, believed, self._followed, requested, decision)
         self._publish(sensed, believed, requested, decision)
         self._timekeeping.step_ended(frame.received_ns, on_bus_ns, self._clock.now_ns())
@@ -326,11 +329,6 @@ class ControlLoop:
         asked = self._axis_targets.asked(sensed.targets + requested.delta_u)
         decision = self._gate.decide(asked, sensed.measured, now_ns, self._step_period.period_ns)
         self._axis_targets.keep_rest(asked, None if decision.refused else decision.step)
-        self.reasons.judge_gate(decision, requested, self._followed, now_ns)
-        if decision.risk is not None and decision.refused != RISK_UNAVAILABLE:
-            self._avoidance.take_judgement(decision.risk, self._threshold, RISK in decision.limits)
-        if self._way_counting is not None and decision.step is not None and not decision.refused:
-            count_way(self._way_counting, now_ns)
         return decision
 
     def _act(self, decision: Decision | None) -> None:
@@ -339,9 +337,6 @@ class ControlLoop:
         self._look_round = self._looks_round
         if decision is not None and decision.step is not None:
             self._send(decision.step)
-        reference, running = self.reference, self._supervisor.running
-        if running and reference is not None and reference.finished:
-            self._supervisor.request(Request.FINISHED, self._clock.now_ns())
 
     def _send(self, step: PermittedStep) -> None:
         """To all buses or to none."""
@@ -353,6 +348,24 @@ class ControlLoop:
                 bus.write(step)
         else:
             self._gate.take_back(step)  # its targets would be a jump: the one before ends by itself
+
+    def _judge(
+        self, decision: Decision | None, requested: RequestedStep | None, now_ns: int
+    ) -> None:
+        """What the gate has made of what was asked for."""
+        if decision is None or requested is None:
+            return
+        self.reasons.judge_gate(decision, requested, self._followed, now_ns)
+        if decision.risk is not None and decision.refused != RISK_UNAVAILABLE:
+            self._avoidance.take_judgement(decision.risk, self._threshold, RISK in decision.limits)
+        if self._way_counting is not None and decision.step is not None and not decision.refused:
+            count_way(self._way_counting, now_ns)
+
+    def _finish(self, now_ns: int) -> None:
+        """Where the reference has come to its end."""
+        reference, running = self.reference, self._supervisor.running
+        if running and reference is not None and reference.finished:
+            self._supervisor.request(Request.FINISHED, now_ns)
 
     def _clearance_now(self) -> Clearance | None:
         """How near the body will be to something where it is told to go."""

@@ -100,7 +100,7 @@ def _once_round(triangles: int, parts: int, watched_s: float) -> Figures:
         steps = _Stopwatch(ControlLoop.step, beside_fixed_work=True)
         spare = _Stopwatch(ControlLoop.use_spare_time)
         patched.enter_context(patch.object(ControlLoop, "step", steps.timed()))
-        patched.enter_context(patch.object(ControlLoop, "_publish", steps.noted(_TELLS)))
+        patched.enter_context(patch.object(ControlLoop, "_judge", steps.noted(_JUDGES)))
         patched.enter_context(patch.object(ControlLoop, "use_spare_time", spare.timed()))
 
         async def scene(rig: Rig) -> None:
@@ -133,8 +133,8 @@ def _once_round(triangles: int, parts: int, watched_s: float) -> Figures:
     }
 
 
-_TELLS: Final = ControlLoop._publish
-"""What a step ends with, when its targets are sent."""
+_JUDGES: Final = ControlLoop._judge
+"""What a step goes on with, when its targets are sent."""
 
 
 class _Stopwatch:
