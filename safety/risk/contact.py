@@ -263,7 +263,10 @@ class ContactModel:
             sweep(surroundings, skin, start.shapes, end.shapes, swept, surely)
             self._pass_moving(start, end.shapes, end.moving, surely)
             return
-        changed, arriving = self._changed[:count], Shapes(*[one[:count] for one in self._arriving])
+        changed, arriving = (
+            self._changed[:count],
+            Shapes._make([one[:count] for one in self._arriving]),
+        )
         component, normal = start.component[changed], self._normal[changed]
         self._place(end.mixture, component, normal, arriving.positions)
         there = self._look(arriving)

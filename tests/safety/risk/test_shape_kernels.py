@@ -131,7 +131,7 @@ def test_a_shape_is_placed_where_its_draw_has_it_whoever_is_beside_it(
 
 
 def copied(shapes: Shapes) -> Shapes:
-    return Shapes(*[part.copy() for part in shapes])
+    return Shapes._make([part.copy() for part in shapes])
 
 
 def test_draws_that_fall_to_another_component_are_found_in_their_order() -> None:
