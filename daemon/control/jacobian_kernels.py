@@ -389,6 +389,20 @@ def axis_step(
 
 
 @_kernel
+def kept_within(
+    step: FloatArray, lowest: FloatArray, highest: FloatArray, fastest: FloatArray
+) -> FloatArray:
+    """(m,) a step that goes no further than (m,) bounds, and with no axis further than (m,)
+    `fastest`; of no number, no number."""
+    out = step.copy()
+    for k in range(step.shape[0]):
+        if not np.isnan(step[k]):
+            out[k] = min(max(step[k], lowest[k]), highest[k])
+            out[k] = min(max(out[k], -fastest[k]), fastest[k])
+    return out
+
+
+@_kernel
 def condition(jacobian: FloatArray, rank: int) -> float:
     """Largest singular value by that of number `rank`; infinite, or no number, where that is 0."""
     rows = jacobian.shape[0]

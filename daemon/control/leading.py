@@ -22,7 +22,7 @@ import numpy as np
 
 from daemon.control.controller import Observation, Phase
 from daemon.control.lag import answer as answers
-from daemon.control.lag import body_lag
+from daemon.control.lag import body_lag, hysteresis, play
 from daemon.control.lag import lag_kernels as kernels
 from daemon.control.lag.answer import ON_A_PATH_S, ON_THE_WAY_BACK_S, Answer
 from daemon.control.lag.body_lag import DEAD_SHARES, BodyLag, Underway, parts
@@ -389,4 +389,6 @@ def warm_up() -> None:
     """Compile the kernels, or load them from numba's cache: a second once, then hundredths."""
     body_lag.warm_up()
     answers.warm_up()
+    play.warm_up()
+    hysteresis.warm_up()
     kernels.to_tell(_ONE, np.ones(3), _ONE, np.ones(3))

@@ -334,8 +334,7 @@ class TipFollower:
             step = hysteresis.with_what_is_lost(needed @ step)
         if keeping is not None:
             step = keeping.evened(step)
-        fastest = self.axes.max_velocity * dt_s
-        step = np.clip(np.clip(step, lowest, highest), -fastest, fastest)
+        step = kernels.kept_within(step, lowest, highest, self.axes.max_velocity * dt_s)
         kept = self.coupled_kept(step, jacobian, observation)
         if kept is not step:
             made = made + jacobian @ (kept - step)
@@ -416,6 +415,7 @@ def warm_up() -> None:
     bounds = kernels.StepBounds(axes, axes, axes)
     kernels.axis_step(jacobian, axes, bounds, ones, ones, 1.0, 1.0, True)
     kernels.least_hurried_step(jacobian, axes, bounds, ones, 1.0)
+    kernels.kept_within(axes, axes, axes, ones)
     kernels.condition(jacobian, len(jacobian))
     kernels.corrected(jacobian, jacobian, axes, axes, 1.0, 1.0, 1.0, 1.0)
     bounded_step(jacobian, axes, axes, axes, axes, 1.0)

@@ -20,6 +20,7 @@ from typing import Final
 
 import numpy as np
 
+from daemon.control.lag import lag_kernels as kernels
 from daemon.control.lag.body_lag import BodyLag, Underway
 from daemon.control.lag.play import Play, SmallMotion
 from daemon.learning.forward.stop_operators import HeldBack, StopOperators, stretched
@@ -39,6 +40,7 @@ class Hysteresis:
     def __init__(self, held_back: HeldBack) -> None:
         """held_back: as pre-training told it; if it did not, only play is looked for."""
         self._lowest, self._travel = held_back.lowest, held_back.travel
+        self._ratios = np.divide.outer(self._travel, self._travel)
         self._estimate = None if held_back.share is None else _Estimate(held_back.share)
         self._stops = StopOperators(_SHARES)
         self._play = Play(self._travel)
@@ -67,7 +69,7 @@ class Hysteresis:
         low, between = _place(self.share)
         matrices = [self._stops.needed(self._forth, number) for number in (low, low + 1)]
         needed = matrices[0] + between * (matrices[1] - matrices[0])
-        return np.asarray(needed * np.divide.outer(self._travel, self._travel))
+        return np.asarray(needed * self._ratios)
 
     def free(self, u: Vector) -> Vector:
         """(m,) where the axes of a body that holds nothing back would be with its tip as with these
@@ -90,9 +92,7 @@ class Hysteresis:
             self._moved[:] = moved
             return
         stretch = stretched(moved / self._travel)
-        share = 1.0 - exp(-dt_s / _TURNS_S)
-        told = np.abs(stretch) > _MOVES
-        self._forth = self._forth + share * told * ((stretch > 0.0) - self._forth)
+        self._forth = kernels.turned(self._forth, stretch, 1.0 - exp(-dt_s / _TURNS_S), _MOVES)
         free = self._stops.follow((targets - self._lowest) / self._travel) * self._travel
         free = free + self._lowest
         self._moved = np.zeros_like(free) if self._free is None else free - self._free
@@ -239,3 +239,10 @@ def _unexplained(sums: Vector, gain_mm2: float) -> Vector:
     """(k,) mm² of motion that each share leaves, with its best gains."""
     xx, xz, zz = sums
     return np.asarray((zz - xz**2 / (xx + gain_mm2)).sum(axis=1))
+
+
+def warm_up() -> None:
+    """Compile the kernels, or load them from numba's cache: a second once, then hundredths."""
+    hysteresis = Hysteresis(HeldBack(0.5, np.zeros(3), np.ones(3)))
+    for place in (0.1, 0.2):
+        hysteresis.follow(np.full(3, place), 1.0)

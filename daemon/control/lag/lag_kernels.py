@@ -1,5 +1,5 @@
-"""What has arrived of a told motion by many delays at once, and what small matrices tell of how a
-tip answers, compiled: numpy's own overhead would be most of it.
+"""What has arrived of a told motion by many delays at once, and what small matrices and plays
+tell of how a tip answers, compiled: numpy's own overhead would be most of it.
 
 Every function that is cached on disk stands in this one file: numba notices a change only in the
 file of the cached function itself.
@@ -145,6 +145,43 @@ def to_tell(
     """(3,) motion to be told for (3,) `wanted`, of a tip that goes on as (3, 3) `answer` has it, by
     (3,) `times` along each axis of space, and with a load by (3, 3) `loaded`."""
     return _solved(np.dot(answer * times, loaded), wanted)
+
+
+@_kernel
+def within_play(
+    within: FloatArray, moved: FloatArray, reach: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """(m,) how far axes are ahead of what they move that were so, (m,) `within`, and go (m,)
+    `moved` further, in plays of (m,) `reach`; and how much farther they are than they were."""
+    now, farther = np.empty_like(within), np.empty_like(within)
+    for j in range(within.shape[0]):
+        now[j] = min(max(within[j] + moved[j], -reach[j]), reach[j])
+        farther[j] = now[j] - within[j]
+    return now, farther
+
+
+@_kernel
+def with_play(
+    step: FloatArray, within: FloatArray, reach: FloatArray, taken_up: float
+) -> FloatArray:
+    """(m,) a step, and what of it is lost in plays of (m,) `reach` for axes that are (m,) `within`
+    them: no more at once than `taken_up` times the step."""
+    out = np.empty_like(step)
+    for j in range(step.shape[0]):
+        left = reach[j] - within[j] if step[j] > 0.0 else reach[j] + within[j]
+        out[j] = step[j] + np.sign(step[j]) * min(left, taken_up * abs(step[j]))
+    return out
+
+
+@_kernel
+def turned(forth: FloatArray, stretch: FloatArray, share: float, least: float) -> FloatArray:
+    """(m,) how surely axes go up, 0 to 1, that were told (m,) `stretch`: a share nearer to 1, or to
+    0 where it leads down. Less than `least` is none."""
+    out = forth.copy()
+    for j in range(forth.shape[0]):
+        if abs(stretch[j]) > least:
+            out[j] += share * ((1.0 if stretch[j] > 0.0 else 0.0) - forth[j])
+    return out
 
 
 @_kernel

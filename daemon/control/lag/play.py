@@ -23,6 +23,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from daemon.control.lag import lag_kernels as kernels
 from daemon.control.lag.body_lag import DEAD_SHARES, BodyLag, Underway
 from drivers.pose import Vector
 
@@ -77,10 +78,10 @@ class Play:
 
     def follow(self, moved: Vector) -> None:
         """The axes were told to go (m,) further."""
-        now = _stopped(self._within + moved, self.share * self._travel)
-        self._moved_within, self._within = now - self._within, now
-        now = _stopped(self._compared + moved, _LOOKED_FOR * self._travel)
-        self._compared_moved, self._compared = now - self._compared, now
+        play, looked_for = self.share * self._travel, _LOOKED_FOR * self._travel
+        self._within, self._moved_within = kernels.within_play(self._within, moved, play)
+        compared = kernels.within_play(self._compared, moved, looked_for)
+        self._compared, self._compared_moved = compared
 
     def lost_mm(self, jacobian: Vector) -> Vector:
         """(3,) of the last step that is not of the tip. jacobian: (3, m)."""
@@ -88,9 +89,7 @@ class Play:
 
     def with_what_is_lost(self, step: Vector) -> Vector:
         """(m,) to ask of the axes where what they move shall go (m,) further."""
-        reach = self.share * self._travel
-        left = np.where(step > 0.0, reach - self._within, reach + self._within)
-        return np.asarray(step + np.sign(step) * np.minimum(left, _TAKEN_UP * np.abs(step)))
+        return kernels.with_play(step, self._within, self.share * self._travel, _TAKEN_UP)
 
     def within_mm(self, jacobian: Vector) -> Vector:
         """(3,) of the last step that is within the play that is looked for. jacobian: (3, m)."""
@@ -106,10 +105,6 @@ class Play:
         without = _lag_without(motions, self.share / _LOOKED_FOR)
         if without is not None:
             lag.lag_s, lag.dead_share = min(lag.lag_s, without.lag_s), without.dead_share
-
-
-def _stopped(place: Vector, reach: Vector) -> Vector:
-    return np.asarray(np.minimum(np.maximum(place, -reach), reach))
 
 
 def _found(told: Sequence[SmallMotion], lag: BodyLag) -> float | None:
@@ -156,3 +151,10 @@ def _arrived(told: Sequence[SmallMotion], moved_mm: Sequence[Vector], lag: BodyL
         underway.tell(one.t_s, one.dt_s, moved, lag.lag_s, lag.dead_share)
         arrived.append(underway.told_mm - underway.left_mm)
     return np.array(arrived)
+
+
+def warm_up() -> None:
+    """Compile the kernels, or load them from numba's cache: a second once, then hundredths."""
+    play = Play(np.ones(3))
+    play.follow(np.ones(3))
+    play.with_what_is_lost(np.ones(3))

@@ -86,7 +86,8 @@ class StopOperators:
 
 def stretched(moved: Vector) -> Vector:
     """(m,) what the stops follow of a motion (m,)."""
-    return np.asarray((1.0 - _TOGETHER) * moved + _TOGETHER * moved.mean())
+    mean = np.add.reduce(moved) / len(moved)  # `mean` takes five times as long
+    return np.asarray((1.0 - _TOGETHER) * moved + _TOGETHER * mean)
 
 
 def free_places(u: Vector, share: float) -> Vector:

@@ -56,3 +56,21 @@ def test_gains_are_those_of_the_delay_that_is_nearest_to_the_lag() -> None:
     sums = np.stack([told, told * np.array([[0.5], [1.5], [2.0]])])
     gains = kernels.gains(np.array([0.0, 0.1, 0.2]), 0.12, sums, 1.0, 0.0)
     np.testing.assert_allclose(gains, 1.5, rtol=1e-4)
+
+
+def test_play_is_gone_through_before_an_axis_moves_anything() -> None:
+    within, reach = np.array([0.0, 0.5, -1.0]), np.ones(3)
+    now, farther = kernels.within_play(within, np.array([0.3, 2.0, -0.1]), reach)
+    np.testing.assert_allclose(now, [0.3, 1.0, -1.0])
+    np.testing.assert_allclose(farther, [0.3, 0.5, 0.0])
+
+
+def test_a_step_is_longer_by_what_play_takes_of_it() -> None:
+    step, within = np.array([1.0, -1.0, 0.1, 0.0]), np.array([0.5, 0.5, -1.0, 0.0])
+    longer = kernels.with_play(step, within, np.ones(4), 3.0)
+    np.testing.assert_allclose(longer, [1.5, -2.5, 0.4, 0.0])
+
+
+def test_an_axis_that_hardly_moves_has_not_turned() -> None:
+    forth = kernels.turned(np.full(3, 0.5), np.array([1.0, -1.0, 1e-9]), 0.2, 1e-6)
+    np.testing.assert_allclose(forth, [0.6, 0.4, 0.5])
