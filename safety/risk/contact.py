@@ -263,10 +263,8 @@ class ContactModel:
             sweep(surroundings, skin, start.shapes, end.shapes, swept, surely)
             self._pass_moving(start, end.shapes, end.moving, surely)
             return
-        changed, arriving = (
-            self._changed[:count],
-            Shapes._make([one[:count] for one in self._arriving]),
-        )
+        changed = self._changed[:count]
+        arriving = Shapes._make([one[:count] for one in self._arriving])
         component, normal = start.component[changed], self._normal[changed]
         self._place(end.mixture, component, normal, arriving.positions)
         there = self._look(arriving)
