@@ -73,7 +73,7 @@ class BroydenController:
         """Frames of the first motions that have not told yet how late the body is."""
         self._first_lag = BodyLag()
         self._first = np.zeros((POSITION, len(self._scale)))
-        """(3, m) Jacobian that the first motions have shown."""
+        """(3, m) Jacobian that the first motions have shown; (6, m) with directions."""
         self._last_seen_s = 0.0
         self._points = False
         """Whether the reference has ever said where to point: a hand does so when it likes."""
@@ -151,14 +151,12 @@ class BroydenController:
         Tendons would strain each other, or go slack."""
         before, axes = self._options.explore_share, self._follower.axes
         explained = motions.share_explained()
-        if explained >= _WELL_SEEN or self._widened or axes.opposed:
+        if explained >= _WELL_SEEN or self._widened or before >= _WIDEST or axes.opposed:
             return False
         times = sqrt(_WELL_SEEN / (1.0 - _WELL_SEEN) * (1.0 - explained) / max(explained, 0.01))
-        wider = min(times * before, _WIDEST)
+        options = self._options.model_copy(update={"explore_share": min(times * before, _WIDEST)})
         self._widened = True
-        self._motions = FirstMotions(self._scale, 0.0)
-        options = self._options.model_copy(update={"explore_share": max(wider, before)})
-        self._excursions = Excursions(options, axes)
+        self._motions, self._excursions = FirstMotions(self._scale, 0.0), Excursions(options, axes)
         return True
 
     def propose(self, observation: Observation) -> Proposal:
@@ -252,10 +250,9 @@ class BroydenController:
     def _begin_to_point(self) -> None:
         """First motions showed what turns the tip, too, if they are over."""
         self._points = True
-        estimate, excursions = self._estimate, self._excursions
-        if estimate is None or len(estimate.jacobian) == POSE or not excursions.done:
+        estimate, rows = self._estimate, self._first[POSITION:]
+        if estimate is None or len(estimate.jacobian) == POSE:
             return
-        rows = excursions.jacobian[POSITION:]
         if len(rows):
             first = np.concatenate([estimate.jacobian, rows])
             self._begin(first, np.eye(len(self._scale)) * FIRST_STD_MM**2)

@@ -19,8 +19,8 @@ from tests import SHIPPED_ROBOTS
 from tests.experiments.led_bodies import LASTS_S, came_of, carry_out_all
 from tests.experiments.led_paths import SOFT_ARM, path_of, scaled
 
-_SHIPPED_MM: Final = 155.0
-_BENDING_N_MM2, _AXIAL_N, _MASS_G = 8.0e3, 130.0, 41.7
+SHIPPED_MM: Final = 155.0
+BENDING_N_MM2, _AXIAL_N, _MASS_G = 8.0e3, 130.0, 41.7
 """Of the shipped arm."""
 _RISES: Final = 0.19
 """Of its length, the shipped arm with all axes in the middle of their travel."""
@@ -67,8 +67,8 @@ def robot_of(random: np.random.Generator) -> dict[str, Any]:
     robot["workspace"] = {"x_mm": beside, "y_mm": beside, "z_mm": height}
     robot["emulation"]["plant"] |= {
         "segments": segments,
-        "mass_g": _MASS_G * length_mm / _SHIPPED_MM,
-        "bending_stiffness_n_mm2": _BENDING_N_MM2 * stiffer,
+        "mass_g": _MASS_G * length_mm / SHIPPED_MM,
+        "bending_stiffness_n_mm2": BENDING_N_MM2 * stiffer,
         "axial_stiffness_n": _AXIAL_N * stiffer * float(uniform(0.75, 1.3)),
         "hysteresis": float(uniform(0.05, 0.3)),
         "creep": float(uniform(0.0, 0.2)),
@@ -85,7 +85,7 @@ def case_of(number: int) -> tuple[dict[str, Any], dict[str, Any]]:
     robot = robot_of(random)
     plant = robot["emulation"]["plant"]
     length_mm = sum(one["length_mm"] for one in plant["segments"])
-    softer = _BENDING_N_MM2 / plant["bending_stiffness_n_mm2"]
+    softer = BENDING_N_MM2 / plant["bending_stiffness_n_mm2"]
     size = _OF_LENGTH * length_mm * min(1.0, softer) / _LARGEST_MM
     path, round_mm = path_of(random)
     rises = _RISES * _AXIAL_N / plant["axial_stiffness_n"]

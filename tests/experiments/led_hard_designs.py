@@ -14,8 +14,6 @@ import numpy as np
 from tests.experiments import led_designs
 from tests.experiments.led_bodies import carry_out_all
 
-_SHIPPED_N_MM2, _SHIPPED_MM = 8.0e3, 155.0
-"""Bending stiffness and length of the shipped arm."""
 _LOAD_G: Final = 30.0
 _MOST_TIMES: Final = 1.5
 """So much of that load an arm carries at most, however stiff and short it is."""
@@ -37,8 +35,8 @@ def case_of(number: int) -> tuple[dict[str, Any], dict[str, Any]]:
         "backlash_mm": float(uniform(0.0, 0.15)),
     }
     length_mm = sum(one["length_mm"] for one in plant["segments"])
-    stiffer = plant["bending_stiffness_n_mm2"] / _SHIPPED_N_MM2
-    most_g = _LOAD_G * min(_MOST_TIMES, stiffer * (_SHIPPED_MM / length_mm) ** 2)
+    stiffer = plant["bending_stiffness_n_mm2"] / led_designs.BENDING_N_MM2
+    most_g = _LOAD_G * min(_MOST_TIMES, stiffer * (led_designs.SHIPPED_MM / length_mm) ** 2)
     before_g, after_g = (most_g * random.choice([0.0, 0.5, 1.0], 2)).tolist()
     return robot, case | {
         "plant": hard,

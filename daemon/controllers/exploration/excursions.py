@@ -82,8 +82,7 @@ class Excursions:
     @property
     def jacobian(self) -> Vector:
         """(3, m) mm per whole range of each axis, once `done`; (6, m) with directions."""
-        moved = np.array(self._made) / self._axes.scale
-        return np.asarray(_fitted(moved, np.array(self._effects)).T)
+        return self._jacobian_of(self._effects)
 
     def jacobian_of_late(self, shown: Vector) -> Vector:
         """The same of a body that is late. shown: (n, m) axes of `all_frames` as their tips show
@@ -94,6 +93,9 @@ class Excursions:
                 frames = zip(self.all_frames[rows], shown[rows], strict=True)
                 as_shown = [(t_s, u, seen) for (t_s, _, seen), u in frames]
                 effects[k] = _effect(as_shown, self._homes[k], self._made[k])
+        return self._jacobian_of(effects)
+
+    def _jacobian_of(self, effects: list[Vector]) -> Vector:
         moved = np.array(self._made) / self._axes.scale
         return np.asarray(_fitted(moved, np.array(effects)).T)
 

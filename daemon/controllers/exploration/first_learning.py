@@ -164,10 +164,10 @@ class FirstLearning:
         if self._looked_early or not enough or babbling.share_done < _FEW_AFTER:
             return
         self._looked_early = True
-        given = len(self.samples) - self._samples_before
-        few = given < _FEW_AFTER * self._needed
         if motions is None:
             return
+        given = len(self.samples) - self._samples_before
+        few = given < _FEW_AFTER * self._needed
         explained = motions.share_explained()
         if explained > _VISIBLY and (few or explained < _WELL_SEEN) and self._wider():
             self.go_on()

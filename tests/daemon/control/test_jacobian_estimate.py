@@ -1,9 +1,12 @@
-"""How far what the last motions told of a model's errors is believed while the body is led."""
+"""How far what the last motions told of a model's errors is believed while the body is led, and
+what they make of a Jacobian without a model."""
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from daemon.control.jacobian_estimate import JacobianCorrection
+from daemon.control.jacobian_estimate import JacobianCorrection, JacobianEstimate
 from drivers.pose import Vector
 
 AXES = 6
@@ -126,3 +129,62 @@ def test_a_tip_that_is_held_fast_does_not_contradict_it() -> None:
     held = seen_to_answer(0.02 * np.eye(3), noise_mm=0.05)
     assert held.foretold[2] > held.went_mm2, "the model says much that does not come"
     assert not held.contradicted
+
+
+def test_without_noise_and_memory_a_correction_is_broydens_own() -> None:
+    generator = np.random.default_rng(3)
+    jacobian, moved = generator.normal(size=(3, 6)), 0.01 * generator.normal(size=6)
+    tip_moved = jacobian @ moved + 0.01 * generator.normal(size=3)
+    estimate = JacobianEstimate(jacobian, 1e8 * np.eye(6), noise_mm=1e-9, drift_mm=1e-9)
+    estimate.correct(moved, tip_moved)
+    missing = tip_moved - jacobian @ moved
+    expected = jacobian + np.outer(missing, moved) / (moved @ moved)
+    np.testing.assert_allclose(estimate.jacobian, expected, rtol=1e-3, atol=1e-4)
+    np.testing.assert_allclose(estimate.jacobian @ moved, tip_moved, rtol=1e-3)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10**6), axes=st.integers(3, 8))
+def test_a_correction_goes_where_the_jacobian_is_uncertain(seed: int, axes: int) -> None:
+    """J + (d - J x) x'P / (x'P x + r), with a P that has grown by the distance moved."""
+    generator = np.random.default_rng(seed)
+    jacobian, spread = generator.normal(size=(3, axes)), generator.normal(size=(axes, axes))
+    before = spread @ spread.T
+    moved, tip_moved = 0.1 * generator.normal(size=axes), 0.1 * generator.normal(size=3)
+    estimate = JacobianEstimate(jacobian, before, noise_mm=0.3, drift_mm=2.0)
+    estimate.correct(moved, tip_moved)
+    grown = before + 2.0**2 * np.linalg.norm(moved) * np.eye(axes)
+    noise = 0.3**2 + 0.1**2 * tip_moved @ tip_moved
+    gain = grown @ moved / (moved @ grown @ moved + noise)
+    expected = jacobian + np.outer(tip_moved - jacobian @ moved, gain)
+    np.testing.assert_allclose(estimate.jacobian, expected, rtol=1e-9, atol=1e-9)
+    shrunk = grown - np.outer(gain, grown @ moved)
+    np.testing.assert_allclose(estimate.covariance, shrunk, rtol=1e-9, atol=1e-9)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_a_change_after_which_the_tip_could_hardly_move_one_way_is_dropped(seed: int) -> None:
+    jacobian = np.random.default_rng(seed).normal(size=(3, 6))
+    hardest = np.linalg.svd(jacobian)[2][2]
+    estimate = JacobianEstimate(jacobian, 1e8 * np.eye(6), noise_mm=1e-3, drift_mm=1e-9)
+    estimate.correct(0.1 * hardest, np.zeros(3))
+    np.testing.assert_array_equal(estimate.jacobian, jacobian)
+    np.testing.assert_array_equal(estimate.covariance, 1e8 * np.eye(6))
+    estimate.correct(0.1 * hardest, 0.05 * jacobian @ hardest)
+    assert not np.array_equal(estimate.jacobian, jacobian)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10**6), axes=st.integers(3, 8))
+def test_the_estimate_stays_finite_and_its_covariance_one(seed: int, axes: int) -> None:
+    generator = np.random.default_rng(seed)
+    estimate = JacobianEstimate(
+        100.0 * generator.normal(size=(3, axes)), 400.0 * np.eye(axes), 0.3, 25.0
+    )
+    for _ in range(50):
+        size = 10.0 ** generator.uniform(-3, 0)
+        estimate.correct(size * generator.normal(size=axes), 5.0 * generator.normal(size=3))
+        assert np.isfinite(estimate.jacobian).all()
+        assert np.linalg.cond(estimate.jacobian) < 1e3
+        assert np.linalg.eigvalsh(estimate.covariance).min() > -1e-6
