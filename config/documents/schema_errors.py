@@ -16,22 +16,23 @@ def schema_problems(
     document: YamlDocument,
     model: type[BaseModel],
     error: ValidationError,
-    *below: str,
+    *below: str | int,
     most: int | None = None,
 ) -> list[Problem]:
     """Every violation in `error` as a problem in `document`, or the first `most`.
 
-    below: keys to what the model is of; none: it is of all of the document.
+    below: keys, and places in lists, to what the model is of; none: it is of all of the document.
     """
     schema: dict[str, Any] = model.model_json_schema()
     for key in reversed(below):
-        schema = {"properties": {key: schema}, "$defs": schema.get("$defs", {})}
+        inside = {"items": schema} if isinstance(key, int) else {"properties": {key: schema}}
+        schema = {**inside, "$defs": schema.get("$defs", {})}
     found = error.errors(include_url=False)[:most]
     return [_problem(document, schema, details, below) for details in found]
 
 
 def _problem(
-    document: YamlDocument, schema: JsonSchema, details: ErrorDetails, below: tuple[str, ...]
+    document: YamlDocument, schema: JsonSchema, details: ErrorDetails, below: Location
 ) -> Problem:
     location, at_key = location_in_file(document.value, (*below, *details["loc"]))
     kind, value = details["type"], details["input"]

@@ -76,6 +76,8 @@ class Variant(ConfigModel):
     have in common is kept."""
     pretraining: Pretraining | None = None
     """What is set on top of the experiment's own pre-training."""
+    plant: dict[str, Any] = Field(default_factory=dict)
+    """What is set on top of the experiment's own `plant`: this column is of another body."""
     tune: Annotated[dict[str, Range], Field(max_length=4)] = Field(default_factory=dict)
     """Options that `tentacled tune` seeks, and within which range."""
 

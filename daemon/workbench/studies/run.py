@@ -20,7 +20,7 @@ from daemon.host.processes import Share
 from daemon.learning.forward.forward_fit import ForwardFit
 from daemon.recording.result import Result
 from daemon.recording.run_folder import formatted_json
-from daemon.workbench.experiments.experiment_file import ExperimentFile, known_plant
+from daemon.workbench.experiments.experiment_file import ExperimentFile, changed, known_plant
 from daemon.workbench.experiments.measures import Measures
 from daemon.workbench.experiments.named_files import experiment_contents, robot_contents
 from daemon.workbench.studies.study_file import StudyFile, merged
@@ -136,6 +136,8 @@ def _asked(file: ExperimentFile) -> ControllerOptions:
 def _prepared(study: StudyFile, name: str, variant: Variant, plant: int) -> ExperimentFile:
     """The experiment with this controller, on this body."""
     file, body_error_mm = study.experiments[name], study.study.body_error_mm
+    if variant.plant:
+        file = changed(file, {"plant": {**file.experiment.plant, **variant.plant}})
     controller = merged(file.experiment.controller, variant.controller)
     gain_per_s = getattr(controller, "gain_per_s", None)
     if name in study.cells and gain_per_s is not None:

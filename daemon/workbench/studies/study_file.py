@@ -17,12 +17,13 @@ from config.tasks.controllers import (
     controller_type,
     load_controller_options,
 )
-from config.tasks.study import Study, StudyRow
+from config.tasks.study import Study, StudyRow, Variant
 from config.tasks.study_matrix import Tuned
 from daemon.workbench.experiments.experiment_file import (
     ExperimentFile,
     load_experiment,
     on_body,
+    other_plant,
 )
 from daemon.workbench.studies.study_matrix import Cell, expanded
 
@@ -160,4 +161,20 @@ def _unfit_variants(
                 where = ("variants", number, "controller")
                 problems.append(document.problem(where, f"with {name}: {error}"))
                 break
+            if wrong := _unfit_plant(document, file, number, variant):
+                problems += wrong
+                break
     return problems
+
+
+def _unfit_plant(
+    document: YamlDocument, file: ExperimentFile, number: int, variant: Variant
+) -> list[Problem]:
+    where, emulation = ("variants", number, "plant"), file.robot.emulation
+    if not variant.plant or emulation is None:
+        return []
+    try:
+        other_plant(emulation.plant, variant.plant)
+    except ValidationError as error:
+        return schema_problems(document, type(emulation.plant), error, *where)
+    return []

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from config.documents.problems import ConfigError
+from config.emulation.plants import SoftArmPlant
 from config.tasks.controllers import ConstantCurvature
 from config.tasks.experiment import Pretraining
 from daemon.recording import run_folder
@@ -132,6 +133,31 @@ def test_what_a_variant_does_not_say_of_pretraining_is_the_experiments(tmp_path:
     pretraining = run.file.experiment.pretraining
     assert pretraining is not None
     assert (pretraining.waypoints, pretraining.fields, pretraining.seed) == (80, 7, 5)
+
+
+ON_ANOTHER_BODY = """
+  - variant: worn
+    label: on a worn body
+    plant: {body: worn, creep: 0.2}
+"""
+
+
+@pytest.mark.parametrize("plants", [0, 1])
+def test_a_variant_may_be_of_another_body(tmp_path: Path, plants: int) -> None:
+    study = load_study(write_study(tmp_path, STUDY + ON_ANOTHER_BODY))
+    worn, own = (plan(study, 1, plants, ["calm", one])[0] for one in ("worn", "broyden"))
+    for run, creep in ((worn, 0.2), (own, 0.05)):
+        emulation = run.file.robot.emulation
+        assert emulation is not None and isinstance(emulation.plant, SoftArmPlant)
+        assert emulation.plant.creep == pytest.approx(creep, rel=0.3)
+        assert (emulation.plant.backlash_mm > 0.0) is (run is worn)
+    assert worn.fingerprint != own.fingerprint
+
+
+def test_a_variant_of_a_body_that_cannot_be_is_told_with_its_line(tmp_path: Path) -> None:
+    path = write_study(tmp_path, STUDY + ON_ANOTHER_BODY.replace("creep: 0.2", "creeep: 0.2"))
+    with pytest.raises(ConfigError, match=r"study\.yaml:\d+:\d+: .*did you mean 'creep'"):
+        load_study(path)
 
 
 def test_a_dither_needs_lines_to_waypoints(tmp_path: Path) -> None:
