@@ -107,6 +107,9 @@ class Experiment(ConfigModel):
     plant: dict[str, Any] = Field(default_factory=dict)
     """Overrides of the robot file's `emulation.plant`: another body, the same robot. `body: worn`
     takes a named one, and whatever stands beside it comes on top."""
+    tracking_error_mm: Positive | None = None
+    """How far the tip may stay from its reference before it is held, for who is to be seen going
+    on beyond what the robot file allows. None: as that says."""
     risk: bool = True
     """Whether the gate asks for the risk that the robot file names."""
     blend_speed_mm_s: Positive = 5.0

@@ -100,6 +100,10 @@ def _of_robot(
     assert file.robot.emulation is not None
     overridden = _overridden(document, file.robot.emulation, experiment)
     robot = file.robot.model_copy(update={"emulation": overridden})
+    if experiment.tracking_error_mm is not None:
+        allowed = {"tracking_error_mm": experiment.tracking_error_mm}
+        supervision = robot.supervision.model_copy(update=allowed)
+        robot = robot.model_copy(update={"supervision": supervision})
     problems = _why_not_carried_out(document, experiment, robot, path.parent)
     if problems:
         raise ConfigError(problems)

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from config.documents.problems import ConfigError
+from daemon.supervision.tracking_error import TrackingError
 from daemon.workbench.experiments.experiment_file import load_experiment
 
 EXPERIMENT = """experiment: little
@@ -39,6 +40,15 @@ def test_a_sound_one_is_read(tmp_path: Path) -> None:
     path = tmp_path / "experiment.yaml"
     path.write_text(EXPERIMENT)
     assert load_experiment(path).robot.robot == "soft_arm"
+
+
+def test_a_tip_may_be_farther_off_than_the_robot_file_allows(tmp_path: Path) -> None:
+    """A controller is to be seen going on: the same monitor, with another limit."""
+    path = tmp_path / "experiment.yaml"
+    for text, allowed_mm in ((EXPERIMENT, 7.0), (f"{EXPERIMENT}tracking_error_mm: 13.0\n", 13.0)):
+        path.write_text(text)
+        found_mm = TrackingError.of(load_experiment(path).robot).allowed_mm
+        assert found_mm == pytest.approx(allowed_mm, abs=0.5)
 
 
 def test_what_is_faster_than_the_tip_may_go_is_told_with_its_line(tmp_path: Path) -> None:
