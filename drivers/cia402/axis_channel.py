@@ -5,7 +5,7 @@ from typing import Final, Protocol
 
 from config.axis import Axis
 from drivers.axis_scale import axis_scale, count_limits
-from drivers.cia402.modes import CYCLIC_MODES, MODES
+from drivers.cia402.objects import CYCLIC_MODES, MODES
 from drivers.cia402.pdo_plan import RPDO_LAYOUT, TPDO_LAYOUT, axis_pdos
 from drivers.cia402.power_state import (
     Control,

@@ -44,7 +44,6 @@ from drivers.cia402.conditions import (
     WRONG_DEVICE,
 )
 from drivers.cia402.configuration import Need, Setting, node_settings, sync_settings
-from drivers.cia402.modes import MODES
 from drivers.cia402.pdo_plan import PdoPlan, axis_pdos
 from drivers.conditions import Condition
 
@@ -207,7 +206,7 @@ class NodeSetUp:
         Raises SdoError."""
         refusals = []
         for axis in self._axes:
-            number = MODES[axis.drive.mode].number
+            number = objects.MODES[axis.drive.mode].number
             index = objects.of_axis(objects.MODE_DISPLAY, axis.drive.axis)
             try:
                 async with asyncio.timeout(_MODE_WITHIN_S):
@@ -257,7 +256,7 @@ class NodeSetUp:
     async def _check_modes(self) -> None:
         for axis in self._axes:
             index = objects.of_axis(objects.SUPPORTED_MODES, axis.drive.axis)
-            mode = MODES[axis.drive.mode]
+            mode = objects.MODES[axis.drive.mode]
             if self._dictionary.has(index):
                 listed = await self._number(index, missing=-1)
                 if not listed >> (mode.number - 1) & 1:

@@ -11,7 +11,6 @@ from config.bus import Bus
 from drivers.axis_scale import axis_scale, count_limits
 from drivers.canopen.codec import cob_ids
 from drivers.cia402 import objects
-from drivers.cia402.modes import MODES
 from safety.limits import HIGHEST_COUNT, LOWEST_COUNT
 
 
@@ -139,7 +138,7 @@ def _axis_settings(bus: Bus, axis: Axis) -> Iterator[Setting]:
     # other way. Before the limits, which are in counts that have their sign.
     yield setting(objects.POLARITY, _AS_THE_ENCODER, "direction of counting", Need.WHERE_PRESENT)
     yield from _limits(bus, axis, setting)
-    yield setting(objects.MODE, MODES[axis.drive.mode].number, "mode of operation")
+    yield setting(objects.MODE, objects.MODES[axis.drive.mode].number, "mode of operation")
 
 
 def _limits(bus: Bus, axis: Axis, setting: _MakeSetting) -> Iterator[Setting]:

@@ -11,7 +11,7 @@ from typing import Final
 from config.bus import Bus
 from drivers.can.frame import worst_case_bits
 from drivers.cia402.axis_channel import AxisChannel
-from drivers.cia402.modes import CYCLIC_MODES
+from drivers.cia402.objects import CYCLIC_MODES
 from drivers.cia402.pdo_plan import RPDO_LAYOUT, TPDO_LAYOUT, sends_steps_at_once
 from safety.permit import PermittedStep
 

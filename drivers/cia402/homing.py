@@ -12,7 +12,6 @@ from drivers.canopen.object_dictionary import EdsError, ObjectDictionary
 from drivers.canopen.sdo_client import SdoClient, SdoError
 from drivers.cia402 import objects
 from drivers.cia402.axis_channel import AxisChannel
-from drivers.cia402.modes import HOMING_MODE, MODES
 from drivers.cia402.power_state import PowerGoal, PowerState, StatuswordBit
 from safety.permit import PermittedHoming
 
@@ -105,7 +104,7 @@ class HomingProcedure:
         await self._wait(lambda: not channel.state.energised)
         channel.homing = False
         try:
-            await self._change_mode(MODES[self._axis.drive.mode].number)
+            await self._change_mode(objects.MODES[self._axis.drive.mode].number)
         except (SdoError, TimeoutError) as error:
             raise ModeLeftError(f"{self._axis.name}: it stays in homing mode: {error}") from error
 
@@ -127,7 +126,7 @@ class HomingProcedure:
         if self._dictionary.has(acceleration):
             most = max(1, round(permitted.max_acceleration / unit))
             await self._write(objects.HOMING_ACCELERATION, 0, most)
-        await self._change_mode(HOMING_MODE)
+        await self._change_mode(objects.HOMING_MODE)
 
     async def _change_mode(self, number: int) -> None:
         """Change the mode and wait until the drive shows it."""

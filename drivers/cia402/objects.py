@@ -1,5 +1,7 @@
-"""Indices of the objects that the master reads and writes (CiA 301 and CiA 402)."""
+"""Indices of the objects that the master reads and writes (CiA 301 and CiA 402), and the modes of
+operation: their numbers, and what a drive in each is sent."""
 
+from dataclasses import dataclass
 from typing import Final
 
 # Of the node.
@@ -62,3 +64,34 @@ DEVICE_PROFILE_402: Final = 0x0192
 def of_axis(index: int, axis: int) -> int:
     """Where object `index` of axis 0 stands for `axis`."""
     return index + _AXIS_OFFSET * axis
+
+
+# Modes of operation.
+
+HOMING_MODE: Final = 6
+
+
+@dataclass(frozen=True)
+class OperationMode:
+    """One mode of operation."""
+
+    number: int
+    """0x6060."""
+    text: str
+    target: int
+    """The object that carries the target: position or velocity, both 32 bits signed."""
+
+    @property
+    def is_velocity(self) -> bool:
+        """Whether the target is a velocity."""
+        return self.target == TARGET_VELOCITY
+
+
+MODES: Final = {
+    "pp": OperationMode(1, "profile position", TARGET_POSITION),
+    "pv": OperationMode(3, "profile velocity", TARGET_VELOCITY),
+    "csp": OperationMode(8, "cyclic synchronous position", TARGET_POSITION),
+    "csv": OperationMode(9, "cyclic synchronous velocity", TARGET_VELOCITY),
+}
+CYCLIC_MODES: Final = ("csp", "csv")
+"""Drives in these follow a stream of targets, one for each SYNC."""

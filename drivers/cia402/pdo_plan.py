@@ -22,7 +22,6 @@ from drivers.canopen.codec.pdo import (
     MappingEntry,
 )
 from drivers.cia402 import objects
-from drivers.cia402.modes import MODES
 
 RPDO_LAYOUT: Final = Struct("<Hi")
 """Controlword, target."""
@@ -70,7 +69,7 @@ def axis_pdos(drive: Drive) -> AxisPdos:
             RPDO_COMMUNICATION + at,
             RPDO_MAPPING + at,
             cob_ids.rpdo(drive.node, number),
-            (entry(objects.CONTROLWORD, 16), entry(MODES[drive.mode].target, 32)),
+            (entry(objects.CONTROLWORD, 16), entry(objects.MODES[drive.mode].target, 32)),
             round(drive.goes_on_s * _MS),
         ),
         PdoPlan(
