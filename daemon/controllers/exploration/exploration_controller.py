@@ -2,7 +2,9 @@
 
 Many places may bring the tip out of its workspace. Where the tip comes near a wall all the same,
 the axes go back the way they came, until it is well inside, and from there on to another place. So
-they do where something stands in the way and a line comes to no end.
+they do where something stands in the way and a line comes to no end. A body with hysteresis goes
+back another way than its axes do: where that one leads to a wall as well, the axes go straight to
+where the first line began.
 """
 
 from abc import ABC, abstractmethod
@@ -78,6 +80,10 @@ class ExplorationController(ABC):
         self._start = self._goal = np.zeros(self._axes.count)
         self._trail: deque[Vector] = deque(maxlen=_TRAIL_STEPS)
         self._turning_back = False
+        self._came_back = self._goes_home = False
+        """While it turns back: whether the tip has left the wall behind, and met one again."""
+        self._first: Vector | None = None
+        """(m,) where the first line began."""
         self._left_s = 0.0
         """Until the line is given up."""
         self._asked = True
@@ -143,9 +149,7 @@ class ExplorationController(ABC):
             self._next_line(observation)
         if self.ready:
             return Proposal(np.zeros(self._axes.count))
-        if not self._turning_back and self._leaving(observation):
-            self._turning_back = True
-            self._left_s = self._longest_s()  # as much again, for the way back
+        self._look_for_walls(observation)
         if self._turning_back:
             return Proposal(self._step_back(observation), self.note, self._line)
         self._trail.append(observation.targets.copy())
@@ -165,8 +169,12 @@ class ExplorationController(ABC):
 
     def _next_line(self, observation: Observation) -> None:
         self._line += 1
-        self._turning_back = False
+        if self._goes_home:
+            self._trail.clear()
+        self._turning_back = self._came_back = self._goes_home = False
         self._start = observation.targets.copy()
+        if self._first is None:
+            self._first = self._start
         self._goal = self._draw()
         self._left_s = self._longest_s()
 
@@ -205,9 +213,21 @@ class ExplorationController(ABC):
         inside = len(self._trail) <= 1 or self._walls.well_inside(values, _WELL_INSIDE)
         return inside and not self._leaving(observation)
 
+    def _look_for_walls(self, observation: Observation) -> None:
+        leaving = self._leaving(observation)
+        if not self._turning_back and leaving:
+            self._turning_back = True
+            self._left_s = self._longest_s()  # as much again, for the way back
+        elif self._turning_back:
+            self._goes_home = self._goes_home or (self._came_back and leaving)
+            self._came_back = self._came_back or not leaving
+
     def _step_back(self, observation: Observation) -> Vector:
-        """(m,) along the way that the axes came."""
-        trail = self._trail
+        """(m,) along the way that the axes came, or home."""
+        trail, first = self._trail, self._first
+        straight = first is not None and self._axes.coupled.way_inside(observation.targets, first)
+        if self._goes_home and first is not None and straight:
+            return self._walk.step(first, observation, dither=False)
         while len(trail) > 1 and self._walk.arrived(trail[-1], observation):
             trail.pop()
         back = trail[-1] if trail else observation.targets

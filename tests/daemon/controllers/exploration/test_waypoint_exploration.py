@@ -180,6 +180,32 @@ def test_near_a_wall_it_goes_back_the_way_it_came() -> None:
     assert int(np.argmin(nearest)) < 40
 
 
+def test_where_the_way_back_leads_to_a_wall_as_well_it_goes_home() -> None:
+    """A body with hysteresis goes back another way than its axes do."""
+    control = controller(waypoints=9, dither_share=0.0)
+    home = u = np.full(6, 25.0)
+    inside, outwards = np.array([0.0, 0.0, 185.0]), np.array([20.0, 0.0, 0.0])
+    at_the_wall, near_it = np.array([74.0, 0.0, 185.0]), np.array([66.0, 0.0, 185.0])
+    control.reset(still(u, inside))
+    way = []
+    for tip, speed, steps in (
+        (inside, 0.0 * outwards, 600),  # several lines
+        (at_the_wall, outwards, 10),
+        (near_it, -outwards, 5),
+        (at_the_wall, outwards, 300),
+    ):
+        for _ in range(steps):
+            way.append(u)
+            u = u + control.propose(still(u, tip, speed)).delta_u
+    met_again = np.array(way[620:])  # not where the axes still turn round
+    straight = (home - met_again[0]) / np.linalg.norm(home - met_again[0])
+    along = (met_again - home) @ straight
+    aside = np.linalg.norm(met_again - home - np.outer(along, straight), axis=1)
+    assert np.linalg.norm(met_again[0] - home) > 10.0
+    assert aside.max() < 1.0
+    assert np.linalg.norm(met_again[-1] - home) < 0.5
+
+
 def test_beside_the_wall_it_does_not_turn_back_while_it_comes_from_there() -> None:
     control = controller(waypoints=2, dither_share=0.0)
     u = np.full(6, 25.0)
