@@ -18,6 +18,7 @@ from config.tasks.exploration import Exploration
 from daemon.array_files import ModelError
 from daemon.control.controller import Observation, Proposal
 from daemon.control.redundancy import TensionKeeping
+from daemon.control.task import POSITION
 from daemon.control.tip_following import step_time
 from daemon.controllers.exploration.lateness import Lateness
 from daemon.controllers.exploration.random_motion import WaypointWalk
@@ -219,6 +220,8 @@ class ExplorationController(ABC):
             self._turning_back = True
             self._left_s = self._longest_s()  # as much again, for the way back
         elif self._turning_back:
+            # Tensions tell walls by moments, and are not mended by going home: they began there.
+            leaving = leaving and self._leaving(observation, tip_alone=True)
             self._goes_home = self._goes_home or (self._came_back and leaving)
             self._came_back = self._came_back or not leaving
 
@@ -246,7 +249,7 @@ class ExplorationController(ABC):
         last = int(outside[0]) - 1
         return line[last], float(_ALONG[last, 0])
 
-    def _leaving(self, observation: Observation) -> bool:
+    def _leaving(self, observation: Observation, tip_alone: bool = False) -> bool:
         """Whether the tip or a tendon is about to pass a wall, and not on its way back from it."""
         late_s, keeping = self._lateness.seconds, self._tension_keeping
         ahead_s = max(_AHEAD_S, _AHEAD_BY_LATENESS * late_s)
@@ -254,7 +257,8 @@ class ExplorationController(ABC):
             tip_mm=observation.tip_mm + ahead_s * observation.tip_velocity_mm_s,
             tensions_n=None if keeping is None else keeping.ahead(_PULLS_AHEAD_S + late_s),
         )
-        beyond, then = self._walls.beyond(
-            np.array([self._walls.values(one) for one in (observation, ahead)])
-        )
+        values = np.array([self._walls.values(one) for one in (observation, ahead)])
+        if tip_alone:
+            values[:, POSITION:] = np.nan
+        beyond, then = self._walls.beyond(values)
         return bool(then > beyond)
