@@ -18,6 +18,7 @@ def test_it_goes_along_what_stands_in_its_way_and_touches_nothing(tmp_path: Path
     assert found.mean_error_mm < 3.0
 
 
+@pytest.mark.long
 def test_without_the_model_the_same_way_touches(tmp_path: Path) -> None:
     found = graze(3, tmp_path, aware=False)
     assert found.state is OperatingState.ARMED

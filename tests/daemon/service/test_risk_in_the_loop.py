@@ -109,6 +109,7 @@ def test_it_holds_before_it_touches_and_says_where(file: RobotFile, walls: Dista
     assert len(last.means_mm) == 5
 
 
+@pytest.mark.long
 def test_without_the_model_the_same_way_touches(file: RobotFile, walls: DistanceGrid) -> None:
     witness = Witness(walls)
 
