@@ -42,7 +42,7 @@ IN_THE_PORT_MM = CHEST_PORT.depth_mm + 5.0
 def file(tmp_path_factory: pytest.TempPathFactory) -> RobotFile:
     """The shipped arm in a chest."""
     folder = tmp_path_factory.mktemp("chest")
-    write_mesh(folder / "chest.stl", chest(5000, seed=0))
+    write_mesh(folder / "chest.stl", chest(1500, seed=0))
     port = {
         "centre_mm": list(CHEST_PORT.centre_mm),
         "inwards": list(CHEST_PORT.inwards),

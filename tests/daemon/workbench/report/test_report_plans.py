@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 from matplotlib.figure import Figure
 
 from config.tasks.planned_path import PlannedPath
@@ -126,12 +125,16 @@ def test_a_name_that_leads_elsewhere_is_looked_for_beside_the_recording(tmp_path
     assert run.plans[0].path is None
 
 
-@pytest.mark.parametrize("by_place", [None, [0.0], ["a", "b", "c"], [[1.0], [2.0, 3.0], 4.0]])
-def test_figures_that_are_none_leave_the_path(tmp_path: Path, by_place: Any) -> None:
-    figures = {**FIGURES, "contact_risk_by_place": by_place, "contact_risk": "?", "before": 3}
-    write_path(tmp_path / "plan.json", planned_path(json.loads(json.dumps(figures))))
-    run = run_with(tmp_path, told("plan.json", 1.0))
-    assert run.plans[0].course is None
+def test_figures_that_are_none_leave_the_path(tmp_path: Path) -> None:
+    none_by_place = [None, [0.0], ["a", "b", "c"], [[1.0], [2.0, 3.0], 4.0]]
+    for number, by_place in enumerate(none_by_place):
+        figures = {**FIGURES, "contact_risk_by_place": by_place, "contact_risk": "?", "before": 3}
+        path = planned_path(json.loads(json.dumps(figures)))
+        write_path(tmp_path / f"plan-{number}.json", path)
+    plans = [told(f"plan-{number}.json", 1.0) for number in range(len(none_by_place))]
+    run = run_with(tmp_path, *plans)
+    assert [plan.course for plan in run.plans] == [None] * len(none_by_place)
+    assert all(plan.path is not None for plan in run.plans)
     assert len(figure_of(run).axes[3].lines) == 0
     assert ">–<" in report_html(run)
 
