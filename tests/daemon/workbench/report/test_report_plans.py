@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from matplotlib.figure import Figure
 
 from config.tasks.planned_path import PlannedPath
@@ -109,6 +110,7 @@ def test_each_plan_is_told_with_its_figures_and_drawn_beside_where_the_tip_went(
     assert "touched in the last minute" not in labels
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_plan_whose_file_is_not_there_is_told_all_the_same(tmp_path: Path) -> None:
     (tmp_path / "damaged.json").write_text("{")
     run = run_with(tmp_path, told("lost.json", 1.0), told("damaged.json", 2.0))
@@ -139,6 +141,7 @@ def test_figures_that_are_none_leave_the_path(tmp_path: Path) -> None:
     assert ">–<" in report_html(run)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_run_in_which_nothing_was_planned_says_nothing_of_it(tmp_path: Path) -> None:
     run = run_with(tmp_path)
     assert plans_figure(run) is None
