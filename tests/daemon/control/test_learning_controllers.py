@@ -44,6 +44,11 @@ WHOLE_START_MM = make_trajectory(WHOLE, Path()).start_mm
 LOAD_G = 14.2
 KINDS = ("reward_weighted", "forward_jacobian")
 both = pytest.mark.parametrize("kind", KINDS)
+inverse, forward = (
+    pytest.mark.parametrize("kind", [kept, pytest.param(other, marks=pytest.mark.long)])
+    for kept, other in (KINDS, KINDS[::-1])
+)
+"""Of what either comes to by the same law: one of them each time, and both by `make hil`."""
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +97,7 @@ def test_a_load_that_was_never_felt_is_learnt_in_a_lap(kind: str, model: str) ->
     assert online[1].mean_mm < 0.8
 
 
-@both
+@inverse
 def test_without_a_model_the_first_motions_teach_enough(kind: str) -> None:
     babbling = MotorBabbling(duration_s=30.0).model_dump()
     loop = started(made_learner(kind, babbling=babbling), START_MM, LOAD_G)
@@ -100,7 +105,7 @@ def test_without_a_model_the_first_motions_teach_enough(kind: str) -> None:
     assert followed(loop, path=slowly)[0].mean_mm < 1.2
 
 
-@both
+@forward
 def test_without_a_model_a_figure_of_eight_is_followed_round_after_round(kind: str) -> None:
     """It leads where no motion has been, and along each of its ways again and again."""
     eight = Lissajous(
@@ -112,7 +117,7 @@ def test_without_a_model_a_figure_of_eight_is_followed_round_after_round(kind: s
     assert rounds[-1].max_mm < 12.0
 
 
-@pytest.mark.parametrize("answered", [0.0, -1.0, 3.0])
+@pytest.mark.parametrize("answered", [0.0, -1.0, pytest.param(3.0, marks=pytest.mark.long)])
 def test_local_controllers_that_the_forward_model_contradicts_are_not_followed(
     answered: float, model: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -401,9 +406,7 @@ def unattracted_mm(model: str) -> float:
     return drift_per_lap(followed(started(controller, WHOLE_START_MM), 3, WHOLE))
 
 
-@pytest.mark.parametrize(
-    "kind", ["reward_weighted", pytest.param("forward_jacobian", marks=pytest.mark.long)]
-)
+@inverse
 def test_the_attractor_keeps_the_posture_over_many_laps(
     kind: str, model: str, unattracted_mm: float
 ) -> None:
@@ -446,7 +449,7 @@ def test_a_posture_that_is_none_is_refused(kind: str, posture: Vector, model: st
 # Beyond reach.
 
 
-@both
+@inverse
 def test_out_of_reach_nothing_winds_up(kind: str, model: str) -> None:
     """A while at a place that cannot be reached, and it comes back as if it never was."""
     loop = started(made_learner(kind, model=model), START_MM)

@@ -61,7 +61,7 @@ def test_a_path_is_slowed_as_far_as_that_helps_and_everybody_is_told() -> None:
     assert events[0].detail.endswith("mm off are expected")
 
 
-@pytest.mark.parametrize("slow_above_mm", [None, 50.0])
+@pytest.mark.parametrize("slow_above_mm", [50.0, pytest.param(None, marks=pytest.mark.long)])
 def test_whoever_does_not_want_that_has_the_path_in_its_time(slow_above_mm: float | None) -> None:
     rig, expected, told = gone_round({**LED, "slow_above_mm": slow_above_mm})
     assert lasted_s(rig) == pytest.approx(CYCLE_S, abs=0.1)

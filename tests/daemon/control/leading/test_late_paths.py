@@ -153,7 +153,7 @@ def test_a_prompt_body_keeps_the_path_s_time(model: str) -> None:
     assert len(first.errors_mm) == pytest.approx(circle(20.0, 2).cycle_s / DT_S, abs=1)
 
 
-@pytest.mark.parametrize("lag_s", [0.3, 0.46])
+@pytest.mark.parametrize("lag_s", [0.46, pytest.param(0.3, marks=pytest.mark.long)])
 def test_learning_makes_no_body_worse_whose_lag_is_about_where_prediction_begins(
     lag_s: float, model: str
 ) -> None:

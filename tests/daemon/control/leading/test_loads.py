@@ -106,7 +106,7 @@ def test_what_a_load_makes_of_the_body_is_not_learnt_of_it() -> None:
     np.testing.assert_allclose(leading.made_up_for, [1.65, 1.5, 1.35])
 
 
-@pytest.mark.parametrize("lag_s", [0.1, 0.3, 0.7])
+@pytest.mark.parametrize("lag_s", [0.3, 0.7, pytest.param(0.1, marks=pytest.mark.long)])
 def test_a_load_that_is_taken_off_again_leaves_what_was_known_before(
     lag_s: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -142,7 +142,9 @@ def test_what_a_load_takes_off_is_hurried_back_along_its_own_way_alone(
     np.testing.assert_allclose(hurried[:2], calm[:2])
 
 
-@pytest.mark.parametrize("body", ["as_made", "worn", "mismatched"])
+@pytest.mark.parametrize(
+    "body", ["as_made", "mismatched", pytest.param("worn", marks=pytest.mark.long)]
+)
 def test_a_tip_that_is_pushed_aside_comes_back_without_going_far_beyond(
     body: str, model: str
 ) -> None:
