@@ -23,13 +23,17 @@ def broken() -> Figures:
 
 
 LONG = (
+    "aurora",
     "can_cycle",
     "concentric_tubes",
     "control_step",
     "daemon",
     "emulation",
     "experiment",
+    "local_controllers",
     "memory",
+    "recording",
+    "remote",
     "risk",
     "start_up",
 )

@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from tests.docs.blocks import ROOT, pages
 
 DOCS = ROOT / "docs"
@@ -21,6 +23,7 @@ def built(source: Path, site: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.long
 def test_it_is_built_without_a_warning_and_fetches_nothing(tmp_path: Path) -> None:
     told = built(DOCS, tmp_path)
     assert (told.returncode, told.stderr) == (0, "")

@@ -54,6 +54,7 @@ def _at_a_terminal() -> dict[str, str]:
     return environment | {"PYTHONPATH": str(ROOT), "COLUMNS": "80", "PYTEST_ADDOPTS": ""}
 
 
+@pytest.mark.long
 def test_a_failing_test_says_what_the_page_shows(tmp_path: Path) -> None:
     now, then = said(tmp_path), shown()["text"].strip()
     assert _NUMBER.sub("N", now) == _NUMBER.sub("N", then), now

@@ -35,7 +35,10 @@ pytestmark = [pytest.mark.hil, pytest.mark.xdist_group("hil")]
 SCENARIOS = Path(__file__).parents[2] / "config" / "scenarios"
 
 
-def test_a_lab_leaves_its_ports_and_takes_them_away_again(tmp_path: Path) -> None:
+def test_a_lab_leaves_its_ports_and_takes_them_away_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """And no other lab takes them meanwhile."""
     with lab(tmp_path) as one:
         assert one.first_line.startswith("soft_arm, emulated, in ")
         assert (tmp_path / "aurora").is_char_device()
@@ -46,10 +49,13 @@ def test_a_lab_leaves_its_ports_and_takes_them_away_again(tmp_path: Path) -> Non
         assert description["robot"] == "soft_arm"
         assert description["pid"] == one.process.pid
         assert description["buses"]["can0"]["nodes"] == [1, 2, 3, 4, 5, 6]
+        assert main(["emulate", str(SOFT_ARM), "--runtime-dir", str(tmp_path)]) == EXIT_UNAVAILABLE
+        assert "another lab is running in" in capsys.readouterr().err
         assert one.end() == 0
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.long
 def test_a_lab_ends_by_itself_and_another_may_follow_or_stand_beside(tmp_path: Path) -> None:
     with lab(tmp_path / "a", "--duration", "2") as one, lab(tmp_path / "b") as other:
         refused = run("emulate", str(SOFT_ARM), "--runtime-dir", str(tmp_path / "b"))
@@ -61,8 +67,15 @@ def test_a_lab_ends_by_itself_and_another_may_follow_or_stand_beside(tmp_path: P
             assert again.first_line
 
 
-def test_probe_shows_live_poses_and_six_drives(tmp_path: Path) -> None:
-    with lab(tmp_path, "--play", "sway"), probe(tmp_path) as one:
+def test_probe_shows_live_poses_six_drives_and_what_a_scenario_does(tmp_path: Path) -> None:
+    scenario, directory = tmp_path / "scenario.yaml", tmp_path / "lab"
+    resets = (3.5, 10, 20, 40, 60)  # the first that comes when the probe knows the drive is told
+    scenario.write_text(
+        "scenario: short\nevents:\n  - {at_s: 2.5, tip_load_g: 14.2}\n"
+        + "".join(f"  - {{at_s: {t}, inject: drive.can0/2.reset}}\n" for t in resets)
+    )
+    words = ("--play", "sway", "--scenario", str(scenario))
+    with lab(directory, *words) as playing, probe(directory) as one:
         _, first = one.wait_for(well)
         assert [axis["node"] for axis in first["axes"]] == [f"can0/{n}" for n in range(1, 7)]
         assert {axis["drive_state"] for axis in first["axes"]} == {"switch on disabled"}
@@ -74,6 +87,9 @@ def test_probe_shows_live_poses_and_six_drives(tmp_path: Path) -> None:
                 and line["tracker"]["rate_hz"] == pytest.approx(40.0, abs=1.0)
             )
         )
+        playing.says("2.5 s: 14.2 g at the tip", "3.5 s: drive.can0/2.reset")
+        one.wait_for(event("node_reset", "can0/2"))
+        one.wait_for(well)
         assert one.end() in (0, 1)
 
 
@@ -85,14 +101,18 @@ def tip_has_moved(before: dict[str, Any], line: dict[str, Any]) -> float:
     return float(max(abs(a - b) for a, b in tips))
 
 
-def test_probe_ends_by_itself_and_its_exit_code_says_whether_all_was_well(tmp_path: Path) -> None:
+def test_probe_ends_by_itself_and_its_exit_code_says_that_not_all_was_well(tmp_path: Path) -> None:
+    assert exit_code_of_a_short_probe(tmp_path / "nothing", 1.0) == 1
+
+
+@pytest.mark.long
+def test_where_all_was_well_its_exit_code_says_so(tmp_path: Path) -> None:
     with lab(tmp_path / "lab"):
-        assert any_of_three(lambda: exit_code_of_a_short_probe(tmp_path / "lab") == 0)
-    assert exit_code_of_a_short_probe(tmp_path / "nothing") == 1
+        assert any_of_three(lambda: exit_code_of_a_short_probe(tmp_path / "lab", 3.0) == 0)
 
 
-def exit_code_of_a_short_probe(directory: Path) -> int:
-    with probe(directory, "--duration", "3") as one:
+def exit_code_of_a_short_probe(directory: Path, for_s: float) -> int:
+    with probe(directory, "--duration", str(for_s)) as one:
         one.wait_for(lambda line: line["kind"] == "end")
         return one.process.wait(PATIENCE_S)
 
@@ -111,7 +131,7 @@ def test_probe_works_over_the_serial_adapter_too(tmp_path: Path) -> None:
         assert one.end() in (0, 1)
 
 
-@pytest.mark.parametrize("over", ["socket", "slcan"])
+@pytest.mark.parametrize("over", ["socket", pytest.param("slcan", marks=pytest.mark.long)])
 def test_a_killed_lab_is_reported_and_probe_recovers_when_it_is_back(
     tmp_path: Path, over: str
 ) -> None:
@@ -150,20 +170,7 @@ def test_faults_are_injected_from_the_command_line(tmp_path: Path) -> None:
         assert ".power_cycle" in listed
 
 
-def test_a_scenario_happens_by_itself(tmp_path: Path) -> None:
-    scenario = tmp_path / "scenario.yaml"
-    resets = (3.5, 10, 20, 40, 60)  # the first that comes when the probe knows the drive is told
-    scenario.write_text(
-        "scenario: short\nevents:\n  - {at_s: 2.5, tip_load_g: 14.2}\n"
-        + "".join(f"  - {{at_s: {t}, inject: drive.can0/2.reset}}\n" for t in resets)
-    )
-    directory = tmp_path / "lab"
-    with lab(directory, "--scenario", str(scenario)) as one, probe(directory) as watching:
-        one.says("2.5 s: 14.2 g at the tip", "3.5 s: drive.can0/2.reset")
-        watching.wait_for(event("node_reset", "can0/2"))
-        watching.wait_for(well)
-
-
+@pytest.mark.long
 @pytest.mark.parametrize("scenario", sorted(SCENARIOS.glob("*.yaml")), ids=lambda path: path.stem)
 def test_a_shipped_scenario_is_understood(tmp_path: Path, scenario: Path) -> None:
     with lab(tmp_path, "--scenario", str(scenario)) as one:

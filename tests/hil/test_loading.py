@@ -11,7 +11,7 @@ import pytest
 from daemon.recording.run_folder import RESULT_FILE
 from daemon.remote.client.client_errors import RefusedError
 from safety.states import OperatingState as S
-from tests.hil.daemon_rig import MODEL, PATIENT, rig
+from tests.hil.daemon_rig import MODEL, PATIENT, Rig, rig
 
 
 def opened(path: Path, from_ns: int) -> list[str]:
@@ -50,16 +50,16 @@ def test_from_arming_to_the_result_of_a_run_and_to_the_next_the_loop_opens_no_fi
         one.armed()
         one.user.do(one.client.stop())
         assert opened(out, from_ns) == []
+        a_pipe_or_a_file_of_the_system_is_refused_and_the_loop_goes_on(one, files)
 
 
-def test_a_pipe_or_a_file_of_the_system_is_refused_and_the_loop_goes_on() -> None:
-    with rig(PATIENT) as one:
-        one.armed()
-        pipe = one.folder / "pipe"
-        os.mkfifo(pipe)
-        for name in (str(pipe), "/etc/passwd", "/dev/zero", "/proc/self/mem"):
-            refusal = one.user.refused(one.client.load({"kind": "waypoints", "file": name}, MODEL))
-            assert refusal.name == "bad_trajectory"
-            assert "root" not in refusal.text.replace(str(Path.home()), "")
-        assert one.state is S.ARMED
-        assert one.user.do(one.client.stop()).confirmed
+def a_pipe_or_a_file_of_the_system_is_refused_and_the_loop_goes_on(one: Rig, files: Path) -> None:
+    one.armed()
+    pipe = one.folder / "pipe"
+    os.mkfifo(pipe)
+    for name in (str(pipe), "/etc/passwd", "/dev/zero", "/proc/self/mem"):
+        refusal = one.user.refused(one.client.load({"kind": "waypoints", "file": name}, MODEL))
+        assert refusal.name == "bad_trajectory"
+        assert "root" not in refusal.text.replace(str(files), "")
+    assert one.state is S.ARMED
+    assert one.user.do(one.client.stop()).confirmed

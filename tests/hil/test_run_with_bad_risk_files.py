@@ -34,10 +34,10 @@ def no_mesh(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("spoil", "told"),
     [
-        (removed, "there is no file"),
         (corrupted, "model.npz"),
-        (of_another_robot, "is of the robot 'soft_arm'"),
-        (no_mesh, "chest.stl"),
+        pytest.param(removed, "there is no file", marks=pytest.mark.long),
+        pytest.param(of_another_robot, "is of the robot 'soft_arm'", marks=pytest.mark.long),
+        pytest.param(no_mesh, "chest.stl", marks=pytest.mark.long),
     ],
 )
 def test_it_says_which_file_and_ends(

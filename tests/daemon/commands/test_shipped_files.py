@@ -20,7 +20,9 @@ def test_every_shipped_file_is_sound_by_its_name_from_an_empty_folder(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(["check", name]) == 0, capsys.readouterr().err
+    code, told = main(["check", name]), capsys.readouterr()
+    assert (code, told.err) == (0, "")
+    assert "is sound" in told.out
     assert list(tmp_path.iterdir()) == []
 
 

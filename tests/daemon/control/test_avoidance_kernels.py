@@ -68,7 +68,7 @@ def test_no_step_within_the_limits_is_better(seed: int) -> None:
 
 def test_with_one_row_it_is_the_closed_form() -> None:
     wanted = drawn(5)._replace(slope=np.array([[1.0, 2.0, -1.0]]), allowed=np.array([0.3]))
-    three = {name: getattr(wanted, name)[..., :3] for name in ("proposed", "unit", "task")}
+    three = {name: getattr(wanted, name)[..., :3].copy() for name in ("proposed", "unit", "task")}
     far = np.full(3, 1e3)
     wanted = wanted._replace(**three, lowest=-far, highest=far)
     scaled = wanted.task * wanted.unit

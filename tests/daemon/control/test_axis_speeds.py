@@ -151,7 +151,7 @@ def test_a_controller_that_knows_nothing_yet_foresees_nothing() -> None:
 @pytest.fixture(scope="module")
 def learnt(tmp_path_factory: pytest.TempPathFactory) -> ForwardJacobianController:
     path = tmp_path_factory.mktemp("model") / "arm.npz"
-    pretrained(60, epochs=8).save(path)
+    pretrained(50, epochs=3).save(path)
     return led(str(path))
 
 

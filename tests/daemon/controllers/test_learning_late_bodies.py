@@ -26,7 +26,7 @@ pytestmark = pytest.mark.xdist_group("pretrained_arm")  # which is explored once
 def model(tmp_path_factory: pytest.TempPathFactory) -> str:
     """Of the body as made."""
     path = tmp_path_factory.mktemp("model") / "arm.npz"
-    pretrained(60, epochs=8).save(path)
+    pretrained(50, epochs=3).save(path)
     return str(path)
 
 

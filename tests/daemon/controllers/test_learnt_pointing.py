@@ -70,7 +70,9 @@ def true_rows(tubes: PoseKinematics, u: Vector) -> Vector:
     return TOLD.pointing_mm_per_rad * np.array(rows).T / 0.02
 
 
-@pytest.mark.parametrize("kind", ["forward_jacobian", "reward_weighted"])
+@pytest.mark.parametrize(
+    "kind", ["reward_weighted", pytest.param("forward_jacobian", marks=pytest.mark.long)]
+)
 def test_the_tip_goes_round_and_points_as_it_is_told(kind: str) -> None:
     async def scene(rig: Rig) -> None:
         await rig.running(CIRCLE, {"kind": kind, "babbling": {"duration_s": 10.0}})

@@ -11,6 +11,8 @@ from sim_backends.plants.soft_arm.soft_arm import SoftArm
 from tests.daemon.control import closed_loop
 from tests.daemon.control.closed_loop import PISTON_MM2, ClosedLoop, made_learner, pretrained
 
+pytestmark = pytest.mark.xdist_group("pretrained_arm")  # which is explored once for all tests
+
 CIRCLE = Circle(kind="circle", center_mm=(0.0, 0.0, 185.0), radius_mm=15.0, cycle_s=9.4)
 BEGIN_MM = np.array([15.0, 0.0, 185.0])
 OF_ANOTHER_BODY = "the model is of another body"
@@ -19,7 +21,7 @@ OF_ANOTHER_BODY = "the model is of another body"
 @pytest.fixture(scope="module")
 def model(tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("model") / "arm.npz"
-    pretrained(60, epochs=8).save(path)
+    pretrained(50, epochs=3).save(path)
     return str(path)
 
 

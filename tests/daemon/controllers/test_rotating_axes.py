@@ -53,7 +53,10 @@ def never_drawn_in(robot: Robot) -> Robot:
         pytest.param("broyden", THE_OTHER_WAY, as_shipped, 10.0, marks=pytest.mark.long),
         ("broyden", THE_OTHER_WAY | {"cycle_s": 30.0}, never_drawn_in, 6.0),
         pytest.param("broyden", HELIX, as_shipped, 1.5, marks=pytest.mark.long),
-        ("forward_jacobian", HELIX | {"turns": 0.2, "cycle_s": 12.0}, never_drawn_in, 1.5),
+        pytest.param(
+            *("forward_jacobian", HELIX | {"turns": 0.2, "cycle_s": 12.0}, never_drawn_in, 1.5),
+            marks=pytest.mark.long,
+        ),
     ],
 )
 def test_a_measured_jacobian_leads_turning_axes_round_and_the_gate_refuses_nothing(

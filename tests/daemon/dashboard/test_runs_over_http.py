@@ -129,7 +129,7 @@ def test_a_report_is_made_by_operators_and_runs_nothing(tmp_path: Path, run: Pat
 
 
 def test_a_stop_does_not_wait_for_a_recording_that_is_read(tmp_path: Path, run: Path) -> None:
-    make_run(run.parents[1] / _folder(run.parents[1], "arm-2"), cycles=2, cycle_s=200.0)
+    make_run(run.parents[1] / _folder(run.parents[1], "arm-2"), cycles=2, cycle_s=100.0)
 
     async def test() -> None:
         async with served(tmp_path) as page:

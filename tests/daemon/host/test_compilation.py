@@ -47,18 +47,17 @@ def write(folder: Path, name: str) -> None:
 def test_a_kernel_whose_argument_has_another_name_now_is_compiled_anew(tmp_path: Path) -> None:
     write(tmp_path, "Point")
     assert ask(tmp_path, "Point") == (6.0, 1)
-    assert ask(tmp_path, "Point") == (6.0, 0)
     write(tmp_path, "Place")
     assert ask(tmp_path, "Place") == (6.0, 1)
     assert ask(tmp_path, "Place") == (6.0, 0)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["nbi", "nbc"])
-def test_a_file_that_was_cut_off_is_written_anew(tmp_path: Path, kind: str) -> None:
+def test_a_file_that_was_cut_off_is_written_anew(tmp_path: Path) -> None:
     write(tmp_path, "Point")
     assert ask(tmp_path, "Point") == (6.0, 1)
-    (file,) = (tmp_path / "cache").rglob(f"*.{kind}")
-    file.write_bytes(file.read_bytes()[:40])
-    assert ask(tmp_path, "Point") == (6.0, 1)
+    for kind in ("nbi", "nbc"):
+        (file,) = (tmp_path / "cache").rglob(f"*.{kind}")
+        file.write_bytes(file.read_bytes()[:40])
+        assert ask(tmp_path, "Point") == (6.0, 1), kind
     assert ask(tmp_path, "Point") == (6.0, 0)

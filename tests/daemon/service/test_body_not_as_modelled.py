@@ -154,8 +154,11 @@ def test_the_shipped_soft_arm_with_a_load_is_told_from_one_without() -> None:
     assert alarms[LOAD_G] > 0.5 * len(u)
 
 
-@pytest.mark.parametrize("seed", [2, pytest.param(38, marks=pytest.mark.long)])
-def test_at_the_gates_edge_a_load_touches_unless_the_tip_is_compared_with_the_model(
+at_the_edge = pytest.mark.parametrize("seed", [2, pytest.param(38, marks=pytest.mark.long)])
+
+
+@at_the_edge
+def test_at_the_gates_edge_a_load_is_told_from_the_tip_and_touches_nothing(
     seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A ball as near as the model allows, where the weight bends the body to.
@@ -165,24 +168,37 @@ def test_at_the_gates_edge_a_load_touches_unless_the_tip_is_compared_with_the_mo
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     edge = Edge.of(seed, tmp_path)
     assert 0.02 < edge.risk <= THRESHOLD
-    unseeing = play_edge(edge, tmp_path, seeing=False)
-    assert (unseeing.touched, unseeing.by_the_drop, unseeing.arrived) == (True, False, True)
-    assert unseeing.least_clearance_mm < -3.0
     seeing = play_edge(edge, tmp_path, seeing=True)
     assert (seeing.touched, seeing.arrived, seeing.state) == (False, False, OperatingState.HOLD)
     assert seeing.causes <= {CAUSE, "risk_too_high"}
     assert seeing.least_clearance_mm > 2.0
 
 
+@pytest.mark.long
+@at_the_edge
+def test_unless_the_tip_is_compared_with_the_model_it_touches(
+    seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    unseeing = play_edge(Edge.of(seed, tmp_path), tmp_path, seeing=False)
+    assert (unseeing.touched, unseeing.by_the_drop, unseeing.arrived) == (True, False, True)
+    assert unseeing.least_clearance_mm < -3.0
+
+
 @pytest.mark.parametrize(
-    ("given_tip", "least_mm"), [pytest.param(False, 5.0, marks=pytest.mark.long), (True, 2.0)]
+    ("seed", "given_tip", "least_mm"),
+    [
+        (34, True, 2.0),
+        pytest.param(4, True, 2.0, marks=pytest.mark.long),
+        pytest.param(4, False, 5.0, marks=pytest.mark.long),
+    ],
 )
 def test_among_balls_an_arm_with_a_load_touches_nothing(
-    given_tip: bool, least_mm: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    seed: int, given_tip: bool, least_mm: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What the tip is off by counts. Given the tip the arm is known better, and may go nearer."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    found = play(Course.of(4), tmp_path, given_tip)
+    found = play(Course.of(seed), tmp_path, given_tip)
     assert found.touched_at_s is None
     assert found.least_clearance_mm > least_mm
     assert np.isfinite(found.highest_statistic)

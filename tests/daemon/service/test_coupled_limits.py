@@ -71,14 +71,15 @@ class Watched:
         self.told: list[list[int]] = []
         self.been: list[list[float]] = []
 
-    async def until_rest(self, within_s: float) -> Vector:
-        """(m,) where the axes are told to be when that does not change any more."""
+    async def until_rest(self, within_s: float, still_s: float = 0.6) -> Vector:
+        """(m,) where the axes are told to be when that has not changed for `still_s`."""
+        still = round(still_s / 0.01)
         for number in range(round(within_s / 0.01)):
             await asyncio.sleep(0.01)
             channels = self._rig.service.loop.channels
             self.told.append([channel.target_counts or 0 for channel in channels])
             self.been.append(self._rig.shafts())
-            if number > 200 and self.told[-100] == self.told[-1]:
+            if number > 2 * still and self.told[-still] == self.told[-1]:
                 break
         return np.asarray(np.array(self.told[-1]) * OWN.units_per_count)
 
@@ -165,7 +166,7 @@ def test_a_base_roll_moves_all_rotations_in_the_same_cycles() -> None:
         await watched.until_rest(30.0)
         hand.to(1.5, 0.5, 1.0, 0.0, 53.5)
         first = len(watched.told)
-        resumed = asyncio.create_task(watched.until_rest(20.0))
+        resumed = asyncio.create_task(watched.until_rest(20.0, still_s=1.2))
         await asyncio.sleep(0.7)
         await rig.do(Hold)
         await asyncio.sleep(1.0)

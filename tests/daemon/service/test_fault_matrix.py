@@ -10,6 +10,7 @@ from io import StringIO
 from typing import NoReturn, cast
 
 import pytest
+from _pytest.mark import ParameterSet
 from rich.console import Console
 
 from daemon.commands.views.status_view import status_view
@@ -85,29 +86,59 @@ async def look_at_outcome(rig: Rig, name: str) -> None:
     )
 
 
+async def again_and_again(
+    rig: Rig, command: type[Resume | Clear], leads_to: S, within_s: float
+) -> None:
+    """As an operator does who does not know when the fault is over."""
+    async with asyncio.timeout(within_s):
+        while not rig.in_state(leads_to):
+            await rig.ask(command(token=rig.token))
+            await asyncio.sleep(0.25)
+
+
 async def recover(rig: Rig, row: Row) -> None:
     """When the fault is over, what the table says leads back to a moving robot, or to READY."""
     if cause(row.cause).severity is Severity.WARNING:
         return
     if cause(row.cause).severity is Severity.HOLD and rig.in_state(S.HOLD, S.ARMED):
-        await asyncio.sleep(row.recovers_within_s)
-        await rig.do(Resume)
-        assert rig.in_state(S.RUNNING)
+        await again_and_again(rig, Resume, S.RUNNING, row.recovers_within_s)
         return
     if rig.in_state(S.FAULT, S.ESTOP):
         assert (await rig.ask(Arm(token=rig.token))).state == rig.state.value  # latched: refused
-        await asyncio.sleep(row.recovers_within_s)
-        await rig.do(Clear)
+        await again_and_again(rig, Clear, S.READY, 2.0 * row.recovers_within_s)
     await rig.until_state(S.READY, within_s=row.recovers_within_s)
     await rig.do(Arm)
     assert rig.power == {PowerState.OPERATION_ENABLED}
 
 
-@pytest.mark.parametrize("row", WHILE_RUNNING, ids=lambda row: f"{row.cause}-{row.fault}")
+SAME_WAY = {
+    "tracker.hang_up=1s",
+    "tracker.reset",
+    "bus.can0.foreign_master=2s,heartbeat",
+    "bus.can0.foreign_master=2s,nmt",
+    "bus.can0.foreign_master=2s,sdo",
+    "bus.can0.down=1s",
+    "drive.can0/3.heartbeat_stop=1s",
+}
+"""Told apart by drivers, which have tests of their own for it: another row of the same cause goes
+down the same way here."""
+
+
+def rows() -> list[ParameterSet]:
+    marks = (pytest.mark.long,)
+    return [
+        pytest.param(
+            row, id=f"{row.cause}-{row.fault}", marks=marks if row.fault in SAME_WAY else ()
+        )
+        for row in WHILE_RUNNING
+    ]
+
+
+@pytest.mark.parametrize("row", rows())
 def test_a_fault_while_running(row: Row) -> None:
     async def scene(rig: Rig) -> None:
         await rig.running(SMALL_CIRCLE | {"radius_mm": 25.0})
-        await asyncio.sleep(1.5)
+        await asyncio.sleep(0.5)
         await rig.do(Inject, fault=row.fault)
         await rig.until(lambda: bool(rig.events("cause", row.cause)), row.within_s)
         told = rig.events("cause", row.cause)[0]
@@ -173,7 +204,7 @@ def test_an_operators_hold_stays_until_the_operator_resumes() -> None:
     async def scene(rig: Rig) -> None:
         await rig.running()
         await rig.do(Hold)
-        await asyncio.sleep(5.0)
+        await asyncio.sleep(2.0)
         assert rig.in_state(S.HOLD)
         assert "operator_hold" in rig.causes
         await rig.do(Resume)
@@ -249,7 +280,7 @@ def test_a_controller_that_leads_the_tip_wrongly_holds_the_robot(
         assert "tracking_diverges" in {why.name for why in rig.status.stopped_by}
         controller.propose = propose  # type: ignore[method-assign]
         await rig.do(Resume)
-        await asyncio.sleep(6.0)
+        await asyncio.sleep(3.0)
         assert rig.in_state(S.RUNNING)
 
     on_a_rig(scene)

@@ -207,7 +207,7 @@ def test_a_wall_between_the_tip_and_its_reference_is_told(file: RobotFile) -> No
 
 def test_an_arm_of_four_tendons_gives_way_or_holds_by_name(tmp_path: Path) -> None:
     arm = in_the_open(tmp_path, TENDON_ARM, "builtin:tendon_arm.npz")
-    seen = played(arm, 20.0, 5.0, BROYDEN)
+    seen = played(arm, 20.0, 8.0, BROYDEN)
     if seen.state == S.HOLD.value:
         assert seen.causes == {"risk_too_high"}
         assert seen.stopped_at_mm > 20.0, "before it has come all the way"

@@ -42,7 +42,7 @@ IN_THE_PORT_MM = CHEST_PORT.depth_mm + 5.0
 def file(tmp_path_factory: pytest.TempPathFactory) -> RobotFile:
     """The shipped arm in a chest."""
     folder = tmp_path_factory.mktemp("chest")
-    write_mesh(folder / "chest.stl", chest(5000, seed=0))
+    write_mesh(folder / "chest.stl", chest(1500, seed=0))
     port = {
         "centre_mm": list(CHEST_PORT.centre_mm),
         "inwards": list(CHEST_PORT.inwards),
@@ -109,6 +109,7 @@ def test_it_holds_before_it_touches_and_says_where(file: RobotFile, walls: Dista
     assert len(last.means_mm) == 5
 
 
+@pytest.mark.long
 def test_without_the_model_the_same_way_touches(file: RobotFile, walls: DistanceGrid) -> None:
     witness = Witness(walls)
 

@@ -24,7 +24,7 @@ from tests.daemon.service.rig import MODEL, SMALL_CIRCLE, Rig, on_a_rig
 S = OperatingState
 BENT_MM = np.array([10.0, 25.0, 25.0, 25.0, 15.0, 15.0])
 BALL_MM = 20.0
-LASTS_S = 12.0
+LASTS_S = 8.0
 PLACES = 61
 CLEAR = upper_limit(0, 1000)
 

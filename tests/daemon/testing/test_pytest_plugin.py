@@ -19,7 +19,7 @@ import_module("daemon.testing.rig")
 EXPERIMENT = """
 experiment: short
 robot: builtin:soft_arm
-trajectory: {kind: circle, center_mm: [0, 0, 185], radius_mm: 15, cycle_s: 4}
+trajectory: {kind: circle, center_mm: [0, 0, 185], radius_mm: 6, cycle_s: 2.5}
 controller: {kind: constant_curvature}
 risk: false
 """
@@ -212,6 +212,7 @@ def test_the_marker_counts_by_place_or_name_and_what_it_cannot_count_is_told(
     assert "'0' is no number from 1 on" in refused
 
 
+@pytest.mark.long
 def test_runs_that_cannot_be_kept_end_no_session(suite: pytest.Pytester) -> None:
     no_folder = suite.path / "a file"
     no_folder.touch()

@@ -39,7 +39,7 @@ AXES_AND_TRACKER_S = 0.05
 @pytest.fixture(scope="module")
 def model(tmp_path_factory: pytest.TempPathFactory) -> str:
     path = tmp_path_factory.mktemp("model") / "arm.npz"
-    pretrained(60, epochs=8).save(path)
+    pretrained(50, epochs=3).save(path)
     return str(path)
 
 

@@ -1,6 +1,8 @@
 """A soft arm that is led, and its paths."""
 
 from collections.abc import Callable
+from copy import deepcopy
+from functools import cache
 
 import numpy as np
 import pytest
@@ -24,16 +26,16 @@ from tests.daemon.control.closed_loop import (
 START_MM = np.array([30.0, 0.0, 185.0])
 
 
-def loop_on(
-    body: str | dict[str, float],
-    model: str,
-    monkeypatch: pytest.MonkeyPatch,
-    learning: bool = True,
-) -> ClosedLoop:
-    """body: a named one, or what is different on another."""
+def loop_on(body: str | dict[str, float], model: str, learning: bool = True) -> ClosedLoop:
+    """At the start of its circle. body: a named one, or what is different on another."""
     figures = {"body": body} if isinstance(body, str) else body
-    plant = SoftArmPlant.model_validate({"kind": "soft_arm", **figures})
-    monkeypatch.setattr(closed_loop, "soft_arm", lambda _: SoftArm(plant, [PISTON_MM2] * 6))
+    return deepcopy(_standing(tuple(figures.items()), model, learning))
+
+
+@cache
+def _standing(figures: tuple[tuple[str, object], ...], model: str, learning: bool) -> ClosedLoop:
+    """Brought there once: nobody may go on from it but with a copy."""
+    plant = SoftArmPlant.model_validate({"kind": "soft_arm", **dict(figures)})
     options = ForwardJacobian(
         kind="forward_jacobian",
         model=model,
@@ -42,7 +44,9 @@ def loop_on(
         gain_per_s=6.0,
         max_tip_speed_mm_s=80.0,
     )
-    return started(ForwardJacobianController(options, ROBOT, 1), START_MM)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(closed_loop, "soft_arm", lambda _: SoftArm(plant, [PISTON_MM2] * 6))
+        return started(ForwardJacobianController(options, ROBOT, 1), START_MM)
 
 
 def circle(speed_mm_s: float, cycles: int) -> Circle:

@@ -172,7 +172,7 @@ def test_a_line_that_something_stands_in_the_way_of_is_given_up_and_others_are_g
 
 
 def test_no_tendon_goes_slack() -> None:
-    tensions, _ = pulled(controller(robot=THREE_TENDONS, duration_s=30.0, travel_share=0.8))
+    tensions, _ = pulled(controller(robot=THREE_TENDONS, duration_s=15.0, travel_share=0.8))
     assert tensions.min() > LOWEST_N
     assert (np.ptp(tensions, axis=0) > 0.8).all()
 

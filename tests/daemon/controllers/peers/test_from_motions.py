@@ -17,7 +17,7 @@ from drivers.pose import Vector
 from tests import SHIPPED_ROBOTS
 from tests.daemon.control.closed_loop import DT_S, ROBOT, made_learner, pretrained, started
 
-pytestmark = pytest.mark.xdist_group("from_motions")  # whose arm is explored once for all tests
+pytestmark = pytest.mark.xdist_group("pretrained_arm")  # which is explored once for all tests
 
 KINDS = ("gaussian_process", "iterative_learning", "model_predictive")
 each = pytest.mark.parametrize("kind", KINDS)
@@ -32,7 +32,7 @@ LOAD_G = 10.0
 def model(tmp_path_factory: pytest.TempPathFactory) -> str:
     """What half of the usual exploration, with nothing at the tip, has taught."""
     path = tmp_path_factory.mktemp("model") / "arm.npz"
-    pretrained(40, epochs=2).save(path)
+    pretrained(50, epochs=3).save(path)
     return str(path)
 
 

@@ -122,10 +122,10 @@ def test_where_nothing_was_learnt_nothing_is_known() -> None:
 def far_points(nearest: float = 0.6) -> list[Vector]:
     """Where the body has other shapes than anywhere near the path. nearest: in half turns, or the
     whole extension."""
-    shapes = np.array([kinematics().configuration(u) for u in PATH])
-    found = []
+    configuration, found = kinematics().configuration, []
+    shapes = np.array([configuration(u) for u in PATH])
     for u in places(400, 4):
-        off = kinematics().configuration(u) - shapes
+        off = configuration(u) - shapes
         off[:, :2] -= 2.0 * np.pi * np.round(off[:, :2] / (2.0 * np.pi))
         if (np.linalg.norm(off / np.array([np.pi, np.pi, 67.0]), axis=1) > nearest).all():
             found.append(u)

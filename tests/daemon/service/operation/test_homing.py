@@ -142,7 +142,7 @@ def test_whatever_would_stop_the_robot_ends_homing(by: str) -> None:
             assert "lease_lost" in {reason.name for reason in refusal.reasons}
             rig.renewing, rig.token = True, ""
             await rig.do(Acquire)
-        await asyncio.sleep(6.0)
+        await asyncio.sleep(3.0)
         assert await modes(rig) == {8}
         assert "not_referenced" in rig.causes
         if rig.in_state(S.FAULT) or "drive_fault" in rig.causes:

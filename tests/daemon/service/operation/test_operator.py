@@ -277,7 +277,7 @@ def test_hold_stands_still_and_resume_goes_on_where_it_was() -> None:
 def test_stop_is_answered_when_the_drives_have_said_that_they_stopped() -> None:
     async def scene(rig: Rig) -> None:
         await rig.running()
-        await asyncio.sleep(6.0)
+        await asyncio.sleep(3.0)
         answer = await rig.do(Stop)
         assert answer.confirmed
         assert rig.power == {PowerState.SWITCH_ON_DISABLED}
@@ -314,7 +314,7 @@ def test_a_stop_of_drives_that_have_stopped_by_themselves_sends_nothing_and_says
         assert answer.state == S.FAULT.value
         assert sent_before == [None] * 6
         assert [channel.target_counts for channel in rig.service.loop.channels] == [None] * 6
-        await asyncio.sleep(6.0)
+        await asyncio.sleep(3.0)
         assert (await rig.do(Stop)).confirmed
 
     on_a_rig(scene)

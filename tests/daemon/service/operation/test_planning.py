@@ -37,6 +37,7 @@ pytestmark = pytest.mark.usefixtures("shared_grids")
 
 S = OperatingState
 THERE = [30.0, 5.0, 192.0]
+GO: dict[str, Any] = {"to_mm": THERE, "tip_speed_mm_s": 20.0}
 FOLLOWING = BROYDEN | {"posture_gain_per_s": 1.0}
 
 
@@ -70,7 +71,7 @@ def test_a_path_is_planned_from_where_it_stands_and_leads_there(
     async def scene(rig: Rig) -> None:
         await rig.armed()
         shafts = rig.shafts()
-        made = await rig.do(Plan, to_mm=THERE)
+        made = await rig.do(Plan, **GO)
         assert rig.in_state(S.ARMED) and rig.shafts() == pytest.approx(shafts, abs=2.0)
         assert made.path is not None
         kept = read_path(tmp_path / "files" / made.file)
@@ -92,7 +93,7 @@ def test_a_path_is_planned_from_where_it_stands_and_leads_there(
 def test_held_on_its_way_it_is_planned_anew_among_what_is_there_then(file: RobotFile) -> None:
     async def scene(rig: Rig) -> None:
         await rig.armed()
-        first = await rig.do(Plan, to_mm=THERE)
+        first = await rig.do(Plan, **GO)
         await rig.do(Load, trajectory={"kind": "planned", "path": first.path}, controller=FOLLOWING)
         await rig.do(Start)
         await rig.until(lambda: off_mm(rig) < 15.0, within_s=60.0)
@@ -107,7 +108,7 @@ def test_held_on_its_way_it_is_planned_anew_among_what_is_there_then(file: Robot
         assert again.name == "other_surroundings"
         assert (await rig.refused(Start)).name != "", "what is loaded is what was held"
         assert rig.in_state(S.HOLD)
-        second = await rig.do(Plan, to_mm=THERE)
+        second = await rig.do(Plan, **GO)
         assert second.path is not None and first.path is not None
         assert second.path["surroundings_sha256"] != first.path["surroundings_sha256"]
         verbs = {verb.name: verb for verb in rig.status.verbs}
@@ -149,7 +150,7 @@ def test_beside_something_it_is_planned_for_the_body_that_is_seen_as_the_gate_ta
         await rig.do(Surround, surface={"regions": [beside]}, add=True)
         await asyncio.sleep(0.1)
         assert rig.service.loop.refuses_rest() == ""
-        made = await rig.do(Plan, to_mm=THERE)
+        made = await rig.do(Plan, **GO)
         tip = rig.service.loop.tip
         assert made.path is not None and tip is not None
         assert made.path["tip_mm"][0] == pytest.approx(tip.position_mm.tolist(), abs=1.0)
@@ -162,7 +163,7 @@ def test_beside_something_it_is_planned_for_the_body_that_is_seen_as_the_gate_ta
 def test_what_was_loaded_among_others_is_not_started(file: RobotFile) -> None:
     async def scene(rig: Rig) -> None:
         await rig.armed()
-        made = await rig.do(Plan, to_mm=THERE)
+        made = await rig.do(Plan, **GO)
         await rig.do(Load, trajectory={"kind": "planned", "path": made.path}, controller=FOLLOWING)
         await rig.do(Surround, surface={"regions": [FAR_BALL]}, add=True)
         assert (await rig.refused(Start)).name == "other_surroundings"
@@ -179,7 +180,7 @@ def test_what_moves_is_kept_away_from_where_it_may_be(file: RobotFile) -> None:
 
     async def scene(rig: Rig) -> None:
         await rig.armed()
-        far = await rig.do(Plan, to_mm=THERE)
+        far = await rig.do(Plan, **GO)
         rig.operator.obstacles("camera", Obstacles(sequence=1, balls=[beside], valid_for_s=1.0))
         refused = await rig.refused(Plan, to_mm=[45.0, 5.0, 190.0])
         assert "with 1 moving obstacle where they may be" in refused.text
@@ -208,7 +209,7 @@ def test_while_nobody_knows_where_something_moves_nothing_is_planned(file: Robot
         assert "camera" in refused.text
         assert rig.shafts() == pytest.approx(shafts, abs=2.0)
         rig.operator.obstacles("camera", Obstacles(sequence=2, balls=[]))
-        await rig.do(Plan, to_mm=THERE)
+        await rig.do(Plan, **GO)
 
     play(scene, file, plan_path=plan_here)
 

@@ -58,8 +58,8 @@ def test_who_leads_the_position_alone_refuses_pointing_by_name() -> None:
     ("controller", "seconds"),
     [
         (LEARNED, 10.0),
-        ({"kind": "broyden"}, 25.0),
-        ({"kind": "forward_jacobian", "babbling": {"duration_s": 10.0}}, 25.0),
+        ({"kind": "broyden"}, 18.0),
+        ({"kind": "forward_jacobian", "babbling": {"duration_s": 8.0}}, 18.0),
     ],
 )
 def test_tubes_turn_their_tip_to_where_a_hand_points_it_and_keep_its_place(

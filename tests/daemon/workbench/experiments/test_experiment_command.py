@@ -29,12 +29,15 @@ controller: {{kind: constant_curvature}}
 """
 
 
-def command(folder: Path, *more: str, cycle_s: float = 3.0) -> "subprocess.Popen[str]":
+def words(folder: Path, cycle_s: float = 3.0) -> list[str]:
     path = folder / "circle.yaml"
     path.write_text(CIRCLE.format(cycle_s=cycle_s))
-    words = ["experiment", str(path), "--out", str(folder / "run"), *more]
+    return ["experiment", str(path), "--out", str(folder / "run")]
+
+
+def command(folder: Path, cycle_s: float = 3.0) -> "subprocess.Popen[str]":
     return subprocess.Popen(
-        [sys.executable, "-m", "daemon.commands.terminal.command_line", *words],
+        [sys.executable, "-m", "daemon.commands.terminal.command_line", *words(folder, cycle_s)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -99,12 +102,15 @@ def test_the_command_leaves_tables_files_and_no_process(tmp_path: Path) -> None:
     assert again.read_text() == (run / "report.html").read_text()
 
 
-def test_without_a_report_the_result_is_the_same(tmp_path: Path) -> None:
-    said, complaints = command(tmp_path, "--no-report").communicate(timeout=WITHIN_S)
-    assert without_progress(complaints) == []
+def test_without_a_report_the_result_is_the_same(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*words(tmp_path), "--no-report"]) == EXIT_OK
+    told = capsys.readouterr()
+    assert without_progress(told.err) == []
     run = tmp_path / "run"
     assert not (run / "report.html").exists()
-    assert "report" not in said
+    assert "report" not in told.out
     result = read_result(run)
     assert result is not None
     assert result.control_sha256 == control_hash(run / "run.mcap")
@@ -122,12 +128,12 @@ def test_an_end_before_its_time_leaves_no_process(tmp_path: Path, number: signal
     assert process.returncode != EXIT_OK
 
 
-def test_a_folder_that_is_there_is_not_written_to(tmp_path: Path) -> None:
+def test_a_folder_that_is_there_is_not_written_to(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "run").mkdir()
-    process = command(tmp_path)
-    _, complaints = process.communicate(timeout=WITHIN_S)
-    assert process.returncode == EXIT_CANNOT_CREATE
-    assert "is there already" in complaints
+    assert main(words(tmp_path)) == EXIT_CANNOT_CREATE
+    assert "is there already" in capsys.readouterr().err
     assert list((tmp_path / "run").iterdir()) == []
 
 

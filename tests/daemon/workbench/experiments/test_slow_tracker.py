@@ -10,7 +10,7 @@ from tests import SHIPPED_ROBOTS
 
 EXPERIMENT = """experiment: slow_line
 robot: robot.yaml
-trajectory: {kind: circle, center_mm: [0, 0, 185], radius_mm: 25, cycle_s: 7.9, cycles: 4}
+trajectory: {kind: circle, center_mm: [0, 0, 185], radius_mm: 25, cycle_s: 7.9, cycles: 3}
 controller: {kind: broyden, lead: true, gain_per_s: 6.0, max_tip_speed_mm_s: 80.0}
 blend_speed_mm_s: 20.0
 risk: false

@@ -45,7 +45,7 @@ pytestmark = pytest.mark.xdist_group("explore")  # whose arm is explored once fo
 PATH = Path(__file__).parents[4] / "config" / "robots" / "soft_arm.yaml"
 FILE: RobotFile = load_robot(PATH)
 OPTIONS = WaypointExploration(kind="waypoint_exploration", waypoints=5)
-FEW = Pretraining(waypoints=3)
+FEW = Pretraining(waypoints=2)
 
 
 def quiet(_: str) -> None:
@@ -328,7 +328,9 @@ def test_designed_motions_that_are_interrupted_go_on_with_the_seconds_that_are_m
     assert len(list(parts.folder.glob("*/run.mcap"))) == 2, "nothing is missing any more"
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize(
+    "number", [signal.SIGTERM, pytest.param(signal.SIGKILL, marks=pytest.mark.long)]
+)
 def test_an_exploration_that_is_ended_goes_on_where_it_was(
     number: signal.Signals, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -100,6 +100,7 @@ def test_a_whole_run_has_every_table_and_figure(page: str) -> None:
     assert "<b>321</b>" in page
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_in_virtual_time_there_is_no_date_and_no_timing(whole: Path, tmp_path: Path) -> None:
     run = read_run(whole)
     virtual = replace(run, header={**run.header, "time": "virtual time"})
@@ -179,6 +180,7 @@ def test_the_error_tables_have_a_row_for_each_cycle(page: str) -> None:
         assert smoothed[2] == pytest.approx(seen[2], abs=0.15)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_where_the_true_tip_is_known_nothing_is_smoothed(
     whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -265,6 +267,7 @@ def test_text_from_the_robot_is_only_text(tmp_path: Path) -> None:
     assert "<script" not in write_report(tmp_path).read_text()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_unfinished_recording_is_shown_as_such(tmp_path: Path) -> None:
     make_run(tmp_path, cycles=1, cycle_s=CYCLE_S)
     content = (tmp_path / "run.mcap").read_bytes()
@@ -275,6 +278,7 @@ def test_an_unfinished_recording_is_shown_as_such(tmp_path: Path) -> None:
     assert "run.mcap.part" in page
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_run_whose_recorder_was_started_again_is_shown_whole_with_its_gap(
     tmp_path: Path,
 ) -> None:

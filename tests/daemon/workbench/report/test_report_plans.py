@@ -110,6 +110,7 @@ def test_each_plan_is_told_with_its_figures_and_drawn_beside_where_the_tip_went(
     assert "touched in the last minute" not in labels
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_plan_whose_file_is_not_there_is_told_all_the_same(tmp_path: Path) -> None:
     (tmp_path / "damaged.json").write_text("{")
     run = run_with(tmp_path, told("lost.json", 1.0), told("damaged.json", 2.0))
@@ -126,16 +127,21 @@ def test_a_name_that_leads_elsewhere_is_looked_for_beside_the_recording(tmp_path
     assert run.plans[0].path is None
 
 
-@pytest.mark.parametrize("by_place", [None, [0.0], ["a", "b", "c"], [[1.0], [2.0, 3.0], 4.0]])
-def test_figures_that_are_none_leave_the_path(tmp_path: Path, by_place: Any) -> None:
-    figures = {**FIGURES, "contact_risk_by_place": by_place, "contact_risk": "?", "before": 3}
-    write_path(tmp_path / "plan.json", planned_path(json.loads(json.dumps(figures))))
-    run = run_with(tmp_path, told("plan.json", 1.0))
-    assert run.plans[0].course is None
+def test_figures_that_are_none_leave_the_path(tmp_path: Path) -> None:
+    none_by_place = [None, [0.0], ["a", "b", "c"], [[1.0], [2.0, 3.0], 4.0]]
+    for number, by_place in enumerate(none_by_place):
+        figures = {**FIGURES, "contact_risk_by_place": by_place, "contact_risk": "?", "before": 3}
+        path = planned_path(json.loads(json.dumps(figures)))
+        write_path(tmp_path / f"plan-{number}.json", path)
+    plans = [told(f"plan-{number}.json", 1.0) for number in range(len(none_by_place))]
+    run = run_with(tmp_path, *plans)
+    assert [plan.course for plan in run.plans] == [None] * len(none_by_place)
+    assert all(plan.path is not None for plan in run.plans)
     assert len(figure_of(run).axes[3].lines) == 0
     assert ">–<" in report_html(run)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_run_in_which_nothing_was_planned_says_nothing_of_it(tmp_path: Path) -> None:
     run = run_with(tmp_path)
     assert plans_figure(run) is None

@@ -134,6 +134,7 @@ def test_a_fault_that_no_device_has_is_told_before_any_run_begins(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.long
 def test_shares_put_together_are_the_same_runs_and_tables(
     done: tuple[Path, Path, Heard], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

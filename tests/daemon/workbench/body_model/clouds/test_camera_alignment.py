@@ -73,7 +73,7 @@ def test_two_cameras_that_do_not_agree_show_in_the_stated_error(
     assert 0.35 < np.median(found.fit_error_mm[4:]) < 0.75
 
 
-@pytest.mark.parametrize("name", ["tendon_arm", "soft_arm"])
+@pytest.mark.parametrize("name", ["tendon_arm", pytest.param("soft_arm", marks=pytest.mark.long)])
 def test_the_stated_error_is_about_the_true_one(name: str) -> None:
     """Of emulated bodies; and it is less than half of what it is with the cameras as they stand."""
     seen = seen_bodies(name, 5)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from daemon.commands.outcome.exit_codes import EXIT_DATA, EXIT_OK, EXIT_USAGE
 from daemon.commands.terminal.command_line import main
+from daemon.host import processes
 from daemon.risk.model_file import read_model
 from daemon.workbench.body_model.clouds.cloud_dataset import CloudDataset
 from daemon.workbench.body_model.clouds.cloud_import import ImportSettings, import_clouds
@@ -282,8 +283,12 @@ def test_a_folder_without_a_table_is_named(
 
 
 def test_from_files_to_a_model(
-    seen: Seen, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    seen: Seen,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr(processes, "worker_processes", ThreadPoolExecutor)
     pytest.importorskip("torch", reason="pip install '.[training]'")
     folder, clouds, model = tmp_path / "seen", tmp_path / "clouds.npz", tmp_path / "model.npz"
     folder.mkdir()

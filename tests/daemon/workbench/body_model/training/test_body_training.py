@@ -62,6 +62,19 @@ def trained() -> TrainedBody:
     return train_body(dataset(n=240), SETTINGS, lambda *_: None)
 
 
+BEGUN = replace(
+    SETTINGS,
+    training=replace(SETTINGS.training, steps=20),
+    shapes_training=replace(SETTINGS.shapes_training, steps=20),
+)
+"""What counts from the first step on, and what does not, shows in a few."""
+
+
+@pytest.fixture(scope="module")
+def begun() -> TrainedBody:
+    return train_body(dataset(n=240), BEGUN, lambda *_: None)
+
+
 def test_a_trained_body_is_a_model_that_is_read_again(trained: TrainedBody, tmp_path: Path) -> None:
     path = tmp_path / "model.npz"
     write_model(path, trained.arrays, trained.about)
@@ -94,29 +107,29 @@ def test_it_knows_its_configurations_and_not_what_is_far(trained: TrainedBody) -
     assert not model.knows([25.0, 25.0, -25.0, 25.0])
 
 
-def test_what_is_kept_back_is_not_learnt_from(trained: TrainedBody) -> None:
+def test_what_is_kept_back_is_not_learnt_from(begun: TrainedBody) -> None:
     data = dataset(n=240)
     other = data.clouds_mm.copy()
     other[data.test] += 15.0
-    again = train_body(replace(data, clouds_mm=other), SETTINGS, lambda *_: None)
-    for name, array in trained.arrays.items():
+    again = train_body(replace(data, clouds_mm=other), BEGUN, lambda *_: None)
+    for name, array in begun.arrays.items():
         np.testing.assert_array_equal(array, again.arrays[name])
 
 
 def test_shapes_are_learnt_from_the_clouds_and_not_from_the_true_centrelines(
-    trained: TrainedBody,
+    begun: TrainedBody,
 ) -> None:
     data = dataset(n=240)
     assert data.true_centrelines_mm is not None
     elsewhere = replace(data, true_centrelines_mm=data.true_centrelines_mm + 20.0)
     unknown = replace(data, true_centrelines_mm=None)
     for other in (elsewhere, unknown):
-        again = train_body(other, SETTINGS, lambda *_: None)
-        for name, array in trained.arrays.items():
+        again = train_body(other, BEGUN, lambda *_: None)
+        for name, array in begun.arrays.items():
             np.testing.assert_array_equal(array, again.arrays[name])
     off = replace(data, centrelines_mm=data.centrelines_mm + np.float32(20.0))
-    again = train_body(off, SETTINGS, lambda *_: None)
-    moved = again.arrays["basis/base_mm"] - trained.arrays["basis/base_mm"]
+    again = train_body(off, BEGUN, lambda *_: None)
+    moved = again.arrays["basis/base_mm"] - begun.arrays["basis/base_mm"]
     np.testing.assert_allclose(moved, 20.0, atol=1e-3)
 
 
