@@ -227,10 +227,9 @@ class ExplorationController(ABC):
 
     def _step_back(self, observation: Observation) -> Vector:
         """(m,) along the way that the axes came, or home."""
-        trail, first = self._trail, self._first
-        straight = first is not None and self._axes.coupled.way_inside(observation.targets, first)
-        if self._goes_home and first is not None and straight:
-            return self._walk.step(first, observation, dither=False)
+        trail, home = self._trail, self._first if self._goes_home else None
+        if home is not None and self._axes.coupled.way_inside(observation.targets, home):
+            return self._walk.step(home, observation, dither=False)
         while len(trail) > 1 and self._walk.arrived(trail[-1], observation):
             trail.pop()
         back = trail[-1] if trail else observation.targets
