@@ -267,7 +267,8 @@ class Cause(CauseRow):
     OUT_OF_WORKSPACE = (
         "out_of_workspace", _H, 0.1, _SELF,
         "the tip is outside its workspace",
-        "stop, and bring it back by hand or by a reference that leads inside",
+        "take off what pulls it; else stop, and home the axes or move them back by hand; where it "
+        "has to go there, widen the workspace in the robot file",
     )
     TENDON_SLACK = (
         "tendon_slack", _H, 0.2, _SELF,
