@@ -109,7 +109,10 @@ class RunRecording:
         if not status.failed:
             self._dropped_when_well = status.dropped
         # A disk that takes nothing may go on in a moment: until then a recorder keeps what it can.
-        missing = status.failed if status.dropped > self._dropped_when_well else ""
+        # What is missing where a recorder died is the gap that it is begun again after.
+        begun_again = status.lost or self._restarting is not None
+        silent = not begun_again and status.dropped > self._dropped_when_well
+        missing = status.failed if silent else ""
         return RecordingTrouble(status.failed or self._lost, self._lost or missing)
 
     async def end(self) -> None:

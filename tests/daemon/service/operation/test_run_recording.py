@@ -60,7 +60,7 @@ class MortalRecorder(DirectRecorder):
     def status(self) -> RecorderStatus:
         if self.killed:
             why = "the recorder process has ended by itself"
-            return RecorderStatus(False, None, 0, why, None, 0, lost=True)
+            return RecorderStatus(False, None, self.too_much, why, None, 0, lost=True)
         if self.full:
             why = "No space left on device"
             return super().status._replace(failed=why, dropped=self.too_much)
@@ -168,6 +168,21 @@ def test_the_robot_is_held_where_a_disk_takes_nothing_until_parts_are_missing() 
         await rig.do(Resume)
         await asyncio.sleep(1.0)
         assert rig.in_state(S.RUNNING)
+
+    on_a_rig(scene)
+
+
+def test_what_is_missing_where_a_recorder_died_holds_nobody_while_it_is_begun_again() -> None:
+    async def scene(rig: Rig) -> None:
+        await rig.running()
+        recorder = recorder_of(rig)
+        recorder.too_much, recorder.refuses = 5, True
+        recorder.kill()
+        await asyncio.sleep(0.3)
+        recorder.refuses = False  # the next attempt is made 0.5 s after the first
+        await rig.until(lambda: not recorder.killed and recorder.status.recording, 5.0)
+        assert rig.in_state(S.RUNNING)
+        assert len(recorder.started) == 2
 
     on_a_rig(scene)
 
