@@ -174,7 +174,7 @@ def _unfit_plant(
     if not variant.plant or emulation is None:
         return []
     try:
-        other_plant(emulation.plant, variant.plant)
+        other_plant(emulation.plant, {**file.experiment.plant, **variant.plant})
     except ValidationError as error:
         return schema_problems(document, type(emulation.plant), error, *where)
     return []
