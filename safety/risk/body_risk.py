@@ -23,6 +23,7 @@ from safety.risk.seen_tip import FEWER, GivenTip, SeenTip, TipConditioning
 from safety.risk.shape_kernels import farthest_mm
 from safety.risk.surroundings.distance_grid import DistanceGrid
 from safety.risk.surroundings.environment import Environment
+from safety.risk.way_contact import WayContact
 from safety.risk_source import (
     GIVEN_TIP,
     MODEL,
@@ -99,10 +100,10 @@ class BodyRisk:
         self.grid = grid
         self._model = model
         self._seed = seed
-        self._contact = ContactModel(model.basis, grid, environment.port, samples, seed)
+        self._contact = WayContact(model.basis, grid, environment.port, samples, seed)
         thicker = model.basis.on_the_safe_side()
         self._fewer = ContactModel(thicker, grid, environment.port, samples // FEWER, seed)
-        self._shifted = ContactModel(model.basis, grid, environment.port, samples, seed)
+        self._shifted = WayContact(model.basis, grid, environment.port, samples, seed)
         around = grid, environment.port, samples, seed
         self._given = None if given is None else GivenTip(given, model.basis, *around)
         self._model_limit: float | None = None
@@ -156,7 +157,7 @@ class BodyRisk:
         self._shift, self._shift_mm, self._begin_shifted = shift, 0.0, None
         if shift is not None:
             self._shift_mm = float(farthest_mm(self._model.basis.modes, shift))
-        for contact in (self._contact, self._fewer):
+        for contact in (self._contact.all_draws, self._fewer):
             contact.look_as_far_as(self._shift_mm + _NEAR_MM)
 
     def see(
@@ -288,11 +289,11 @@ class BodyRisk:
         wait for it."""
         self._model_limit = None
         if alone is not None and self._decides is not None:
-            self._model_limit = self._contact.risk(alone).upper_limit
+            self._model_limit = self._contact.all_draws.risk(alone).upper_limit
 
     def warm_up(self) -> None:
         """Compile what is only needed near to something, or load it from numba's cache."""
-        self._contact.warm_up()
+        self._contact.all_draws.warm_up()
         mixture = self._model.shapes.mixture(self._model.known[0])
         if mixture is not None:
             self._fewer.part_slopes(mixture, 0.0, self._part_ends, np.inf)

@@ -39,6 +39,8 @@ _ROUNDED_MM = np.float32(0.01)
 _ROUNDED_MM2 = np.float32(1e-2)
 """Squares of distances up to some 100 mm are rounded by less than this."""
 _MOST_CUTS = 64
+_PIECES = 8
+"""Of a segment that comes out of the port, of all shapes together."""
 _RADIUS, _SAFE, _LEAST, _AT = range(4)
 """Rows of the table of nodes."""
 _ORDER, _SEGMENT, _NEAR = range(3)
@@ -70,14 +72,15 @@ def clearances(surroundings, skin, shapes, exact):  # type: ignore[no-untyped-de
     positions, clearance, node = shapes.positions, shapes.clearance, shapes.node
     surely, least = shapes.surely, shapes.least
     table, listed = _table_of(skin), np.empty((3, skin.radius.size), np.int64)
-    box = np.empty((4, positions.shape[1]), np.float32)
+    box, balls = np.empty((4, positions.shape[1]), np.float32), _balls_of(skin)
     pieces, cap = np.empty((_MOST_CUTS, 4), np.float32), np.float32(CAP_MM)
     thin = skin.radius.min()
     for first in range(0, clearance.size, _TOGETHER):
         last = min(first + _TOGETHER, clearance.size)
         _empty(box)
         _enclose(positions, first, last, box)
-        outside, opened = _bound(grid, values, port, box, table, listed)
+        _fit(balls, box)
+        outside, opened = _bound(grid, values, port, balls, table, listed)
         for s in range(first, last):
             clearance[s], node[s] = _at_nodes(
                 grid, values, port, positions, s, outside, table, listed
@@ -90,6 +93,45 @@ def clearances(surroundings, skin, shapes, exact):  # type: ignore[no-untyped-de
                     *(table, listed, pieces),
                 )
     _find_lowest(grid, values, port, shapes, exact, table, pieces)
+
+
+@_kernel
+def are_far(surroundings, skin, balls):  # type: ignore[no-untyped-def]
+    """Whether nothing is near to any shape whose nodes are in (K, 5, n) balls, as `_bound` has
+    them, or to what goes straight from one such shape to another: all surely have CAP_MM. Where a
+    radius is negative there is no shape."""
+    grid, values, port = _unpacked(surroundings, skin), surroundings.values, surroundings.port
+    table, listed = _table_of(skin), np.empty((3, skin.radius.size), np.int64)
+    for k in range(balls.shape[0]):
+        if balls[k, 3, 0] < _ZERO:
+            continue
+        opened = _bound(grid, values, port, balls[k], table, listed)[1]
+        for j in range(opened):
+            if not _is_far_in_pieces(grid, values, port, balls[k], listed[_SEGMENT, j], table):
+                return False
+    return True
+
+
+@_inlined
+def _is_far_in_pieces(grid, values, port, balls, i, table):  # type: ignore[no-untyped-def]
+    """Whether nothing is near to any piece of segment i of all shapes in (5, n) balls that is not
+    in the port: as of one that comes out of it."""
+    needed = max(table[_RADIUS, i], table[_RADIUS, i + 1]) + _enough(grid)
+    length, far, hidden, away = balls[4, i] / np.float32(_PIECES), True, False, _ZERO
+    for j in range(_PIECES + 1):
+        share = np.float32(j) / np.float32(_PIECES)
+        x = balls[0, i] + share * (balls[0, i + 1] - balls[0, i])
+        y = balls[1, i] + share * (balls[1, i + 1] - balls[1, i])
+        z = balls[2, i] + share * (balls[2, i + 1] - balls[2, i])
+        wide = max(balls[3, i], balls[3, i + 1])
+        was_hidden, was_away = hidden, away
+        hidden, away = _is_ball_in_port(port, x, y, z, wide), -_FAR
+        if wide < _FAR:
+            away = _distance(grid, values, x, y, z) - wide
+        if j > 0 and not (hidden and was_hidden):
+            square = least_square(min(was_away, grid[13]), min(away, grid[13]), length)
+            far = far and square > needed * needed
+    return far
 
 
 @_kernel
@@ -132,7 +174,7 @@ def sweep(surroundings, skin, start, end, swept, surely):  # type: ignore[no-unt
     """
     grid, values, port = _unpacked(surroundings, skin), surroundings.values, surroundings.port
     table, listed = _table_of(skin), np.empty((3, skin.radius.size), np.int64)
-    box = np.empty((4, start.positions.shape[1]), np.float32)
+    box, balls = np.empty((4, start.positions.shape[1]), np.float32), _balls_of(skin)
     pieces, ways = np.empty((_MOST_CUTS, 4), np.float32), np.empty((_MOST_CUTS, 4), np.float32)
     between, thin = np.empty((1, box.shape[1]), np.float32), skin.safe.min()
     for first in range(0, swept.size, _TOGETHER):
@@ -149,7 +191,8 @@ def sweep(surroundings, skin, start, end, swept, surely):  # type: ignore[no-unt
                 _empty(box)
                 _enclose(start.positions, first, last, box)
                 _enclose(end.positions, first, last, box)
-                bounded, counts = True, _bound(grid, values, port, box, table, listed)
+                _fit(balls, box)
+                bounded, counts = True, _bound(grid, values, port, balls, table, listed)
             ways[0, 0], ways[0, 1] = 0.0, 1.0
             ways[0, 2], ways[0, 3] = start.surely[s], end.surely[s]
             swept[s], least = _swept(
@@ -260,17 +303,39 @@ def _longest_way(start, end, first, last, box):  # type: ignore[no-untyped-def]
 
 
 @_kernel
-def _bound(grid, values, port, box, table, listed):  # type: ignore[no-untyped-def]
-    """What is known of all shapes in a box, from one distance for each node: fill table and lists,
-    and return how many nodes, and how many segments, are listed.
+def _balls_of(skin):  # type: ignore[no-untyped-def]
+    """Room for (5, n) balls: where each node of several shapes is, and no less than how far it is
+    from it to the next."""
+    return np.empty((5, skin.radius.size), np.float32)
+
+
+@_kernel
+def _fit(balls, box):  # type: ignore[no-untyped-def]
+    """Balls round a box. What is no number is everywhere."""
+    for i in range(balls.shape[1]):
+        c = 3 * i
+        x, y = _HALF * (box[0, c] + box[1, c]), _HALF * (box[0, c + 1] + box[1, c + 1])
+        z = _HALF * (box[0, c + 2] + box[1, c + 2])
+        wide = _length(box[1, c] - x, box[1, c + 1] - y, box[1, c + 2] - z)
+        if not abs(box[2, c] + box[2, c + 1] + box[2, c + 2]) < _FAR:
+            wide = _FAR
+        balls[0, i], balls[1, i], balls[2, i], balls[3, i] = x, y, z, wide
+        if i < balls.shape[1] - 1:
+            balls[4, i] = _length(box[3, c], box[3, c + 1], box[3, c + 2])
+
+
+@_kernel
+def _bound(grid, values, port, balls, table, listed):  # type: ignore[no-untyped-def]
+    """What is known of all shapes in (5, n) balls, from one distance for each node: fill table and
+    lists, and return how many nodes, and how many segments, are listed.
 
     Nodes and segments that are in the port, of all shapes, are not listed. Of shapes that are not
     numbers nothing is known.
     """
     count, outside = table.shape[1], 0
     for i in range(count):
-        table[_LEAST, i] = _distance_of_all(grid, values, box, i) - table[_RADIUS, i]
-        if _are_in_port(port, box, i):
+        table[_LEAST, i] = _distance_of_all(grid, values, balls, i) - table[_RADIUS, i]
+        if _are_in_port(port, balls, i):
             continue
         j = outside
         outside += 1
@@ -281,12 +346,11 @@ def _bound(grid, values, port, box, table, listed):  # type: ignore[no-untyped-d
     found = 0
     for i in range(count - 1):
         here, there = table[_LEAST, i] + table[_RADIUS, i], table[_LEAST, i + 1]
-        apart = _length(box[3, 3 * i], box[3, 3 * i + 1], box[3, 3 * i + 2])
         square = least_square(
-            min(here, grid[13]), min(there + table[_RADIUS, i + 1], grid[13]), apart
+            min(here, grid[13]), min(there + table[_RADIUS, i + 1], grid[13]), balls[4, i]
         )
         needed = max(table[_RADIUS, i], table[_RADIUS, i + 1]) + _enough(grid)
-        hidden = _are_in_port(port, box, i) and _are_in_port(port, box, i + 1)
+        hidden = _are_in_port(port, balls, i) and _are_in_port(port, balls, i + 1)
         if not square > needed * needed and not hidden:
             listed[_SEGMENT, found] = i
             found += 1
@@ -294,39 +358,27 @@ def _bound(grid, values, port, box, table, listed):  # type: ignore[no-untyped-d
 
 
 @_inlined
-def _are_in_port(port, box, i):  # type: ignore[no-untyped-def]
-    """Whether node i of all shapes in a box is in the port."""
-    if port[6] < _ZERO or not _are_numbers(box, i):
+def _are_in_port(port, balls, i):  # type: ignore[no-untyped-def]
+    """Whether node i of all shapes in balls is in the port."""
+    return _is_ball_in_port(port, balls[0, i], balls[1, i], balls[2, i], balls[3, i])
+
+
+@_inlined
+def _is_ball_in_port(port, x, y, z, wide):  # type: ignore[no-untyped-def]
+    if port[6] < _ZERO:
         return False
-    x, y, z, wide = _ball_of(box, i)
-    x, y, z = x - port[0], y - port[1], z - port[2]
+    x, y, z, wide = x - port[0], y - port[1], z - port[2], wide + _ROUNDED_MM
     along = x * port[3] + y * port[4] + z * port[5]
     aside = _root(max(x * x + y * y + z * z - along * along, _ZERO))
-    wide += _ROUNDED_MM
     return along + wide <= port[7] and aside + wide <= port[6]
 
 
 @_inlined
-def _are_numbers(box, i):  # type: ignore[no-untyped-def]
-    return abs(box[2, 3 * i] + box[2, 3 * i + 1] + box[2, 3 * i + 2]) < _FAR
-
-
-@_inlined
-def _ball_of(box, i):  # type: ignore[no-untyped-def]
-    """Middle and radius of a ball that node i of all shapes in a box is in."""
-    x, y = _HALF * (box[0, 3 * i] + box[1, 3 * i]), _HALF * (box[0, 3 * i + 1] + box[1, 3 * i + 1])
-    z = _HALF * (box[0, 3 * i + 2] + box[1, 3 * i + 2])
-    wide = _length(box[1, 3 * i] - x, box[1, 3 * i + 1] - y, box[1, 3 * i + 2] - z)
-    return x, y, z, wide
-
-
-@_inlined
-def _distance_of_all(grid, values, box, i):  # type: ignore[no-untyped-def]
-    """What node i of no shape in a box is nearer than."""
-    if not _are_numbers(box, i):
+def _distance_of_all(grid, values, balls, i):  # type: ignore[no-untyped-def]
+    """What node i of no shape in balls is nearer than."""
+    if not balls[3, i] < _FAR:
         return -_FAR
-    x, y, z, wide = _ball_of(box, i)
-    return _distance(grid, values, x, y, z) - wide
+    return _distance(grid, values, balls[0, i], balls[1, i], balls[2, i]) - balls[3, i]
 
 
 @_inlined

@@ -28,6 +28,7 @@ from safety.risk.model.shape_basis import ShapeBasis
 from safety.risk.moving_obstacles import Swept
 from safety.risk.surroundings.distance_grid import DistanceGrid
 from safety.risk.surroundings.environment import InsertionPort
+from safety.risk.way_contact import WayContact
 
 OTHER_BODY: Final = 0.5
 """Variance of the tip by what the model has not seen, over the variance that it has."""
@@ -148,7 +149,7 @@ class GivenTip:
     ) -> None:
         self.conditioning = conditioning
         thinner = basis.leaving_out(LEFT_OUT_SHARE)
-        self._contact = ContactModel(thinner, grid, port, samples, seed)
+        self._contact = WayContact(thinner, grid, port, samples, seed)
         self.fewer = ContactModel(thinner.on_the_safe_side(), grid, port, samples // FEWER, seed)
         """As thick as those that decide."""
         self.seen: SeenTip | None = None

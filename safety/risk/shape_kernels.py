@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 _LANES = 32
 """Rows are worked on in so many numbers at a time: what is left over would go one by one."""
+_ROUNDED_MM = np.float32(0.01)
+"""Places of some 100 mm are rounded by less than this."""
 _kernel = njit(cache=True, error_model="numpy", nogil=True)
 _placing = njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})
 """A product and its sum are rounded once."""
@@ -62,16 +64,21 @@ class Shapes(NamedTuple):
     least: SingleArray
 
 
+def in_lanes(rows: SingleArray) -> SingleArray:
+    """(…, 3n) rows, with zeros up to a whole number of lanes."""
+    more = -rows.shape[-1] % _LANES
+    return np.pad(rows, [(0, 0)] * (rows.ndim - 1) + [(0, more)])
+
+
 @_placing
 def place_shapes(means, factors, component, normal, base, modes, positions):  # type: ignore[no-untyped-def]
     """Write the centrelines of (S, d) standard normal draws, each for its (S,) component: quickest
     where those of one component are neighbours.
 
-    base: (3n,), modes: (d, 3n): a centreline is base + Σ coefficient · mode.
+    base: (3n,), modes: (d, 3n): a centreline is base + Σ coefficient · mode. Both are `in_lanes`.
     """
-    d, width, count = means.shape[1], base.size, positions.shape[0]
-    wide = (width + _LANES - 1) // _LANES * _LANES
-    middle, spread = np.zeros(wide, np.float32), np.zeros((d, wide), np.float32)
+    d, wide, (count, width) = means.shape[1], base.size, positions.shape
+    middle, spread = np.empty(wide, np.float32), np.empty((d, wide), np.float32)
     row, other = np.empty(wide, np.float32), np.empty(wide, np.float32)
     known, s = -1, 0
     while s < count:
@@ -150,6 +157,90 @@ def fall_to(weights, uniform, component):  # type: ignore[no-untyped-def]
             k += 1
             edge += weights[k]
         component[s] = k
+
+
+@_kernel
+def find_longest(weights, uniform, length, longest):  # type: ignore[no-untyped-def]
+    """Raise (K,) `longest` to the largest of (S,) lengths of the draws that fall to each component,
+    as `fall_to` has it."""
+    first, edge = 0, 0.0
+    for k in range(weights.size):
+        edge += weights[k]
+        ends = k == weights.size - 1
+        last = uniform.size if ends else np.searchsorted(uniform, edge)
+        for s in range(first, last):
+            longest[k] = max(longest[k], length[s])
+        first = max(first, last)
+
+
+@_kernel
+def enclose_draws(means, factors, longest, base, modes, balls):  # type: ignore[no-untyped-def]
+    """Widen (K, 5, n) balls by where each node of each component's shapes is whose (d,) draws are
+    no longer than `longest`, unless that is negative: middle and radius of a ball, and no less than
+    how far it is to the next node. What goes straight from one of them to another stays in it.
+
+    A node is Ū⁻ᵀ modes · z from its middle, which is not longer than the largest singular value
+    times z. base and modes are `in_lanes`.
+    """
+    d, wide, nodes = means.shape[1], base.size, balls.shape[2]
+    middle, spread = np.empty(wide, np.float32), np.empty((d, wide), np.float32)
+    rows = np.empty((4, wide), np.float32)
+    square, beside, over, apart = rows[0], rows[1], rows[2], rows[3]
+    for k in range(means.shape[0]):
+        if longest[k] < 0.0:
+            continue
+        _own_modes(means[k], factors[k], base, modes, middle, spread, square)
+        rows[:] = 0.0
+        for i in range(d):
+            own = spread[i]
+            for c in range(wide):
+                square[c] += own[c] * own[c]
+            for c in range(wide - 1):
+                beside[c] += own[c] * own[c + 1]
+            for c in range(wide - 2):
+                over[c] += own[c] * own[c + 2]
+            for c in range(wide - 3):
+                change = own[c + 3] - own[c]
+                apart[c] += change * change
+        for n in range(nodes):
+            c = 3 * n
+            most = _largest(
+                *(square[c], beside[c], over[c], square[c + 1], beside[c + 1], square[c + 2])
+            )
+            radius, away = longest[k] * most + _ROUNDED_MM, np.float32(0.0)
+            if n < nodes - 1:
+                x, y = middle[c + 3] - middle[c], middle[c + 4] - middle[c + 1]
+                z = middle[c + 5] - middle[c + 2]
+                away = longest[k] * np.sqrt(apart[c] + apart[c + 1] + apart[c + 2]) + _ROUNDED_MM
+                away += np.sqrt(x * x + y * y + z * z)
+            _widen(balls[k], n, middle[c], middle[c + 1], middle[c + 2], radius, away)
+
+
+@_kernel
+def _largest(xx, xy, xz, yy, yz, zz):  # type: ignore[no-untyped-def]
+    """What the largest singular value of M is not above, of which M Mᵀ has these: the fourth root
+    of the norm of its square, at most 3^(1/8) times as much."""
+    a, b, c = xx * xx + xy * xy + xz * xz, xy * xy + yy * yy + yz * yz, xz * xz + yz * yz + zz * zz
+    p, q, r = xx * xy + xy * yy + xz * yz, xx * xz + xy * yz + xz * zz, xy * xz + yy * yz + yz * zz
+    norm = np.sqrt(a * a + b * b + c * c + np.float32(2.0) * (p * p + q * q + r * r))
+    return np.sqrt(np.sqrt(norm))
+
+
+@_kernel
+def _widen(balls, n, x, y, z, radius, away):  # type: ignore[no-untyped-def]
+    """Widen ball n of (5, n) by another one. One that is no number is everywhere."""
+    if not radius + abs(x) + abs(y) + abs(z) + away < np.inf:
+        radius = np.float32(np.inf)
+    if balls[3, n] >= 0.0:
+        dx, dy, dz = x - balls[0, n], y - balls[1, n], z - balls[2, n]
+        half = np.float32(0.5)
+        x, y, z = x - half * dx, y - half * dy, z - half * dz
+        between = half * np.sqrt(dx * dx + dy * dy + dz * dz) + _ROUNDED_MM
+        radius = max(balls[3, n], radius) + between
+        if not radius < np.inf:
+            radius = np.float32(np.inf)
+    balls[0, n], balls[1, n], balls[2, n], balls[3, n] = x, y, z, radius
+    balls[4, n] = max(balls[4, n], away)
 
 
 @_kernel

@@ -15,7 +15,7 @@ from safety.risk.contact import ContactModel
 from safety.risk.contact_kernels import clearances
 from safety.risk.model.mixture import FloatArray, IndexArray, Mixture
 from safety.risk.model.risk_model import RiskModel
-from safety.risk.shape_kernels import Shapes, place_shapes
+from safety.risk.shape_kernels import Shapes, in_lanes, place_shapes
 from safety.risk.surroundings.distance_grid import DistanceGrid
 
 _MARGIN_MM: Final = 12.0
@@ -55,8 +55,8 @@ class ClearanceLack:
         basis = contact.basis
         half = np.random.default_rng(seed).standard_normal((draws // 2, basis.coefficients))
         self._draws = np.concatenate([half, -half])
-        self._base = basis.base_mm.ravel()
-        self._flat_modes = basis.modes.reshape(basis.coefficients, -1)
+        self._base = in_lanes(basis.base_mm.ravel())
+        self._flat_modes = in_lanes(basis.modes.reshape(basis.coefficients, -1))
         self._modes = basis.modes.astype(np.float64)
 
     def at(self, u: FloatArray) -> Lack:
@@ -90,7 +90,7 @@ class ClearanceLack:
     def _shapes(self, mixture: Mixture, active: IndexArray) -> Shapes:
         count = active.size * len(self._draws)
         shapes = Shapes(
-            np.empty((count, self._base.size), np.float32),
+            np.empty((count, 3 * len(self._modes[0])), np.float32),
             np.empty(count, np.float32),
             np.empty(count, np.int64),
             np.empty(count, np.float32),

@@ -384,12 +384,12 @@ def test_who_is_not_to_look_at_tips_makes_no_shapes_for_them(
             made.append(arguments)
             super().__init__(*arguments)  # type: ignore[arg-type]
 
-    for name in ("body_risk", "seen_tip"):
+    for name in ("body_risk", "seen_tip", "way_contact"):
         monkeypatch.setattr(f"safety.risk.{name}.ContactModel", Counted)
     BodyRisk(model, block, grid, samples=50)
     without = len(made)
     BodyRisk(model, block, grid, samples=50, given=TipConditioning(model.basis, 0.5, None))
-    assert (without, len(made) - without) == (3, 5)
+    assert (without, len(made) - without) == (5, 8)
 
 
 def test_another_tip_is_another_answer_from_the_same_place(

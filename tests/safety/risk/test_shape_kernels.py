@@ -13,6 +13,7 @@ from safety.risk.shape_kernels import (
     fall_to,
     farthest_mm,
     find_changed,
+    in_lanes,
     lower,
     place_shapes,
     worst_place,
@@ -124,7 +125,7 @@ def test_a_shape_is_placed_where_its_draw_has_it_whoever_is_beside_it(
     modes = random.normal(size=(d, 3 * NODES)).astype(np.float32)
     positions = np.empty((count, 3 * NODES), np.float32)
     parts = among.means_mm, among.factors_per_mm
-    place_shapes(*parts, component, normal, base, modes, positions)
+    place_shapes(*parts, component, normal, in_lanes(base), in_lanes(modes), positions)
     for s, k in enumerate(component):
         coefficients = among.means_mm[k] + np.linalg.solve(among.factors_per_mm[k], normal[s])
         np.testing.assert_allclose(positions[s], base + coefficients @ modes, atol=2e-4)
