@@ -372,20 +372,16 @@ class BodyRisk:
     def _mixtures(self, u_from: Sequence[float], u_to: Sequence[float]) -> list[Mixture] | None:
         """Over the shape's coefficients, along the way."""
         begin, end = np.asarray(u_from, np.float64), np.asarray(u_to, np.float64)
-        first = self._first(tuple(u_from))
         way = (end - begin) * self._model.scale
         segments = min(max(1, ceil(sqrt(way @ way) / _LONGEST_SEGMENT)), _MOST_SEGMENTS)
-        shares = [k / segments for k in range(1, segments + 1)]
-        along = [self._model.shapes.mixture(begin + share * (end - begin)) for share in shares]
-        mixtures = [mixture for mixture in (first, *along) if mixture is not None]
-        return mixtures if len(mixtures) == 1 + segments else None
-
-    def _first(self, u_from: tuple[float, ...]) -> Mixture | None:
-        if self._begin is not None and self._begin[0] == u_from:
-            return self._begin[1]
-        mixture = self._model.shapes.mixture(u_from)
-        self._begin = None if mixture is None else (u_from, mixture)
-        return mixture
+        places = begin + np.arange(segments + 1)[:, np.newaxis] / segments * (end - begin)
+        known = self._begin if self._begin is not None and self._begin[0] == tuple(u_from) else None
+        if known is not None:
+            rest = self._model.shapes.mixtures(places[1:])
+            return None if rest is None else [known[1], *rest]
+        mixtures = self._model.shapes.mixtures(places)
+        self._begin = None if mixtures is None else (tuple(u_from), mixtures[0])
+        return mixtures
 
 
 def _way_risk(found: PathContactRisk, answers: RiskAnswers) -> WayRisk:

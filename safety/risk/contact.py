@@ -19,6 +19,7 @@ from safety.risk.contact_figures import (
     PathContactRisk,
     Touching,
     WorstPlace,
+    counted,
     few_of,
     share_touching,
     threshold_mm,
@@ -164,8 +165,8 @@ class ContactModel:
         """Of the body at rest."""
         self._measure(mixture)
         shapes = self._now.shapes
-        worst = self._worst(shapes, threshold_mm(shapes.clearance))
-        return ContactRisk.of(shapes.clearance, shapes.surely, worst)
+        found = counted(shapes.clearance, shapes.surely)
+        return ContactRisk.of(found, self._worst(shapes, found.threshold_mm))
 
     def clearance_mm(self, mixture: Mixture, share: float) -> float:
         """What this share of the shapes, or one of them, have no more clearance than."""
@@ -229,7 +230,7 @@ class ContactModel:
                 worst = self._worst(before.shapes, lowest_mm)
         leaving = start.left(self._now.shapes, surely) if start.count else None
         worst = worst or self._worst(self._now.shapes, lowest_mm)
-        figures, touching = ContactRisk.of(swept, surely, worst), ~(surely > 0.0)
+        figures, touching = ContactRisk.of(counted(swept, surely), worst), ~(surely > 0.0)
         return PathContactRisk(figures, tuple(estimates), leaving, touching)
 
     def warm_up(self) -> None:

@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betaincinv
 
 from safety.risk.model.mixture import FloatArray
-from safety.risk.shape_kernels import Shapes, SingleArray
+from safety.risk.shape_kernels import Shapes, SingleArray, count_shapes
 from safety.risk_source import Leaving
 
 CONFIDENCE: Final = 0.95
@@ -34,6 +34,25 @@ class WorstPlace:
     """None of the worst twentieth has more."""
 
 
+class Counted(NamedTuple):
+    """Of shapes, by their clearances, and what these are surely not below: see `ContactRisk`."""
+
+    samples: int
+    touching: int
+    not_surely_clear: int
+    lowest_1_percent_mm: float
+    threshold_mm: float
+    """None of the worst twentieth has more."""
+    median_mm: float
+    mean_of_worst_mm: float
+
+
+def counted(clearance: SingleArray, surely: SingleArray) -> Counted:
+    """Of (S,) shapes."""
+    samples = clearance.size
+    return Counted(samples, *count_shapes(clearance, surely, few_of(samples), samples // 100))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactRisk:
     """What the sampled shapes say. Clearances are of the body's skin, negative in what is solid."""
@@ -56,23 +75,19 @@ class ContactRisk:
     worst: WorstPlace
 
     @classmethod
-    def of(cls, clearance: SingleArray, surely: SingleArray, worst: WorstPlace) -> "ContactRisk":
-        """Of (S,) shapes: their clearances, and what these are surely not below."""
-        samples = clearance.size
-        ordered = np.sort(clearance)
-        touching = int(ordered.searchsorted(0.0, side="right"))
-        not_clear = samples - int(np.count_nonzero(surely > 0.0))
-        few = few_of(samples)
+    def of(cls, counted: Counted, worst: WorstPlace) -> "ContactRisk":
+        """Of what is counted of the shapes."""
+        samples, touching, not_clear = counted.samples, counted.touching, counted.not_surely_clear
         return cls(
             touching / samples,
             upper_limit(not_clear, samples),
             samples,
             touching,
             not_clear,
-            float(ordered[max(1, samples // 100) - 1]),
-            float(ordered[few - 1]),
-            float(ordered[samples // 2]),
-            float(np.add.reduce(ordered[:few])) / few,  # `mean` takes five times as long
+            counted.lowest_1_percent_mm,
+            counted.threshold_mm,
+            counted.median_mm,
+            counted.mean_of_worst_mm,
             worst,
         )
 

@@ -283,6 +283,24 @@ def lower(swept, surely, shapes, rows):  # type: ignore[no-untyped-def]
 
 
 @_kernel
+def count_shapes(clearance, surely, few, hundredth):  # type: ignore[no-untyped-def]
+    """Of (S,) shapes: how many touch, and how many are not proved to be clear; the clearance that
+    one in a hundred has no more than, that which none of so `few` with the least has more than,
+    that of the middle one, and the mean of those few. In one go: each look at them by itself has
+    to be begun."""
+    touching, not_clear = 0, 0
+    for s in range(clearance.size):
+        touching += 1 if clearance[s] <= 0.0 else 0
+        not_clear += 0 if surely[s] > 0.0 else 1
+    ordered = np.sort(clearance)
+    lowest, total = ordered[max(1, hundredth) - 1], 0.0
+    for s in range(few):
+        total += ordered[s]
+    middle = ordered[clearance.size // 2]
+    return touching, not_clear, float(lowest), float(ordered[few - 1]), float(middle), total / few
+
+
+@_kernel
 def worst_place(surroundings, shapes, threshold, place, nearest):  # type: ignore[no-untyped-def]
     """The node where most of the shapes have their clearance that have no more than `threshold`.
 

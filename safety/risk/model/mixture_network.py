@@ -85,12 +85,18 @@ class MixtureNetwork:
 
     def mixture(self, u: Sequence[float] | FloatArray) -> Mixture | None:
         """Where the body is at (m,) u; None where that comes out as no finite numbers."""
-        k, d = self._components, self._dimensions
-        weights, means, factors = np.empty(k), np.empty((k, d)), np.zeros((k, d, d))
+        found = self.mixtures(self._checked(u)[np.newaxis])
+        return None if found is None else found[0]
+
+    def mixtures(self, several: FloatArray) -> list[Mixture] | None:
+        """Where the body is at each of (n, m) u, which takes little more than at one of them; None
+        where any comes out as no finite numbers."""
+        n, k, d = len(several), self._components, self._dimensions
+        weights, means, factors = np.empty((n, k)), np.empty((n, k, d)), np.zeros((n, k, d, d))
         network = (self._parameters, self._plan, self._scaling)
-        if not forward(*network, self._checked(u), weights, means, factors):
+        if not forward(*network, several, weights, means, factors):
             return None
-        return Mixture(weights, means, factors)
+        return [Mixture(weights[i], means[i], factors[i]) for i in range(n)]
 
     def gradient(
         self,

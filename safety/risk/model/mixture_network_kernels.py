@@ -73,16 +73,20 @@ def is_near(known, u, scale, period, reach):  # type: ignore[no-untyped-def]
 
 @_kernel
 def forward(parameters, plan, scaling, u, weights, means, factors):  # type: ignore[no-untyped-def]
-    """Fill (K,) weights, (K, d) means in mm, (K, d, d) factors per mm, whose lower half is left.
+    """Of (n, m) u fill (n, K) weights, (n, K, d) means in mm, (n, K, d, d) factors per mm, whose
+    lower half is left.
 
-    Returns whether all are finite.
+    Returns whether all are finite. Several at once read the parameters, which are more than a
+    processor's nearest caches hold, only once.
     """
-    values = np.empty(_width(plan), parameters.dtype)
+    count, inputs = u.shape
+    values = np.empty((count, _width(plan)), parameters.dtype)
     heads = _run(parameters, plan, scaling, u, values)
-    _to_mixture(values, heads, scaling, u.size, weights, means, factors)
     total = parameters.dtype.type(0.0)
-    for i in range(values.size):  # activations and limits could hide what is not finite
-        total += abs(values[i])
+    for n in range(count):
+        _to_mixture(values[n], heads, scaling, inputs, weights[n], means[n], factors[n])
+        for i in range(values.shape[1]):  # activations and limits could hide what is not finite
+            total += abs(values[n, i])
     return np.isfinite(total)
 
 
@@ -92,8 +96,9 @@ def backward(parameters, plan, scaling, u, by_weights, by_means, by_factors):  #
 
     by_weights (K,), by_means (K, d), by_factors (K, d, d) of which the upper half counts.
     """
-    values = np.empty(_width(plan), parameters.dtype)
-    heads = _run(parameters, plan, scaling, u, values)
+    one = np.empty((1, _width(plan)), parameters.dtype)
+    heads = _run(parameters, plan, scaling, u.reshape(1, u.size), one)
+    values = one[0]
     slopes = np.zeros_like(values)
     _from_mixture(values, heads, scaling, u.size, by_weights, by_means, by_factors, slopes)
     _back(parameters, plan, values, slopes)
@@ -108,31 +113,33 @@ def _width(plan):  # type: ignore[no-untyped-def]
 
 @_kernel
 def _run(parameters, plan, scaling, u, values):  # type: ignore[no-untyped-def]
-    """Fill `values` with the features and what each layer has before its activation.
+    """Fill a row of `values` for each of (n, m) u with the features and what each layer has before
+    its activation.
 
     Returns where in it the results of the three heads begin.
     """
-    m, features, layers = u.size, plan[1, 0], plan.shape[0] - 1
+    (count, m), features, layers = u.shape, plan[1, 0], plan.shape[0] - 1
     heads = (0, 0, 0)
-    active = np.empty(max(features, plan[1:, 1].max()), values.dtype)
-    write_features(u, scaling[:m], scaling[m : 2 * m], scaling[scaling.size - m :], values)
-    for i in range(features):
-        active[i] = values[i]
+    active = np.empty((count, max(features, plan[1:, 1].max())), values.dtype)
+    for n in range(count):
+        offset, scale, period = scaling[:m], scaling[m : 2 * m], scaling[scaling.size - m :]
+        write_features(u[n], offset, scale, period, values[n])
+    active[:, :features] = values[:, :features]
     trunk = active
     place, stack = features, 0
     for layer in range(layers):
-        inputs, outputs, matrix, bias = plan[1 + layer]
-        out = values[place : place + outputs]
+        outputs = plan[1 + layer, 1]
         if stack < 3 and layer == plan[0, 1 + stack]:
             if stack == 0:
                 trunk = active.copy()
             else:
                 active[:] = trunk
             stack += 1
-        _multiply(parameters, matrix, bias, active[:inputs], out)
+        _multiply(parameters, plan[1 + layer], active, values, place)
         last = layer == layers - 1 or (stack < 3 and layer == plan[0, 1 + stack] - 1)
         if stack == 0 or not last:
-            _activate(plan[0, 0], out, active)
+            for n in range(count):
+                _activate(plan[0, 0], values[n, place : place + outputs], active[n])
         elif stack == 1:
             heads = (place, 0, 0)
         elif stack == 2:
@@ -144,29 +151,35 @@ def _run(parameters, plan, scaling, u, values):  # type: ignore[no-untyped-def]
 
 
 @_kernel
-def _multiply(parameters, matrix, bias, x, out):  # type: ignore[no-untyped-def]
-    """Write Mx + b to `out`, four rows at a time."""
-    count, zero = x.size, parameters.dtype.type(0.0)
+def _multiply(parameters, layer, several, values, place):  # type: ignore[no-untyped-def]
+    """Write Mx + b to each row of `values`, from `place` on, for each row of `several`, which
+    begins with x; four rows of M at a time."""
+    inputs, outputs, matrix, bias = layer
+    zero = parameters.dtype.type(0.0)
     o = 0
-    while o + 4 <= out.size:
-        at = matrix + o * count
-        first, second = parameters[at : at + count], parameters[at + count : at + 2 * count]
-        third = parameters[at + 2 * count : at + 3 * count]
-        fourth = parameters[at + 3 * count : at + 4 * count]
-        a, b, c, d = zero, zero, zero, zero
-        for i in range(count):
-            a += first[i] * x[i]
-            b += second[i] * x[i]
-            c += third[i] * x[i]
-            d += fourth[i] * x[i]
-        out[o], out[o + 1] = a + parameters[bias + o], b + parameters[bias + o + 1]
-        out[o + 2], out[o + 3] = c + parameters[bias + o + 2], d + parameters[bias + o + 3]
+    while o + 4 <= outputs:
+        at = matrix + o * inputs
+        first, second = parameters[at : at + inputs], parameters[at + inputs : at + 2 * inputs]
+        third = parameters[at + 2 * inputs : at + 3 * inputs]
+        fourth = parameters[at + 3 * inputs : at + 4 * inputs]
+        for n in range(several.shape[0]):
+            x, out, b = several[n], values[n, place + o : place + o + 4], bias + o
+            p, q, r, s = zero, zero, zero, zero
+            for i in range(inputs):
+                p += first[i] * x[i]
+                q += second[i] * x[i]
+                r += third[i] * x[i]
+                s += fourth[i] * x[i]
+            out[0], out[1] = p + parameters[b], q + parameters[b + 1]
+            out[2], out[3] = r + parameters[b + 2], s + parameters[b + 3]
         o += 4
-    while o < out.size:
-        row, a = parameters[matrix + o * count : matrix + (o + 1) * count], zero
-        for i in range(count):
-            a += row[i] * x[i]
-        out[o] = a + parameters[bias + o]
+    while o < outputs:
+        row = parameters[matrix + o * inputs : matrix + (o + 1) * inputs]
+        for n in range(several.shape[0]):
+            x, p = several[n], zero
+            for i in range(inputs):
+                p += row[i] * x[i]
+            values[n, place + o] = p + parameters[bias + o]
         o += 1
 
 
