@@ -265,10 +265,10 @@ class Cause(CauseRow):
         "look at the body; tubes snap back where they are drawn out or turned back; then resume",
     )
     OUT_OF_WORKSPACE = (
-        "out_of_workspace", _H, 0.1, _SELF,
-        "the tip is outside its workspace",
-        "take off what pulls it; else stop, and home the axes or move them back by hand; where it "
-        "has to go there, widen the workspace in the robot file",
+        "out_of_workspace", _H, 0.1, _RESUME,
+        "the tip is going out of its workspace",
+        "take off what pulls it, then resume: it is led back, and held again if it goes farther "
+        "out; where it has to go there, widen the workspace in the robot file",
     )
     TENDON_SLACK = (
         "tendon_slack", _H, 0.2, _SELF,

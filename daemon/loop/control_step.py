@@ -78,8 +78,9 @@ class ControlLoop:
         self.reference: Reference | None = None
         self.steps = 0
         self.tip: TipEstimate | None = None
-        self.outside_workspace = False
-        """Whether the tip is where no reference may lead it."""
+        self.outside_mm = -math.inf
+        """How far the tip is outside the workspace, where no reference may lead it; negative: how
+        far it is from its walls."""
         self.near_at_rest = ""
         """Where something is too near to the energised body that stands; empty: nowhere, or it is
         not known."""
@@ -232,11 +233,13 @@ class ControlLoop:
 
     def _believe(self, tip: TipEstimate | None) -> None:
         self.tip = tip
-        # Where the file names no workspace, there is nothing to be outside of.
-        self.outside_workspace = tip is not None and not all(
-            low <= place <= high
-            for place, (low, high) in zip(tip.position_mm.tolist(), self._workspace, strict=False)
-        )
+        self.outside_mm = -math.inf  # where the file names no workspace, nothing is outside of it
+        if tip is not None and self._workspace:
+            places = zip(tip.position_mm.tolist(), self._workspace, strict=True)
+            beyond = [max(low - place, place - high) for place, (low, high) in places]
+            farthest = max(beyond)
+            outside = [max(one, 0.0) for one in beyond]
+            self.outside_mm = math.hypot(*outside) if farthest > 0.0 else farthest
 
     def _decide(self, sensed: Sensed, believed: bool) -> RequestedStep | None:
         """What the controller wants; None: to stand still."""

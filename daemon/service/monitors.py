@@ -84,7 +84,7 @@ class Monitors:
         watched.tip_age_s = loop.filter.age_s(now_ns)
         watched.tip_quality = loop.filter.quality
         watched.body_failing = self._dependencies.body_failing()
-        watched.outside_workspace = loop.outside_workspace
+        watched.outside_mm = loop.outside_mm
         watched.targets = loop.target_counts(now_ns)
         watched.cycles_missed = self._missing_cycles
         watched.lease_missing_s = self._lease.unheld_s(now_ns)

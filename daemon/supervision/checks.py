@@ -5,6 +5,7 @@ cycle (`Watched`), and what the control step reports. Nothing here decides what 
 cause; `safety.causes` has that.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
@@ -56,6 +57,33 @@ class _FollowingError:
         return behind
 
 
+_LED_BACK_MM: Final = 2.0
+"""How much farther outside a tip may go that is led back: a lag's worth of the first motions, and
+the tracker's noise. Chosen."""
+
+
+class Workspace:
+    """Lets no motion lead the tip out of the workspace, but back into it.
+
+    What is outside when a motion begins, because a load or a hand has drawn it there, may go hardly
+    farther; and once it has come nearer, not so far again.
+    """
+
+    def __init__(self) -> None:
+        self._may_mm = 0.0
+        """So far outside it may be."""
+
+    def leaves(self, outside_mm: float, moving: bool) -> bool:
+        """Whether the motion leads out, of a tip that is so far outside; negative: inside."""
+        leaves = moving and outside_mm > self._may_mm
+        here_mm = max(outside_mm + _LED_BACK_MM, 0.0)
+        if moving:
+            self._may_mm = min(self._may_mm, here_mm)
+        else:
+            self._may_mm = here_mm if outside_mm > 0.0 else 0.0
+        return leaves
+
+
 _LOW_TO_FULL: Final = 0.1
 """Of the room under which it is warned: a tenth of that is as good as none. Chosen."""
 
@@ -71,8 +99,9 @@ class Watched:
     tip_quality: float = 0.0
     body_failing: str = ""
     """What the package that an emulated body comes from does wrong; empty: nothing."""
-    outside_workspace: bool = False
-    """Whether the tip is where no reference may lead it."""
+    outside_mm: float = -math.inf
+    """How far the tip is outside the workspace, where no reference may lead it; negative: how far
+    it is from its walls."""
     targets: Sequence[int] = ()
     """Of each axis, in counts, in the order of the actuation vector; empty: not known yet."""
     cycles_missed: bool = False
@@ -141,6 +170,7 @@ class Checks:
         self._dropped_before = 0
         self._channels = in_order(buses)
         self._following_error = _FollowingError(self._channels)
+        self._workspace = Workspace()
         self._nodes = [
             (node, f"{node.subject} state") for bus in buses for node in bus.nodes.values()
         ]
@@ -170,7 +200,7 @@ class Checks:
         self._check_tendons(t_ns, energised and not homing)
         watched = self.watched
         self._set(Cause.LOOP_SLOW, watched.cycles_missed, t_ns, "loop")
-        outside = energised and not homing and watched.outside_workspace
+        outside = self._workspace.leaves(watched.outside_mm, moving)
         self._set(Cause.OUT_OF_WORKSPACE, outside, t_ns, "tip")
         near = watched.near_at_rest if energised and not (moving or homing) else ""
         for cause, words in (

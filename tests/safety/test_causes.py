@@ -28,6 +28,7 @@ ARE_OVER_BEFORE_ANYBODY_LOOKS = {
     "body_failed",
     "gate_refused",
     "controller_failed",
+    "out_of_workspace",
     "tracking_diverges",
     "tip_jumped",
     "operator_hold",
