@@ -9,7 +9,10 @@ where the first line began.
 
 from abc import ABC, abstractmethod
 from collections import deque
+from collections.abc import Mapping
+from enum import Enum
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -57,6 +60,28 @@ _WELL_INSIDE = 0.1
 """Of the workspace's width, from its walls."""
 
 
+class _Way(Enum):
+    """Where it goes."""
+
+    OUT = "along its line"
+    FROM_WALL = "back along its trail, still beside the wall that it turned at"
+    BACK = "back along its trail, with that wall left behind"
+    HOME = "home: the trail has led to a wall again, as that of a plastic body may"
+
+
+_AFTER: Final[Mapping[tuple[_Way, bool], _Way]] = {
+    (_Way.OUT, False): _Way.OUT,
+    (_Way.OUT, True): _Way.FROM_WALL,
+    (_Way.FROM_WALL, False): _Way.BACK,
+    (_Way.FROM_WALL, True): _Way.FROM_WALL,
+    (_Way.BACK, False): _Way.BACK,
+    (_Way.BACK, True): _Way.HOME,
+    (_Way.HOME, False): _Way.HOME,
+    (_Way.HOME, True): _Way.HOME,
+}
+"""By where it goes, and whether a wall is near: where it goes next. A line begins with OUT."""
+
+
 class ExplorationController(ABC):
     """A `Controller` that follows nothing, goes along one line after another, and turns back where
     a wall is near. The kinds differ in where lines lead to, and in how many there are."""
@@ -80,9 +105,7 @@ class ExplorationController(ABC):
         self._line = -1
         self._start = self._goal = np.zeros(self._axes.count)
         self._trail: deque[Vector] = deque(maxlen=_TRAIL_STEPS)
-        self._turning_back = False
-        self._came_back = self._goes_home = False
-        """While it turns back: whether the tip has left the wall behind, and met one again."""
+        self._way = _Way.OUT
         self._first: Vector | None = None
         """(m,) where the first line began."""
         self._left_s = 0.0
@@ -151,7 +174,7 @@ class ExplorationController(ABC):
         if self.ready:
             return Proposal(np.zeros(self._axes.count))
         self._look_for_walls(observation)
-        if self._turning_back:
+        if self._way is not _Way.OUT:
             return Proposal(self._step_back(observation), self.note, self._line)
         self._trail.append(observation.targets.copy())
         step = self._walk.step(self._goal, observation)
@@ -170,9 +193,9 @@ class ExplorationController(ABC):
 
     def _next_line(self, observation: Observation) -> None:
         self._line += 1
-        if self._goes_home:
+        if self._way is _Way.HOME:
             self._trail.clear()
-        self._turning_back = self._came_back = self._goes_home = False
+        self._way = _Way.OUT
         self._start = observation.targets.copy()
         if self._first is None:
             self._first = self._start
@@ -208,7 +231,7 @@ class ExplorationController(ABC):
         return np.clip(kept, *self._axes.step_range(observation.targets))
 
     def _line_ends(self, observation: Observation) -> bool:
-        if not self._turning_back:
+        if self._way is _Way.OUT:
             return self._walk.arrived(self._goal, observation)
         values = self._walls.values(observation)
         inside = len(self._trail) <= 1 or self._walls.well_inside(values, _WELL_INSIDE)
@@ -216,18 +239,17 @@ class ExplorationController(ABC):
 
     def _look_for_walls(self, observation: Observation) -> None:
         leaving = self._leaving(observation)
-        if not self._turning_back and leaving:
-            self._turning_back = True
-            self._left_s = self._longest_s()  # as much again, for the way back
-        elif self._turning_back:
+        if self._way is not _Way.OUT:
             # Tensions tell walls by moments, and are not mended by going home: they began there.
             leaving = leaving and self._leaving(observation, tip_alone=True)
-            self._goes_home = self._goes_home or (self._came_back and leaving)
-            self._came_back = self._came_back or not leaving
+        after = _AFTER[self._way, leaving]
+        if self._way is _Way.OUT and after is not self._way:
+            self._left_s = self._longest_s()  # as much again, for the way back
+        self._way = after
 
     def _step_back(self, observation: Observation) -> Vector:
         """(m,) along the way that the axes came, or home."""
-        trail, home = self._trail, self._first if self._goes_home else None
+        trail, home = self._trail, self._first if self._way is _Way.HOME else None
         if home is not None and self._axes.coupled.way_inside(observation.targets, home):
             return self._walk.step(home, observation, dither=False)
         while len(trail) > 1 and self._walk.arrived(trail[-1], observation):
