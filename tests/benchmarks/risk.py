@@ -10,6 +10,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -34,8 +35,9 @@ from safety.risk.model.mixture import FloatArray, Mixture
 from safety.risk.model.mixture_network import MixtureNetwork
 from safety.risk.model.risk_model import RiskModel
 from safety.risk.seen_tip import LEFT_OUT_SHARE, TipConditioning
-from safety.risk.surroundings.distance_grid import distance_grid
+from safety.risk.surroundings.distance_grid import DistanceGrid, distance_grid
 from safety.risk.surroundings.environment import environment
+from safety.risk.way_contact import WayContact
 from tests import SOFT_ARM
 from tests.benchmarks.timing import Figures, percentiles, pieces
 from tests.safety.risk.arms import Pose, points_mixture, shape_mixture
@@ -57,6 +59,9 @@ _POSES = [
     for curvature in (0.002, 0.004, 0.006)
     for turn in np.radians((0.0, 72.0, 144.0, 216.0, 288.0))
 ]
+
+
+_KNOWN_SPREAD = 5e-5
 
 
 def measure(tiny: bool = False) -> Figures:
@@ -145,9 +150,23 @@ def _contact(triangles: int, spacing_mm: float, repeats: int) -> Figures:
     return {
         "at_rest": _timed(model.risk, mixtures, repeats, 1e3),
         "along_one_step": _timed(model.along, steps, repeats, 1e3),
+        **_far(grid, repeats),
         "grid_made_s": round(ready_s, 3),
         "grid_places": int(grid.values_mm.size),
         "lowest_and_highest_risk": [min(risks), max(risks)],
+    }
+
+
+def _far(grid: DistanceGrid, repeats: int) -> Figures:
+    """The same where it is known better how much the body bends, so that it is far from all."""
+    poses = [shape_mixture(replace(pose, spread=_KNOWN_SPREAD)) for pose in _POSES]
+    contact = WayContact(poses[0][0], grid, CHEST_PORT, 1000, 0)
+    steps = [step for _, mixture in poses for step in _walk(mixture)]
+    far = [step for step in steps if contact.all_draws.is_far(step)]
+    return {
+        "far_along_one_step": _timed(contact.along, far, repeats, 1e3),
+        "far_along_one_step_by_all_draws": _timed(contact.all_draws.along, far, repeats, 1e3),
+        "far_steps": [len(far), len(steps)],
     }
 
 
