@@ -9,10 +9,8 @@ where the first line began.
 
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Mapping
 from enum import Enum
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
@@ -58,28 +56,18 @@ _GIVEN_UP_S = 2.0
 """A line that takes so many times what it takes at full speed, and so much more, is given up."""
 _WELL_INSIDE = 0.1
 """Of the workspace's width, from its walls."""
+_TURNED_S = 1.0
+_TURNED_BY_LATENESS = 2.0
+"""The wall that it turned at is left behind after so long, and so many times the tip's lateness:
+while the axes turn round it is near and not near by turns."""
 
 
 class _Way(Enum):
     """Where it goes."""
 
     OUT = "along its line"
-    FROM_WALL = "back along its trail, still beside the wall that it turned at"
-    BACK = "back along its trail, with that wall left behind"
-    HOME = "home: the trail has led to a wall again, as that of a plastic body may"
-
-
-_AFTER: Final[Mapping[tuple[_Way, bool], _Way]] = {
-    (_Way.OUT, False): _Way.OUT,
-    (_Way.OUT, True): _Way.FROM_WALL,
-    (_Way.FROM_WALL, False): _Way.BACK,
-    (_Way.FROM_WALL, True): _Way.FROM_WALL,
-    (_Way.BACK, False): _Way.BACK,
-    (_Way.BACK, True): _Way.HOME,
-    (_Way.HOME, False): _Way.HOME,
-    (_Way.HOME, True): _Way.HOME,
-}
-"""By where it goes, and whether a wall is near: where it goes next. A line begins with OUT."""
+    BACK = "a wall came near: back along its trail"
+    HOME = "the trail leads along a wall, or to one again, as that of a plastic body may: home"
 
 
 class ExplorationController(ABC):
@@ -106,6 +94,8 @@ class ExplorationController(ABC):
         self._start = self._goal = np.zeros(self._axes.count)
         self._trail: deque[Vector] = deque(maxlen=_TRAIL_STEPS)
         self._way = _Way.OUT
+        self._back_s = 0.0
+        """For so long it has gone back."""
         self._first: Vector | None = None
         """(m,) where the first line began."""
         self._left_s = 0.0
@@ -238,14 +228,16 @@ class ExplorationController(ABC):
         return inside and not self._leaving(observation)
 
     def _look_for_walls(self, observation: Observation) -> None:
-        leaving = self._leaving(observation)
-        if self._way is not _Way.OUT:
-            # Tensions tell walls by moments, and are not mended by going home: they began there.
-            leaving = leaving and self._leaving(observation, tip_alone=True)
-        after = _AFTER[self._way, leaving]
-        if self._way is _Way.OUT and after is not self._way:
+        near = self._leaving(observation)
+        if self._way is _Way.OUT and near:
+            self._way, self._back_s = _Way.BACK, 0.0
             self._left_s = self._longest_s()  # as much again, for the way back
-        self._way = after
+        elif self._way is _Way.BACK:
+            self._back_s += step_time(observation)
+            turned = self._back_s > _TURNED_S + _TURNED_BY_LATENESS * self._lateness.seconds
+            # Tensions tell walls by moments, and are not mended by going home: they began there.
+            if turned and near and self._leaving(observation, tip_alone=True):
+                self._way = _Way.HOME
 
     def _step_back(self, observation: Observation) -> Vector:
         """(m,) along the way that the axes came, or home."""

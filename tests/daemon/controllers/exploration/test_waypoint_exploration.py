@@ -191,13 +191,13 @@ def test_where_the_way_back_leads_to_a_wall_as_well_it_goes_home() -> None:
     for tip, speed, steps in (
         (inside, 0.0 * outwards, 600),  # several lines
         (at_the_wall, outwards, 10),
-        (near_it, -outwards, 5),
+        (near_it, -outwards, 20),
         (at_the_wall, outwards, 300),
     ):
         for _ in range(steps):
             way.append(u)
             u = u + control.propose(still(u, tip, speed)).delta_u
-    met_again = np.array(way[620:])  # not where the axes still turn round
+    met_again = np.array(way[645:])  # not where the axes still turn round
     straight = (home - met_again[0]) / np.linalg.norm(home - met_again[0])
     along = (met_again - home) @ straight
     aside = np.linalg.norm(met_again - home - np.outer(along, straight), axis=1)
