@@ -293,9 +293,9 @@ class BodyRisk:
 
     def warm_up(self) -> None:
         """Compile what is only needed near to something, or load it from numba's cache."""
-        self._contact.all_draws.warm_up()
         mixture = self._model.shapes.mixture(self._model.known[0])
         if mixture is not None:
+            self._contact.warm_up(mixture)
             self._fewer.part_slopes(mixture, 0.0, self._part_ends, np.inf)
             self.see(mixture, np.zeros(3), np.zeros(3), agrees=True)
             self.forget_tip()

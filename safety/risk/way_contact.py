@@ -46,6 +46,14 @@ class WayContact:
         """Count with what moves, too, from now on."""
         self.all_draws.take_moving(swept)
 
+    def warm_up(self, mixture: Mixture) -> None:
+        """Compile what is needed far from everything and near to something, or load it from numba's
+        cache."""
+        self.along([mixture])
+        self.all_draws.along([mixture, replace(mixture)])
+        self.all_draws.warm_up()
+        self._few_draws.risk(mixture)
+
     def along(self, mixtures: Sequence[Mixture]) -> PathContactRisk:
         """As `ContactModel.along` has it. Far from everything, distances are those that a tenth of
         the draws have at the end of the way."""

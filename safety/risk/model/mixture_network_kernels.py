@@ -153,11 +153,13 @@ def _run(parameters, plan, scaling, u, values):  # type: ignore[no-untyped-def]
 @_kernel
 def _multiply(parameters, layer, several, values, place):  # type: ignore[no-untyped-def]
     """Write Mx + b to each row of `values`, from `place` on, for each row of `several`, which
-    begins with x; four rows of M at a time."""
+    begins with x; four rows of M at a time, of which the last four may be among those before: so
+    all are rounded alike, however many there are."""
     inputs, outputs, matrix, bias = layer
     zero = parameters.dtype.type(0.0)
     o = 0
-    while o + 4 <= outputs:
+    while o < outputs and outputs >= 4:
+        o = min(o, outputs - 4)
         at = matrix + o * inputs
         first, second = parameters[at : at + inputs], parameters[at + inputs : at + 2 * inputs]
         third = parameters[at + 2 * inputs : at + 3 * inputs]
