@@ -206,6 +206,23 @@ def test_where_the_way_back_leads_to_a_wall_as_well_it_goes_home() -> None:
     assert np.linalg.norm(met_again[-1] - home) < 0.5
 
 
+def test_while_the_axes_turn_round_the_same_wall_does_not_send_it_home() -> None:
+    """Near and not near by turns: it goes back the way it came."""
+    control = controller(waypoints=9, dither_share=0.0)
+    u, inside, outwards = np.full(6, 25.0), np.array([0.0, 0.0, 185.0]), np.array([20.0, 0.0, 0.0])
+    at_the_wall, near_it = np.array([74.0, 0.0, 185.0]), np.array([66.0, 0.0, 185.0])
+    control.reset(still(u, inside))
+    trail = []
+    for _ in range(600):
+        trail.append(u)
+        u = u + control.propose(still(u, inside)).delta_u
+    for step in range(36):  # less than a second
+        tip, speed = (near_it, -outwards) if step % 4 == 3 else (at_the_wall, outwards)
+        u = u + control.propose(still(u, tip, speed)).delta_u
+        assert np.linalg.norm(np.array(trail) - u, axis=1).min() < 1.5
+    assert np.linalg.norm(trail[-1] - u) > 1.0
+
+
 def test_beside_the_wall_it_does_not_turn_back_while_it_comes_from_there() -> None:
     control = controller(waypoints=2, dither_share=0.0)
     u = np.full(6, 25.0)
