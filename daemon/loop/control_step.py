@@ -237,9 +237,8 @@ class ControlLoop:
         if tip is not None and self._workspace:
             places = zip(tip.position_mm.tolist(), self._workspace, strict=True)
             beyond = [max(low - place, place - high) for place, (low, high) in places]
-            farthest = max(beyond)
-            outside = [max(one, 0.0) for one in beyond]
-            self.outside_mm = math.hypot(*outside) if farthest > 0.0 else farthest
+            outside_mm = math.hypot(*(max(one, 0.0) for one in beyond))  # of no number, no number
+            self.outside_mm = max(beyond) if outside_mm == 0.0 else outside_mm
 
     def _decide(self, sensed: Sensed, believed: bool) -> RequestedStep | None:
         """What the controller wants; None: to stand still."""

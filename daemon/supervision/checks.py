@@ -62,7 +62,7 @@ _LED_BACK_MM: Final = 2.0
 the tracker's noise. Chosen."""
 
 
-class Workspace:
+class WorkspaceMonitor:
     """Lets no motion lead the tip out of the workspace, but back into it.
 
     What is outside when a motion begins, because a load or a hand has drawn it there, may go hardly
@@ -74,8 +74,9 @@ class Workspace:
         """So far outside it may be."""
 
     def leaves(self, outside_mm: float, moving: bool) -> bool:
-        """Whether the motion leads out, of a tip that is so far outside; negative: inside."""
-        leaves = moving and outside_mm > self._may_mm
+        """Whether the motion leads out, of a tip that is so far outside; negative: inside. Of no
+        number nobody knows, so it does."""
+        leaves = moving and not outside_mm <= self._may_mm
         here_mm = max(outside_mm + _LED_BACK_MM, 0.0)
         if moving:
             self._may_mm = min(self._may_mm, here_mm)
@@ -170,7 +171,7 @@ class Checks:
         self._dropped_before = 0
         self._channels = in_order(buses)
         self._following_error = _FollowingError(self._channels)
-        self._workspace = Workspace()
+        self._workspace = WorkspaceMonitor()
         self._nodes = [
             (node, f"{node.subject} state") for bus in buses for node in bus.nodes.values()
         ]

@@ -1,12 +1,12 @@
 """Which motions lead the tip out of its workspace, by how far outside it is from cycle to cycle."""
 
-from daemon.supervision.checks import Workspace
+from daemon.supervision.checks import WorkspaceMonitor
 
 
 def held_at(*course: tuple[float, bool]) -> int | None:
     """The first of (mm outside, moving) at which the motion leads out; None: none does."""
-    workspace = Workspace()
-    found = [workspace.leaves(outside_mm, moving) for outside_mm, moving in course]
+    monitor = WorkspaceMonitor()
+    found = [monitor.leaves(outside_mm, moving) for outside_mm, moving in course]
     return found.index(True) if any(found) else None
 
 
@@ -39,6 +39,12 @@ def test_noise_at_the_wall_does_not_hold_what_comes_in() -> None:
 
 def test_what_stood_inside_may_not_be_led_out() -> None:
     assert held_at((5.0, False), (-0.1, False), *moving(-0.1, 0.1)) == 3
+
+
+def test_who_is_nobody_knows_where_is_held() -> None:
+    nobody_knows = float("nan")
+    assert held_at((-5.0, False), *moving(-5.0, nobody_knows)) == 2
+    assert held_at((nobody_knows, False), *moving(-5.0, 0.1)) == 2
 
 
 def test_without_a_workspace_nothing_is_outside() -> None:
