@@ -79,7 +79,7 @@ def clearances(surroundings, skin, shapes, exact):  # type: ignore[no-untyped-de
         last = min(first + _TOGETHER, clearance.size)
         _empty(box)
         _enclose(positions, first, last, box)
-        _fit(balls, box)
+        _enclose_box(balls, box)
         outside, opened = _bound(grid, values, port, balls, table, listed)
         for s in range(first, last):
             clearance[s], node[s] = _at_nodes(
@@ -117,21 +117,22 @@ def _is_far_in_pieces(grid, values, port, balls, i, table):  # type: ignore[no-u
     """Whether nothing is near to any piece of segment i of all shapes in (5, n) balls that is not
     in the port: as of one that comes out of it."""
     needed = max(table[_RADIUS, i], table[_RADIUS, i + 1]) + _enough(grid)
-    length, far, hidden, away = balls[4, i] / np.float32(_PIECES), True, False, _ZERO
+    length, wide = balls[4, i] / np.float32(_PIECES), max(balls[3, i], balls[3, i + 1])
+    hidden, away = False, -_FAR
     for j in range(_PIECES + 1):
         share = np.float32(j) / np.float32(_PIECES)
         x = balls[0, i] + share * (balls[0, i + 1] - balls[0, i])
         y = balls[1, i] + share * (balls[1, i + 1] - balls[1, i])
         z = balls[2, i] + share * (balls[2, i + 1] - balls[2, i])
-        wide = max(balls[3, i], balls[3, i + 1])
         was_hidden, was_away = hidden, away
         hidden, away = _is_ball_in_port(port, x, y, z, wide), -_FAR
         if wide < _FAR:
             away = _distance(grid, values, x, y, z) - wide
         if j > 0 and not (hidden and was_hidden):
             square = least_square(min(was_away, grid[13]), min(away, grid[13]), length)
-            far = far and square > needed * needed
-    return far
+            if not square > needed * needed:
+                return False
+    return True
 
 
 @_kernel
@@ -191,7 +192,7 @@ def sweep(surroundings, skin, start, end, swept, surely):  # type: ignore[no-unt
                 _empty(box)
                 _enclose(start.positions, first, last, box)
                 _enclose(end.positions, first, last, box)
-                _fit(balls, box)
+                _enclose_box(balls, box)
                 bounded, counts = True, _bound(grid, values, port, balls, table, listed)
             ways[0, 0], ways[0, 1] = 0.0, 1.0
             ways[0, 2], ways[0, 3] = start.surely[s], end.surely[s]
@@ -310,7 +311,7 @@ def _balls_of(skin):  # type: ignore[no-untyped-def]
 
 
 @_kernel
-def _fit(balls, box):  # type: ignore[no-untyped-def]
+def _enclose_box(balls, box):  # type: ignore[no-untyped-def]
     """Balls round a box. What is no number is everywhere."""
     for i in range(balls.shape[1]):
         c = 3 * i

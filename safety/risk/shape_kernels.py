@@ -204,7 +204,7 @@ def enclose_draws(means, factors, longest, base, modes, balls):  # type: ignore[
                 apart[c] += change * change
         for n in range(nodes):
             c = 3 * n
-            most = _largest(
+            most = _largest_singular(
                 *(square[c], beside[c], over[c], square[c + 1], beside[c + 1], square[c + 2])
             )
             radius, away = longest[k] * most + _ROUNDED_MM, np.float32(0.0)
@@ -217,7 +217,7 @@ def enclose_draws(means, factors, longest, base, modes, balls):  # type: ignore[
 
 
 @_kernel
-def _largest(xx, xy, xz, yy, yz, zz):  # type: ignore[no-untyped-def]
+def _largest_singular(xx, xy, xz, yy, yz, zz):  # type: ignore[no-untyped-def]
     """What the largest singular value of M is not above, of which M Mᵀ has these: the fourth root
     of the norm of its square, at most 3^(1/8) times as much."""
     a, b, c = xx * xx + xy * xy + xz * xz, xy * xy + yy * yy + yz * yz, xz * xz + yz * yz + zz * zz

@@ -85,16 +85,19 @@ class MixtureNetwork:
 
     def mixture(self, u: Sequence[float] | FloatArray) -> Mixture | None:
         """Where the body is at (m,) u; None where that comes out as no finite numbers."""
-        found = self.mixtures(self._checked(u)[np.newaxis])
+        found = self.mixtures(np.asarray(u, np.float64)[np.newaxis])
         return None if found is None else found[0]
 
     def mixtures(self, several: FloatArray) -> list[Mixture] | None:
         """Where the body is at each of (n, m) u, which takes little more than at one of them; None
         where any comes out as no finite numbers."""
-        n, k, d = len(several), self._components, self._dimensions
+        rows = np.ascontiguousarray(several, np.float64)
+        if rows.ndim != 2 or rows.shape[1] != self._inputs:
+            raise ValueError(f"the network takes {self._inputs} numbers, not {rows.shape[1:]}")
+        n, k, d = len(rows), self._components, self._dimensions
         weights, means, factors = np.empty((n, k)), np.empty((n, k, d)), np.zeros((n, k, d, d))
         network = (self._parameters, self._plan, self._scaling)
-        if not forward(*network, several, weights, means, factors):
+        if not forward(*network, rows, weights, means, factors):
             return None
         return [Mixture(weights[i], means[i], factors[i]) for i in range(n)]
 

@@ -15,7 +15,7 @@ from safety.risk.way_contact import WayContact
 from tests.safety.risk.arms import Pose, shape_mixture
 from tests.safety.risk.test_contact import RADIUS_MM, at, cavity, grid_of, rod, wall
 
-NEAR_ENOUGH_MM = 40.0 - RADIUS_MM
+TOUCHES_MM = 40.0 - RADIUS_MM
 """Where the rod touches the wall."""
 
 
@@ -49,11 +49,11 @@ def test_of_what_is_proved_to_be_far_no_draw_touches(port: InsertionPort | None)
 def test_a_body_a_few_standard_deviations_away_is_far() -> None:
     model = ContactModel(rod(), wall(), None)
     for off_mm, far in ((2.0, False), (9.0, True)):
-        assert model.is_far([at(NEAR_ENOUGH_MM - off_mm, sigma_mm=1.0)]) is far
+        assert model.is_far([at(TOUCHES_MM - off_mm, sigma_mm=1.0)]) is far
 
 
 def test_only_draws_that_there_are_count() -> None:
-    """One in a thousand falls to a component beside the wall."""
+    """One of two components is beside the wall: half of the draws fall to it, or none."""
     means, factors = [[0.0, 0.0], [33.0, 0.0]], [np.eye(2)] * 2
     few = ContactModel(rod(), wall(), None, samples=50)
     assert not few.is_far([Mixture.checked([0.5, 0.5], means, factors)])
