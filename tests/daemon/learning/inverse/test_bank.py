@@ -1,6 +1,6 @@
 """The bank: sums that are kept up to date say what sums made anew would."""
 
-import tracemalloc
+import pickle
 from math import exp, factorial, pi, sqrt
 
 import numpy as np
@@ -243,23 +243,17 @@ def test_a_command_solves_only_what_has_a_share_in_it() -> None:
     assert stale[weights < 0.999e-2 * weights.max()].any()
 
 
-def test_memory_does_not_grow() -> None:
+def test_what_is_kept_does_not_grow() -> None:
     ours = bank()
     walk = exploration(3000, seed=6)
 
-    def used(samples: tuple[MotionSample, ...]) -> int:
+    def kept_bytes(samples: tuple[MotionSample, ...]) -> int:
         for sample in samples:
             ours.add(sample)
             ours.command(sample.delta_tip_mm, sample.tip_mm, sample.u)
-        return tracemalloc.get_traced_memory()[0]
+        return len(pickle.dumps(ours))
 
-    tracemalloc.start()
-    try:
-        first = used(walk[:300])
-        then = used(walk[300:])
-    finally:
-        tracemalloc.stop()
-    assert then - first < 20_000
+    assert kept_bytes(walk[: 2 * CAPACITY]) == kept_bytes(walk[2 * CAPACITY :])
 
 
 @given(
