@@ -143,8 +143,18 @@ class Leading:
         """(3,) gains, besides which motions tell something of the body: what a load makes of it is
         none of its own. After a load the others are those of before, for motions tell what it
         changes besides sooner than the gains do, and better: it is another change at each place."""
-        gains = self.gains if self._unloaded_gains is None else self._unloaded_gains
-        return np.asarray(self.load.hung.times * gains)
+        return np.asarray(self.load.hung.times * self._body_gains)
+
+    def as_told_mm(self, motion_mm: Vector, tip_mm: Vector) -> Vector:
+        """(3,) what was told for (3,) motion that came, of a tip at (3,): what a load makes of the
+        body there, and the body's own gains, are made up for."""
+        motion_mm = motion_mm / self._body_gains
+        return np.asarray(np.linalg.solve(self.load.matrix_at(tip_mm), motion_mm), np.float64)
+
+    @property
+    def _body_gains(self) -> Vector:
+        """(3,) as they were before anything was hung on."""
+        return self.gains if self._unloaded_gains is None else self._unloaded_gains
 
     @property
     def pace(self) -> float:

@@ -184,6 +184,10 @@ class TipFollower:
         """(3,) how much of what is told comes along each axis of space, as far as that is led."""
         return self.leading.made_up_for if self._leads else np.ones(3)
 
+    def as_told_mm(self, motion_mm: Vector, tip_mm: Vector) -> Vector:
+        """(3,) what was told for (3,) motion that came, of a tip at (3,), as far as that is led."""
+        return self.leading.as_told_mm(motion_mm, tip_mm) if self._leads else motion_mm
+
     def due_mm(self, observation: Observation) -> Vector:
         """(3,) where the tip will be when all that was told has arrived, which is where the axes'
         places belong to. Without leading: where it is."""

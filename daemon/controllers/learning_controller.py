@@ -279,9 +279,11 @@ class LearningController(ABC):
 
     def _work_in_next(self) -> None:
         """A motion that waits becomes what was told of it: of that more or less comes along each
-        axis of space, which is made up for where the body is led."""
-        sample, gains = self._waiting.popleft(), self._follower.made_up_for
-        self._work_in(sample._replace(delta_tip_mm=sample.delta_tip_mm / gains), gains)
+        axis of space, and under a load along the way from rest, which is made up for where the body
+        is led."""
+        sample, follower = self._waiting.popleft(), self._follower
+        told_mm = follower.as_told_mm(sample.delta_tip_mm, sample.tip_mm)
+        self._work_in(sample._replace(delta_tip_mm=told_mm), follower.made_up_for)
 
     # What the kinds of controllers differ in.
 

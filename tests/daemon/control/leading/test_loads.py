@@ -106,6 +106,17 @@ def test_what_a_load_makes_of_the_body_is_not_learnt_of_it() -> None:
     np.testing.assert_allclose(leading.made_up_for, [1.65, 1.5, 1.35])
 
 
+def test_along_the_way_from_rest_a_load_makes_less_of_the_body_than_across_it() -> None:
+    """A motion that came is learnt as what was told for it, wherever it points."""
+    leading = Leading(gain_per_s=7.0, by_cycles=False)
+    leading.gains, leading.load.hung = np.array([1.1, 1.0, 0.9]), Hung(2.0, 0.5)
+    leading.load.rest_mm = np.array([0.0, 0.0, 230.0])
+    tip_mm, told_mm = np.array([60.0, 20.0, 210.0]), np.array([1.5, 0.5, -0.5])
+    came_mm = leading.gains * (leading.load.matrix_at(tip_mm) @ told_mm)
+    assert np.linalg.norm(came_mm / leading.made_up_for - told_mm) > 0.2
+    np.testing.assert_allclose(leading.as_told_mm(came_mm, tip_mm), told_mm)
+
+
 @pytest.mark.parametrize("lag_s", [0.3, 0.7, pytest.param(0.1, marks=pytest.mark.long)])
 def test_a_load_that_is_taken_off_again_leaves_what_was_known_before(
     lag_s: float, monkeypatch: pytest.MonkeyPatch
