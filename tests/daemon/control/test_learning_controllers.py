@@ -13,6 +13,7 @@ from config.tasks.exploration import MotorBabbling
 from config.tasks.trajectory import Lissajous, Rectangle
 from daemon.array_files import ModelError
 from daemon.control.controller import ControllerError, Observation
+from daemon.control.lag.load import Hung
 from daemon.controllers.learning_controller import LearningController
 from daemon.controllers.reward_weighted import RewardWeightedController
 from daemon.learning.forward.pretrained_model import PretrainedModel
@@ -154,21 +155,25 @@ def test_fields_that_forget_learn_another_body(
     assert (after * before).sum() / (before**2).sum() == pytest.approx(grown, abs=0.1)
 
 
+@pytest.mark.parametrize("hung", [Hung(), Hung(2.0, 0.5)])
 @both
 def test_what_is_made_up_for_where_the_body_is_led_is_not_learnt_once_more(
-    kind: str, model: str
+    kind: str, hung: Hung, model: str
 ) -> None:
-    """A body of which a third more comes upwards than was told."""
+    """A body of which a third more comes upwards than was told, and one that is loaded besides."""
     fields = PretrainedModel.load(Path(model), ROBOT).fields
     place = fields.centres[len(fields.centres) // 2] * fields.scale
     tip_mm, u, random = place[:3], place[3:], np.random.default_rng(1)
     controller, gains = made_learner(kind, model=model, lead=True), np.array([1.0, 1.0, 1.33])
-    controller._follower.leading.gains = gains
+    leading = controller._follower.leading
+    leading.gains, leading.load.hung = gains, hung
+    leading.load.rest_mm = np.array([0.0, 0.0, 230.0])
+    came = gains[:, np.newaxis] * leading.load.matrix_at(tip_mm)
     before = controller._jacobian.at(tip_mm, u)
     for _ in range(20):
         moved = 2.5 * random.normal(size=6)
         middle = controller._jacobian.at(tip_mm + 0.5 * before @ moved, u + 0.5 * moved)
-        controller._waiting.append(MotionSample(tip_mm, u, moved, gains * (middle @ moved)))
+        controller._waiting.append(MotionSample(tip_mm, u, moved, came @ middle @ moved))
         controller.learn()
     np.testing.assert_allclose(controller._jacobian.at(tip_mm, u), before, rtol=0.02, atol=0.02)
 
