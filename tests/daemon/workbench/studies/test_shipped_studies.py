@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 
 from config.tasks.controllers import RewardWeighted
-from config.tasks.trajectory import Rectangle
+from config.tasks.trajectory import Pointed, Rectangle, Waypoints
 from daemon.commands.terminal.study_command import shipped_study
+from daemon.reference.trajectories import make_trajectory
 from daemon.workbench.studies.findings import cycles_of
 from daemon.workbench.studies.run import plan
 from daemon.workbench.studies.study_file import StudyFile, load_study
@@ -19,6 +20,13 @@ SHIPPED = sorted(Path(str(files("config") / "studies")).glob("*.yaml"))
 @pytest.fixture(scope="module")
 def ho2018() -> StudyFile:
     return load_study(shipped_study("ho2018"))
+
+
+def paths(study: StudyFile, part: str) -> list[Pointed]:
+    """Of the experiments that have this in their name; there are some."""
+    found = [file.experiment.trajectory for name, file in study.experiments.items() if part in name]
+    assert found
+    return found
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
@@ -46,11 +54,20 @@ def test_whether_a_path_can_be_followed_is_asked_alike_for_all_variants() -> Non
 
 
 def test_both_rectangles_are_gone_round_at_the_papers_speed(ho2018: StudyFile) -> None:
-    for file in ho2018.experiments.values():
-        path = file.experiment.trajectory
+    for path in paths(ho2018, "table"):
         assert isinstance(path, Rectangle)
         speed_mm_s = 2.0 * (path.width_mm + path.height_mm) / path.cycle_s
         assert speed_mm_s == pytest.approx(1.875, rel=1e-3)
+
+
+def test_what_is_left_before_the_start_is_asked_of_the_first_rectangles_first_point(
+    ho2018: StudyFile,
+) -> None:
+    rectangle = ho2018.experiments["ho2018_table1_offline"]
+    first_mm = make_trajectory(rectangle.experiment.trajectory, rectangle.path.parent).start_mm
+    for path in paths(ho2018, "standing"):
+        assert isinstance(path, Waypoints)
+        assert [place for _, *place in path.points or []] == [first_mm.tolist()] * 2
 
 
 @pytest.mark.parametrize("how", ["offline_filling", "online"])
@@ -71,5 +88,5 @@ def test_only_what_is_said_to_learn_learns_and_the_models_never_felt_a_load(
         assert isinstance(controller, RewardWeighted)
         assert controller.learning == ("online" in name)
         assert pretraining is not None
-        expected = (80, 425) if "table1" in name else (320, 550)
+        expected = (320, 550) if "table2" in name else (80, 425)
         assert (pretraining.waypoints, controller.window) == expected
