@@ -25,11 +25,13 @@ KNOWN_LAG: Final = "body_lag"
 """In a file: the lag in s, and its share of dead time."""
 LONGEST_S = 1.6
 """No lag beyond this is looked for."""
-DEAD_SHARES: Final = (DEAD_SHARE, 0.25, 0.6, 0.85)
+DEAD_SHARES: Final = (DEAD_SHARE, 0.05, 0.15, 0.25, 0.6, 0.85)
 """That steps can tell from each other: a prediction with the next one is off by an eighth of a lag
 at most. With none below the usual one a body that is late by a first-order lag of 0.7 s and a dead
-time of 0.2 s looks a fifth more prompt than it is."""
-_LATE_S = 0.4
+time of 0.2 s looks a fifth more prompt than it is; with none below 0.25 one without a dead time,
+but its drives' and the tracker's of 0.05 s, half as late as it is; and without 0.15 one of 0.1 s is
+off by up to a half. With all of these the sum is known to a tenth."""
+_LATE_S = 0.25
 """No dead time below the usual one is believed of a lag that is shorter: a prompt body's is mostly
 its drives' and the tracker's, and taken for less a load is made up for 0.07 s later."""
 _SPACING_S = 0.05

@@ -124,7 +124,19 @@ def steps() -> Vector:
     return told[: 11 * wait]
 
 
-@pytest.mark.parametrize(("dead_s", "lag_s"), [(0.25, 0.05), (0.2, 0.15), (0.2, 0.4), (0.2, 0.7)])
+@pytest.mark.parametrize(
+    ("dead_s", "lag_s"),
+    [
+        (0.25, 0.05),
+        (0.2, 0.15),
+        (0.2, 0.4),
+        (0.2, 0.7),
+        (0.05, 0.3),
+        (0.05, 0.7),
+        (0.1, 0.6),
+        (0.12, 0.9),
+    ],
+)
 def test_steps_tell_dead_time_and_lag_from_each_other(dead_s: float, lag_s: float) -> None:
     told, tip = steps(), 1.2 * late(steps(), dead_s, lag_s)
     noisy = tip + 0.1 * np.random.default_rng(1).normal(size=tip.shape)
