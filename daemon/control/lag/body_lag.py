@@ -165,9 +165,7 @@ class BodyLag:
         found = [self._found(True, row) for row in range(len(self._shares))]
         told = [row for row, one in enumerate(found) if one is not None and self._may_be(row, one)]
         if told:
-            best = min(told, key=lambda row: _least(found[row]))
-            if 0 in told and _least(found[0]) < (1.0 + _CLEARER) * _least(found[best]):
-                best = 0
+            best = self._best_share(told, [_least(one) for one in found])
             one = found[best]
             assert one is not None
             self.lag_s, self.dead_share = one.delay_s, float(self._shares[best])
@@ -179,6 +177,17 @@ class BodyLag:
         self._seen_s = 0.0
         self._track = _Track(count)
         return self._settled
+
+    def _best_share(self, told: Sequence[int], left: Sequence[float]) -> int:
+        """The row of the share that leaves least; where others leave hardly more, the usual one, or
+        else the one next below it: hysteresis and creep, which come late, look like more lag and
+        less of a dead time."""
+        shares = self._shares
+        best = min(told, key=lambda row: left[row])
+        alike = [row for row in told if left[row] < (1.0 + _CLEARER) * left[best]]
+        if 0 in alike or shares[best] > shares[0]:
+            return 0 if 0 in alike else best
+        return max(alike, key=lambda row: (shares[row] < shares[0], shares[row]))
 
     def _may_be(self, row: int, found: _Found) -> bool:
         return bool(self._shares[row] >= self._shares[0]) or found.delay_s >= _LATE_S
