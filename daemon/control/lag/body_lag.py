@@ -33,7 +33,8 @@ but its drives' and the tracker's of 0.05 s, half as late as it is; and without 
 off by up to a half. With all of these the sum is known to a tenth."""
 _LATE_S = 0.25
 """No dead time below the usual one is believed of a lag that is shorter: a prompt body's is mostly
-its drives' and the tracker's, and taken for less a load is made up for 0.07 s later."""
+its drives' and the tracker's, and taken for less a load is made up for 0.07 s later. A body of
+this lag is prompt still to `probing`; with 0.4 arms of 0.3 s are up to a fifth farther off."""
 _SPACING_S = 0.05
 _SPAN_S = 0.4
 """Of the motions that are compared: longer than noise and shorter than a turn."""
@@ -179,15 +180,18 @@ class BodyLag:
         return self._settled
 
     def _best_share(self, told: Sequence[int], left: Sequence[float]) -> int:
-        """The row of the share that leaves least; where others leave hardly more, the usual one, or
-        else the one next below it: hysteresis and creep, which come late, look like more lag and
-        less of a dead time."""
+        """The row of the share that leaves least. Where the usual one leaves hardly more it is that
+        one, and of shares below it the largest of those that leave hardly more: hysteresis and
+        creep, which come late, look like more lag and less of a dead time."""
         shares = self._shares
         best = min(told, key=lambda row: left[row])
-        alike = [row for row in told if left[row] < (1.0 + _CLEARER) * left[best]]
-        if 0 in alike or shares[best] > shares[0]:
-            return 0 if 0 in alike else best
-        return max(alike, key=lambda row: (shares[row] < shares[0], shares[row]))
+        most = (1.0 + _CLEARER) * left[best]
+        alike = [row for row in told if row == best or left[row] < most]
+        if 0 in alike:
+            return 0
+        if shares[best] > shares[0]:
+            return best
+        return max((row for row in alike if shares[row] < shares[0]), key=lambda row: shares[row])
 
     def _may_be(self, row: int, found: _Found) -> bool:
         return bool(self._shares[row] >= self._shares[0]) or found.delay_s >= _LATE_S

@@ -124,6 +124,16 @@ def steps() -> Vector:
     return told[: 11 * wait]
 
 
+def settled(tip: Vector) -> BodyLag:
+    """As such steps tell it that made the tip go to (n, 3)."""
+    noisy = tip + 0.1 * np.random.default_rng(1).normal(size=tip.shape)
+    lag = BodyLag(dead_shares=DEAD_SHARES)
+    for k, told in enumerate(steps()):
+        lag.add(k * DT_S, DT_S, told, noisy[k])
+    assert lag.settle()
+    return lag
+
+
 @pytest.mark.parametrize(
     ("dead_s", "lag_s"),
     [
@@ -138,14 +148,16 @@ def steps() -> Vector:
     ],
 )
 def test_steps_tell_dead_time_and_lag_from_each_other(dead_s: float, lag_s: float) -> None:
-    told, tip = steps(), 1.2 * late(steps(), dead_s, lag_s)
-    noisy = tip + 0.1 * np.random.default_rng(1).normal(size=tip.shape)
-    lag = BodyLag(dead_shares=DEAD_SHARES)
-    for k in range(len(told)):
-        lag.add(k * DT_S, DT_S, told[k], noisy[k])
-    assert lag.settle()
+    lag = settled(1.2 * late(steps(), dead_s, lag_s))
     assert lag.lag_s == pytest.approx(dead_s + lag_s, rel=0.1, abs=0.03)
     assert lag.dead_share * lag.lag_s == pytest.approx(dead_s, abs=0.15 * lag.lag_s + 0.02)
+
+
+def test_creep_does_not_make_a_dead_time_look_like_a_longer_lag() -> None:
+    # 0.15 of a lag of 1.0 s leaves 3 % less than 0.25 of one of 0.77 s does here.
+    at_once = late(steps(), 0.175, 0.6)
+    lag = settled(0.7 * at_once + 0.3 * late(at_once, 0.0, 3.0))
+    assert lag.lag_s == pytest.approx(0.775, rel=0.1)
 
 
 def test_a_jacobian_that_is_off_by_gains_does_not_hide_the_lag() -> None:
