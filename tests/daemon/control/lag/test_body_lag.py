@@ -124,9 +124,9 @@ def steps() -> Vector:
     return told[: 11 * wait]
 
 
-def settled(tip: Vector) -> BodyLag:
+def settled(tip: Vector, noise_mm: float = 0.1) -> BodyLag:
     """As such steps tell it that made the tip go to (n, 3)."""
-    noisy = tip + 0.1 * np.random.default_rng(1).normal(size=tip.shape)
+    noisy = tip + noise_mm * np.random.default_rng(1).normal(size=tip.shape)
     lag = BodyLag(dead_shares=DEAD_SHARES)
     for k, told in enumerate(steps()):
         lag.add(k * DT_S, DT_S, told, noisy[k])
@@ -158,6 +158,10 @@ def test_creep_does_not_make_a_dead_time_look_like_a_longer_lag() -> None:
     at_once = late(steps(), 0.175, 0.6)
     lag = settled(0.7 * at_once + 0.3 * late(at_once, 0.0, 3.0))
     assert lag.lag_s == pytest.approx(0.775, rel=0.1)
+
+
+def test_a_tip_that_is_at_once_where_it_is_told_to_be_has_no_lag() -> None:
+    assert settled(steps(), noise_mm=0.0).lag_s == 0.0
 
 
 def test_a_jacobian_that_is_off_by_gains_does_not_hide_the_lag() -> None:
