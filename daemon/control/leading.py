@@ -12,10 +12,7 @@ of dead time and lag before it): errors of the Jacobian come in with what is und
 does not wait for the body.
 """
 
-from bisect import bisect_right
-from collections import deque
 from math import exp
-from operator import itemgetter
 from typing import Final
 
 import numpy as np
@@ -30,6 +27,7 @@ from daemon.control.lag.disturbance import Disturbance, Jump
 from daemon.control.lag.expected_error import ExpectedError
 from daemon.control.lag.load import Hung, Load
 from daemon.control.lag.persistence import Persistence
+from daemon.control.lag.preview import Preview, Reference
 from daemon.control.repeated_path import CycleCorrection
 from drivers.pose import Vector, length
 
@@ -42,13 +40,15 @@ _LATE_FROM_S, _LATE_S = 0.2, 0.4
 """The same where no model tells the Jacobian: from one that first motions have told an arm's first
 lap with a load is 0.9 mm off so, and else 1.25. And from the one on a jump shows too late to be
 caught by a higher gain, from the other on what is told at first is hurried instead."""
-_AVERAGED: Final = 0.65
-"""Of the first-order lag, to either side: a corner is rounded for the prediction, as far as axes
-that have to go faster there can. A slow arm's rectangle and star begin and settle nearest with it;
-with 0.5 and 0.8 up to a fifth farther."""
+_AVERAGED: Final = 0.3
+"""Of the first-order lag, to either side: over so much a reference's velocity is averaged for the
+prediction. With 0.65 an arm 0.6 s late begins a circle of 14 mm at 30 mm/s three times as far off:
+an eighth of what leads it is lost."""
+_AVERAGED_AT_CORNERS: Final = 0.65
+"""... where one is near: it is rounded, as far as axes that have to go faster there can. A slow
+arm's rectangle and star begin and settle nearest with it; with 0.5 and 0.8 up to a fifth farther.
+"""
 _AVERAGED_AT_LEAST_S: Final = 0.02
-_PASSED_S: Final = 1.1
-"""So much of where the reference was is kept: as much as the longest lag is averaged over."""
 _GAIN_BY_LAG: Final = 6.0
 """Gain times lag, at most, where the tip is predicted: more rings where the prediction is wrong."""
 _UNPREDICTED_GAIN_BY_LAG: Final = 1.0
@@ -93,8 +93,7 @@ class Leading:
         """(3,) how much of what is told comes along each axis of space."""
         self._cycles: CycleCorrection | None = None
         self._on_path_s = 0.0
-        self._passed: deque[tuple[float, Vector, Vector]] = deque()
-        """Times, and the reference's place and velocity then."""
+        self._preview = Preview()
         self._disturbance = Disturbance()
         self._answer = Answer()
         self._persistence = Persistence()
@@ -181,7 +180,7 @@ class Leading:
         self._answer.begin()
         self._persistence.begin()
         self._before = self._unloaded_gains = None
-        self._passed.clear()
+        self._preview.begin()
         self._out_of_reach = np.zeros(3)
         if self._cycles is not None:
             self._cycles.break_off()
@@ -283,7 +282,7 @@ class Leading:
         gain += share * (predicted_gain - gain)
         self._learn_cycle(observation, dt_s, error)
         error = error + self._correction(observation.phase, 0.0)[0]
-        self._see_reference(observation)
+        self._see_reference(observation, dt_s)
         if share == 0.0:
             velocity = self._velocity_after_lag(observation, dt_s)
         else:
@@ -342,26 +341,15 @@ class Leading:
         correction, changes = self._cycles.at(phase.after(lead_s))
         return correction, phase.pace * changes
 
-    def _see_reference(self, observation: Observation) -> None:
-        passed, t_s = self._passed, observation.t_ns * 1e-9
-        if observation.ahead is None:
-            passed.clear()
-        passed.append((t_s, observation.reference_mm, observation.reference_velocity_mm_s))
-        while len(passed) > 1 and passed[1][0] <= t_s - _PASSED_S:
-            passed.popleft()
-
-    def _aim(self, observation: Observation, lead_s: float) -> tuple[Vector, Vector] | None:
-        """(3,) mm and (3,) mm/s of the reference so much later, or earlier; None: nobody knows."""
-        if observation.ahead is None or lead_s >= 0.0:
-            return None if observation.ahead is None else observation.ahead(lead_s)
-        passed, then_s = self._passed, observation.t_ns * 1e-9 + lead_s
-        now = max(bisect_right(passed, then_s, key=itemgetter(0)) - 1, 0)
-        return passed[now][1:]
+    def _see_reference(self, observation: Observation, dt_s: float) -> None:
+        place_mm, velocity_mm_s = observation.reference_mm, observation.reference_velocity_mm_s
+        now = Reference(observation.t_ns * 1e-9, place_mm, velocity_mm_s, observation.ahead)
+        self._preview.see(now, dt_s, *parts(self.lag.lag_s, self.lag.dead_share))
 
     def _velocity_after_lag(self, observation: Observation, dt_s: float) -> Vector:
         """(3,) mm/s that the reference will have when what is told now has arrived."""
-        lead_s = self.lag.lag_s + dt_s
-        aim = self._aim(observation, lead_s)
+        lead_s = self.lag.lag_s + (0.5 + self._preview.corner) * dt_s
+        aim = self._preview.at(lead_s)
         if aim is None:  # a hand leads, and nobody knows where
             return observation.reference_velocity_mm_s
         return np.asarray(aim[1] + self._correction(observation.phase, lead_s)[1])
@@ -375,12 +363,15 @@ class Leading:
         long one that of the other two together: it goes with them through a corner."""
         lag_s = self.lag.lag_s
         dead_s, first_order_s = parts(lag_s, self.lag.dead_share)
-        averaged_s = max(_AVERAGED * first_order_s, _AVERAGED_AT_LEAST_S)
-        next_s = dead_s + dt_s  # what is told now is gone in the step that follows
-        earlier_s, later_s = next_s - averaged_s, next_s + averaged_s
+        corner = self._preview.corner
+        averaged = _AVERAGED + corner * (_AVERAGED_AT_CORNERS - _AVERAGED)
+        averaged_s = max(averaged * first_order_s, _AVERAGED_AT_LEAST_S)
+        sooner_s = corner * dt_s
+        next_s = 0.5 * dt_s + sooner_s  # what is told now is gone in the step that follows
+        earlier_s, later_s = dead_s + sooner_s - averaged_s, dead_s + sooner_s + averaged_s
         aims = []
-        for lead_s in (lag_s + dt_s, dead_s, next_s, earlier_s, later_s):
-            aim = self._aim(observation, lead_s)
+        for lead_s in (lag_s + next_s, dead_s, dead_s + next_s, earlier_s, later_s):
+            aim = self._preview.at(lead_s)
             if aim is None:  # a hand leads, and nobody knows where
                 velocity = observation.reference_velocity_mm_s
                 due_mm = observation.reference_mm + dead_s * velocity

@@ -195,6 +195,12 @@ class TipFollower:
             return observation.tip_mm
         return np.asarray(observation.tip_mm + self.leading.left_mm)
 
+    def due_axes(self, observation: Observation) -> Vector:
+        """(m,) axes, without what the body holds back, that belong to `due_mm`: where they were
+        told to go. From where they are measured a Jacobian is that of a moment ago, and on a path
+        that turns a late tip drifts off by it, always to the same side."""
+        return self.free(observation.targets if self._leads else observation.u)
+
     def task_step(self, observation: Observation) -> Vector:
         """(3,) mm that the tip shall move in this step, or (6,) as it shall turn as well.
 

@@ -223,7 +223,7 @@ class LearningController(ABC):
             self._tendon_pulls, self._follower.axes = None, pulls.axes
             self._first.go_within(pulls.axes)
         self._asked = True
-        observation = observation._replace(u=self._follower.free(observation.u))
+        observation = observation._replace(u=self._follower.due_axes(observation))
         if self.ready:
             if self._shall_do_without_model:
                 raise ControllerError(

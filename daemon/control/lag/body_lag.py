@@ -369,17 +369,30 @@ class Underway:
         lag_s: float,
         dead_share: float = DEAD_SHARE,
     ) -> None:
-        """By `t_s` (3,) more was told. lag_s: of the body, as a sum."""
+        """By `t_s` (3,) more was told, evenly since the last time. lag_s: of the body, as a sum."""
         self.told_mm = self.told_mm + moved_mm
         dead_s, first_order_s = parts(lag_s, dead_share)
+        self._waiting.append((t_s, self.told_mm))
+        due_then, due = self._told_by(t_s - dt_s - dead_s), self._told_by(t_s - dead_s)
+        told_then = self.told_mm - moved_mm
+        self._arrived_mm = _through_lag(self._arrived_mm, due_then, due, dt_s, first_order_s)
+        self._coming_mm = _through_lag(
+            self._coming_mm, told_then, self.told_mm, dt_s, first_order_s
+        )
+
+    def _told_by(self, t_s: float) -> Vector:
+        """(3,) what was told by then. Nobody asks for an earlier time again."""
         waiting = self._waiting
-        waiting.append((t_s, self.told_mm))
-        while len(waiting) > 1 and waiting[1][0] <= t_s - dead_s:
+        while len(waiting) > 2 and waiting[1][0] <= t_s:
             waiting.popleft()
-        due = waiting[0][1] if waiting[0][0] <= t_s - dead_s else self._arrived_mm
-        share = -np.expm1(-dt_s / first_order_s) if first_order_s > 0.0 else 1.0
-        self._arrived_mm = self._arrived_mm + share * (due - self._arrived_mm)
-        self._coming_mm = self._coming_mm + share * (self.told_mm - self._coming_mm)
+        before_s, before = waiting[0]
+        if t_s < before_s:
+            return self._arrived_mm
+        after_s, after = waiting[min(1, len(waiting) - 1)]
+        if not after_s > before_s:
+            return before
+        between = min((t_s - before_s) / (after_s - before_s), 1.0)
+        return np.asarray(before + between * (after - before))
 
     @property
     def coming_mm(self) -> Vector:
@@ -396,6 +409,17 @@ def parts(lag_s: float, dead_share: float = DEAD_SHARE) -> tuple[float, float]:
     """Dead time and first-order lag of a lag that is known as a sum."""
     dead_s = dead_share * lag_s
     return dead_s, lag_s - dead_s
+
+
+def _through_lag(
+    out: Vector, then: Vector, now: Vector, dt_s: float, first_order_s: float
+) -> Vector:
+    """(3,) what has come out of a first-order lag, of which (3,) had before what went in evenly
+    went from (3,) to (3,). Of even motion it is behind by its time."""
+    if not (dt_s > 0.0 and first_order_s > 0.0):
+        return now if dt_s > 0.0 else out
+    behind = first_order_s / dt_s * (now - then)
+    return np.asarray(now - behind + exp(-dt_s / first_order_s) * (out - then + behind))
 
 
 def warm_up() -> None:

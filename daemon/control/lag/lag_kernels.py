@@ -24,11 +24,11 @@ def arrive(
     first_order_s: FloatArray,
 ) -> None:
     """Fill the last row of (n, k, 3) `arrived` by k dead times and first-order lags. times: (n,).
-    told: (n, 3), evenly between two times."""
+    told: (n, 3), evenly between two times, of which a first-order lag is behind by its time."""
     last = times.shape[0] - 1
-    passed_s = max(times[last] - times[last - 1], 0.0)
+    passed_s = max(times[last] - times[last - 1], 1e-9)
     for k in range(dead_s.shape[0]):
-        at_s = times[last] - dead_s[k]
+        at_s, before_s = times[last] - dead_s[k], times[last - 1] - dead_s[k]
         low, high = 0, last
         while high - low > 1:
             middle = (low + high) // 2
@@ -36,12 +36,20 @@ def arrive(
                 low = middle
             else:
                 high = middle
-        between = min(max((at_s - times[low]) / (times[high] - times[low]), 0.0), 1.0)
-        share = -np.expm1(-passed_s / first_order_s[k])
+        then = low
+        while then > 0 and times[then] > before_s:
+            then -= 1
+        between = min(max((at_s - times[low]) / (times[low + 1] - times[low]), 0.0), 1.0)
+        between_then = min(
+            max((before_s - times[then]) / (times[then + 1] - times[then]), 0.0), 1.0
+        )
+        kept = np.exp(-passed_s / first_order_s[k])
         for i in range(3):
-            due = told[low, i] + between * (told[high, i] - told[low, i])
-            before = arrived[last - 1, k, i]
-            arrived[last, k, i] = before + share * (due - before)
+            due = told[low, i] + between * (told[low + 1, i] - told[low, i])
+            due_then = told[then, i] + between_then * (told[then + 1, i] - told[then, i])
+            behind = first_order_s[k] / passed_s * (due - due_then)
+            over = arrived[last - 1, k, i] - due_then + behind
+            arrived[last, k, i] = due - behind + kept * over
 
 
 @_kernel

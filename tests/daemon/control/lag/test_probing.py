@@ -32,8 +32,9 @@ from tests.daemon.control.closed_loop import (
 
 pytestmark = pytest.mark.xdist_group("pretrained_arm")  # which is explored once for all tests
 
-AXES_AND_TRACKER_S = 0.05
-"""Targets arrive a frame later, and the filter follows a jerk as much later."""
+AXES_AND_TRACKER_S = 0.03
+"""Targets arrive a frame later, and the filter follows a jerk as much later; of both, half a frame
+is the way that they are told evenly until then."""
 
 
 @pytest.fixture(scope="module")
