@@ -99,6 +99,7 @@ experiments: $(DEVELOPMENT)
 	@$(BIN)/python -m tests.experiments.undeclared_load
 	@$(BIN)/python -m tests.experiments.led_bodies
 	@$(BIN)/python -m tests.experiments.led_paths
+	@$(BIN)/python -m tests.experiments.held_out
 	@$(BIN)/python -m tests.experiments.led_tendons
 	@$(BIN)/python -m tests.experiments.led_designs
 	@$(BIN)/python -m tests.experiments.led_hard_designs

@@ -370,29 +370,29 @@ class Underway:
         dead_share: float = DEAD_SHARE,
     ) -> None:
         """By `t_s` (3,) more was told, evenly since the last time. lag_s: of the body, as a sum."""
-        self.told_mm = self.told_mm + moved_mm
         dead_s, first_order_s = parts(lag_s, dead_share)
-        self._waiting.append((t_s, self.told_mm))
-        due_then, due = self._told_by(t_s - dt_s - dead_s), self._told_by(t_s - dead_s)
-        told_then = self.told_mm - moved_mm
-        self._arrived_mm = _through_lag(self._arrived_mm, due_then, due, dt_s, first_order_s)
-        self._coming_mm = _through_lag(
-            self._coming_mm, told_then, self.told_mm, dt_s, first_order_s
-        )
+        told_then, waiting = self.told_mm, self._waiting
+        self.told_mm = told_then + moved_mm
+        if not waiting:
+            waiting.append((t_s - dt_s, told_then))
+        waiting.append((t_s, self.told_mm))
+        while len(waiting) > 2 and waiting[1][0] <= t_s - dt_s - dead_s:
+            waiting.popleft()
+        then, now = self._told_by(t_s - dt_s - dead_s), self._told_by(t_s - dead_s)
+        self._arrived_mm = _through_lag(self._arrived_mm, then, now, dt_s, first_order_s)
+        then, now = told_then, self.told_mm
+        self._coming_mm = _through_lag(self._coming_mm, then, now, dt_s, first_order_s)
 
     def _told_by(self, t_s: float) -> Vector:
-        """(3,) what was told by then. Nobody asks for an earlier time again."""
-        waiting = self._waiting
-        while len(waiting) > 2 and waiting[1][0] <= t_s:
-            waiting.popleft()
-        before_s, before = waiting[0]
-        if t_s < before_s:
-            return self._arrived_mm
-        after_s, after = waiting[min(1, len(waiting) - 1)]
-        if not after_s > before_s:
-            return before
-        between = min((t_s - before_s) / (after_s - before_s), 1.0)
-        return np.asarray(before + between * (after - before))
+        """(3,) what was told by then, of what is waiting still."""
+        before_s, before = self._waiting[0]
+        for after_s, after in self._waiting:
+            if after_s >= t_s:
+                break
+            before_s, before = after_s, after
+        if not before_s < t_s <= after_s:
+            return before if t_s <= before_s else after
+        return np.asarray(before + (t_s - before_s) / (after_s - before_s) * (after - before))
 
     @property
     def coming_mm(self) -> Vector:

@@ -12,7 +12,7 @@ from math import pi
 import numpy as np
 import pytest
 
-from daemon.control.controller import Observation
+from daemon.control.controller import Observation, Proposal
 from daemon.control.lag.body_lag import parts
 from daemon.controllers.learning_controller import LearningController
 from daemon.learning.samples.motion import MotionSample
@@ -127,7 +127,24 @@ def test_axes_of_the_next_frame_would_show() -> None:
 
     body.seen = of_the_frame_before
     body.lead(8.0)
-    assert body.off > 0.06
+    assert body.off > 0.05
+
+
+@KINDS
+def test_how_a_led_tip_answers_is_asked_where_the_axes_were_told_to_go(kind: str) -> None:
+    """That is where the tip will be: from where they are measured it is of a moment ago."""
+    body, behind, asked = led(kind), np.full(6, 0.3), list[Vector]()
+    answer = body.learner._follow
+
+    def follow(observation: Observation) -> Proposal:
+        asked.append(observation.u)
+        return answer(observation)
+
+    body.learner._follow = follow  # type: ignore[method-assign]
+    body.seen = lambda observation: observation._replace(u=observation.u - behind)
+    told = len(body.told)
+    body.lead(0.5)
+    np.testing.assert_allclose(asked, body.told[told - 1 : -1], atol=1e-9)
 
 
 @KINDS

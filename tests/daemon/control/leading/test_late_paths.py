@@ -55,6 +55,43 @@ def test_a_tip_that_is_late_leaves_its_line_only_as_far_before_a_corner_as_that_
     assert aside.max() < 20.0 * 0.65 * first_order_s / 4.0 + 0.3
 
 
+def led_round(radius_mm: float, dead_s: float, first_order_s: float) -> Vector:
+    """How far off a tip at 30 mm/s is, step by step, that is exactly so late and is told evenly
+    from step to step; mm."""
+    leading, rate = Leading(gain_per_s=7.0, by_cycles=False), 30.0 / radius_mm
+    leading.lag.take_for(dead_s + first_order_s, dead_s / (dead_s + first_order_s))
+
+    def at(t_s: float) -> tuple[Vector, Vector]:
+        there = radius_mm * np.array([np.cos(rate * t_s), np.sin(rate * t_s), 0.0])
+        return there, rate * np.array([-there[1], there[0], 0.0])
+
+    told = tip = at(0.0)[0]
+    late, moved, off = deque([told] * round(dead_s / DT_S + 2)), np.zeros(3), []
+    kept = np.exp(-DT_S / first_order_s)
+    for now_s in (DT_S * np.arange(round(6.0 / DT_S))).tolist():
+        leading.take_stock(observed(now_s, tip, told, at), DT_S, moved)
+        moved = leading.step(observed(now_s, tip, told, at), DT_S)
+        off.append(float(np.linalg.norm(at(now_s)[0] - tip)))
+        told = told + moved
+        late.append(told)
+        late.popleft()
+        behind = first_order_s / DT_S * (late[1] - late[0])
+        tip = late[1] - behind + kept * (tip - late[0] + behind)
+    return np.array(off)
+
+
+@pytest.mark.parametrize(
+    ("dead_s", "first_order_s"), [(0.05, 0.65), (0.25, 0.5), (0.3, 0.1), (0.05, 0.05)]
+)
+def test_a_tip_whose_lag_is_known_follows_a_narrow_circle(
+    dead_s: float, first_order_s: float
+) -> None:
+    """Half a step that is counted wrongly, and a bend that is rounded like a corner, cost a
+    millimetre here."""
+    off_mm = led_round(14.0, dead_s, first_order_s)
+    assert off_mm[len(off_mm) // 2 :].max() < 0.3
+
+
 def led_through_play(half_mm: float, speed_mm_s: float, cycles: int, seed: int) -> list[float]:
     """The mean error of each cycle of a circle, of a tip 0.2 s late behind play in each direction,
     whose filter takes as long again; mm."""
