@@ -37,6 +37,10 @@ _MOST: Final = 6e-3
 """A share of the travel, beyond which it is something else."""
 _SPAN_S: Final = 0.2
 """Of the motions that are compared: as long as play lasts."""
+_LOOKS_LIKE_S: Final = 0.06
+"""Play looks like this much more lag at most. What is found shorter than that without it, is so for
+friction and creep, which small motions do not tell from play: an arm that was late by 0.82 s by
+0.22 s."""
 _TAKEN_UP: Final = 2.0
 """What an axis has to go within its play is asked for besides, as far as it is no more than so many
 times the step. All of it at once would be a jerk wherever noise turns an axis; once or eight
@@ -104,7 +108,9 @@ class Play:
         self.share = min(found, _MOST)
         without = _lag_without(motions, self.share / _LOOKED_FOR)
         if without is not None:
-            lag.lag_s, lag.dead_share = min(lag.lag_s, without.lag_s), without.dead_share
+            least_s = lag.lag_s - _LOOKS_LIKE_S
+            lag.lag_s = min(lag.lag_s, max(without.lag_s, least_s))
+            lag.dead_share = without.dead_share
 
 
 def _found(told: Sequence[SmallMotion], lag: BodyLag) -> float | None:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from daemon.control.lag import play as small_play
 from daemon.control.lag.body_lag import BodyLag, Underway
 from daemon.control.lag.play import Play, SmallMotion
 from daemon.control.lag.probing import PROMPT_LAG_S, place_mm
@@ -148,3 +149,15 @@ def test_what_play_takes_is_not_told_to_have_come() -> None:
     np.testing.assert_allclose(play.lost_mm(JACOBIAN), told_mm / 3.0)
     play.follow(np.full(4, -0.15))
     np.testing.assert_array_equal(play.lost_mm(JACOBIAN), np.zeros(3))
+
+
+@pytest.mark.parametrize(("without_s", "then_s"), [(0.77, 0.77), (0.6, 0.74), (0.9, 0.8)])
+def test_without_play_the_lag_is_shorter_by_no_more_than_play_looks_like(
+    without_s: float, then_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What friction and creep look like is not to be told from it."""
+    monkeypatch.setattr(small_play, "_found", lambda *_: 1e-3)
+    monkeypatch.setattr(small_play, "_lag_without", lambda *_: BodyLag(without_s))
+    lag = BodyLag(0.8)
+    Play(TRAVEL).learn([], lag)
+    assert lag.lag_s == pytest.approx(then_s)
